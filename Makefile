@@ -1,0 +1,42 @@
+# `make demo` and `make test` set up everything they need in .venv and are quick the second time.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# tells a stale environment from a current one without asking pip
+STAMP = $(VENV)/.installed-$(1)
+
+.PHONY: demo test lint types bench clean
+
+demo: $(call STAMP,run)
+	$(BIN)/edge-vpr demo -o results/demo --overwrite
+
+test: lint types
+	$(BIN)/python -m pytest
+
+lint: $(call STAMP,test)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(call STAMP,test)
+	$(BIN)/mypy
+
+bench: $(call STAMP,bench)
+	$(BIN)/python -m pytest tools/bench -q --benchmark-disable-gc
+
+clean:
+	rm -rf $(VENV) results
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(call STAMP,run): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(call STAMP,test): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@ $(call STAMP,run)
+
+$(call STAMP,bench): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	@touch $@ $(call STAMP,run)

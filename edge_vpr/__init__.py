@@ -1,0 +1,1 @@
+"""Visual place recognition from the event counts of a few pixels."""

@@ -1,0 +1,158 @@
+"""The event array, its sensor, and the checks at the door."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import EventError, UsageError
+
+#: One event: time in microseconds from the recording's start, column, row, polarity (True = ON).
+#: The field names are tonic's, so that its transforms take these arrays as they are.
+EVENT_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
+
+Events = npt.NDArray[Any]
+"""A structured array of :data:`EVENT_DTYPE`, shape ``(n,)``."""
+
+
+class Sensor(NamedTuple):
+    """Size in pixels; a pixel is ``(x, y)``, ``0 <= x < width``, ``0 <= y < height``."""
+
+    width: int
+    height: int
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        return self.width * self.height
+
+    @classmethod
+    def parse(cls, text: str) -> Sensor:
+        """Read ``"346x260"``.
+
+        Raises
+        ------
+        UsageError
+            If the text is not two positive integers joined by ``x``.
+        """
+        width, cross, height = text.lower().partition("x")
+        if not (cross and width.strip().isdigit() and height.strip().isdigit()):
+            raise UsageError(f"sensor {text!r} is not WIDTHxHEIGHT: write for example 346x260")
+        sensor = cls(int(width), int(height))
+        if not (0 < sensor.width <= 65536 and 0 < sensor.height <= 65536):
+            raise UsageError(f"sensor {text!r} has a side outside 1 to 65536: check the numbers")
+        return sensor
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height}"
+
+
+def make_events(
+    t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike | None = None
+) -> Events:
+    """Join columns to one event array.
+
+    Parameters
+    ----------
+    t, x, y, p : array_like, shape (n,)
+        Times in microseconds, columns, rows, polarities (greater than 0 is ON; all ON if absent).
+
+    Returns
+    -------
+    ndarray of EVENT_DTYPE, shape (n,)
+
+    Raises
+    ------
+    EventError
+        If the columns differ in length or a coordinate does not fit 16 bits.
+    """
+    times = np.asarray(t)
+    events = np.empty(times.shape, dtype=EVENT_DTYPE)
+    for name, column in (("x", np.asarray(x)), ("y", np.asarray(y))):
+        if column.shape != times.shape:
+            raise EventError(
+                f"column {name} has {column.size} values and t has {times.size}: "
+                "each event needs one of each"
+            )
+        if column.size and (column.min() < 0 or column.max() > 0xFFFF):
+            raise EventError(
+                f"column {name} spans {column.min()} to {column.max()}, outside 0 to 65535: "
+                "check the order of the columns"
+            )
+        events[name] = column
+    events["t"] = times
+    events["p"] = True if p is None else np.asarray(p) > 0
+    return events
+
+
+def check_events(events: Events, sensor: Sensor, *, after: int | None = None) -> None:
+    """Raise unless `events` is a time-ordered event array of this sensor.
+
+    Parameters
+    ----------
+    events : ndarray of EVENT_DTYPE, shape (n,)
+    sensor : Sensor
+    after : int, optional
+        Time of the last event before these, in microseconds; none of these may be earlier.
+
+    Raises
+    ------
+    EventError
+        If the dtype differs, a pixel lies off the sensor, or time runs backwards.
+    """
+    if events.dtype.names is None or not {"t", "x", "y"} <= set(events.dtype.names):
+        raise EventError(
+            f"event array has dtype {events.dtype}, without the fields t, x, y: "
+            "build it with edge_vpr.make_events"
+        )
+    if events.size == 0:
+        return
+    x_max, y_max = int(events["x"].max()), int(events["y"].max())
+    if x_max >= sensor.width or y_max >= sensor.height:
+        raise EventError(
+            f"pixel at column {x_max} or row {y_max} lies off the {sensor} sensor: "
+            "name the right sensor, or drop such events when reading"
+        )
+    t = events["t"]
+    back = np.flatnonzero(t[1:] < t[:-1])
+    if back.size:
+        i = int(back[0])
+        raise EventError(
+            f"time runs backwards at event {i + 1}, from {t[i]} to {t[i + 1]} us: "
+            "sort the events, or drop the late ones when reading"
+        )
+    if after is not None and t[0] < after:
+        raise EventError(
+            f"time runs backwards between two chunks, from {after} to {t[0]} us: "
+            "feed the chunks in order"
+        )
+
+
+def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:
+    """Keep the events of a rectangle and shift them so that its corner becomes ``(0, 0)``.
+
+    Parameters
+    ----------
+    events : ndarray of EVENT_DTYPE, shape (n,)
+    x, y : int
+        Upper left corner, in pixels.
+    width, height : int
+        Size of the rectangle, in pixels.
+
+    Returns
+    -------
+    ndarray of EVENT_DTYPE, shape (m,)
+        A copy.
+    """
+    inside = (
+        (events["x"] >= x)
+        & (events["x"] < x + width)
+        & (events["y"] >= y)
+        & (events["y"] < y + height)
+    )
+    cropped = events[inside]
+    cropped["x"] -= x
+    cropped["y"] -= y
+    return cropped
