@@ -6,6 +6,7 @@ these functions to the bit. Events are tuples ``(t, x, y, p)``; a descriptor is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 Event = tuple[int, int, int, bool]
@@ -31,3 +32,151 @@ def sad(a: Sequence[int], b: Sequence[int]) -> int:
 def distance_matrix(reference: Sequence[Sequence[int]], query: Sequence[Sequence[int]]) -> Matrix:
     """``D[k][j]``: row = reference place, column = query."""
     return [[sad(place, descriptor) for descriptor in query] for place in reference]
+
+
+def fixed_time_windows(events: Sequence[Event], tau: int) -> list[list[Event]]:
+    """Cut into windows ``[k tau, (k+1) tau)``; the last, not known to be complete, is dropped."""
+    if not events:
+        return []
+    windows: list[list[Event]] = [[] for _ in range(events[-1][0] // tau + 1)]
+    for event in events:
+        windows[event[0] // tau].append(event)
+    return windows[:-1]
+
+
+def fixed_count_windows(
+    events: Sequence[Event], pixels: Sequence[Pixel], n: int
+) -> list[list[Event]]:
+    """Close a window with its `n`-th event at a selected pixel; drop the unfinished last one."""
+    windows, window, seen = [], [], 0
+    for event in events:
+        window.append(event)
+        seen += (event[1], event[2]) in pixels
+        if seen == n:
+            windows.append(window)
+            window, seen = [], 0
+    return windows
+
+
+def without_bursts(
+    events: Sequence[Event], slot_us: int, pixels_of_sensor: int, share: tuple[int, int]
+) -> list[Event]:
+    """Remove two neighbouring time slots where together more than the share of all pixels fired."""
+    fired: dict[int, set[Pixel]] = {}
+    for t, x, y, _ in events:
+        fired.setdefault(t // slot_us, set()).add((x, y))
+    removed = set()
+    for slot, pixels in fired.items():
+        union = fired.get(slot - 1, set()) | pixels
+        if len(union) * share[1] > share[0] * pixels_of_sensor:
+            removed |= {slot - 1, slot}
+    return [event for event in events if event[0] // slot_us not in removed]
+
+
+def hot_pixels(totals: Matrix, factor: int) -> list[Pixel]:
+    """Pixels with more than `factor` times the events of their neighbourhood, and of the mean.
+
+    The neighbourhood is the 5 x 5 square around the pixel, cut at the border, without the pixel;
+    its events are the upper median plus one.
+    """
+    height, width = len(totals), len(totals[0])
+    everything = sum(map(sum, totals))
+    found = []
+    for y in range(height):
+        for x in range(width):
+            around = sorted(
+                totals[v][u]
+                for v in range(max(0, y - 2), min(height, y + 3))
+                for u in range(max(0, x - 2), min(width, x + 3))
+                if (u, v) != (x, y)
+            )
+            median = around[len(around) // 2] if around else 0
+            above_mean = totals[y][x] * width * height > factor * everything
+            if above_mean and totals[y][x] > factor * (median + 1):
+                found.append((x, y))
+    return found
+
+
+def variance(counts: Sequence[int]) -> float:
+    """Population variance of one pixel's counts (paper, eq. 3), rounded to a float once."""
+    k = len(counts)
+    return (k * sum(c * c for c in counts) - sum(counts) ** 2) / (k * k)
+
+
+def draw(weights: Sequence[float], u: float) -> int:
+    """Index whose share of the running sum holds ``u * total``."""
+    running, total = [], 0.0
+    for weight in weights:
+        total += weight
+        running.append(total)
+    return next(i for i, upto in enumerate(running) if u * total < upto)
+
+
+def select_pixels(
+    saliency: Sequence[Sequence[float]], j: int, sigma: float, draws: Sequence[float]
+) -> list[Pixel]:
+    """Draw `j` pixels, each draw suppressing its surround by an inverse Gaussian (paper, III-B)."""
+    width = len(saliency[0])
+    p = [value for row in saliency for value in row]
+    chosen = []
+    for u in draws[:j]:
+        flat = draw(p, u)
+        x, y = flat % width, flat // width
+        chosen.append((x, y))
+        for i in range(len(p)):
+            dx, dy = i % width - x, i // width - y
+            p[i] *= 1.0 - gauss(dx, sigma) * gauss(dy, sigma)
+    return chosen
+
+
+def gauss(d: int, sigma: float) -> float:
+    """Gaussian of peak 1."""
+    return math.exp(-d * d / (2.0 * sigma * sigma))
+
+
+def sequence_sums(distances: Matrix, length: int) -> Matrix:
+    """``sum_{i<L} D[k+i][j+i]``: L times D_seq (method.md section 5), in integers."""
+    k, q = len(distances), len(distances[0])
+    return [
+        [sum(distances[a + i][b + i] for i in range(length)) for b in range(q - length + 1)]
+        for a in range(k - length + 1)
+    ]
+
+
+def best_and_second(distances: Sequence[int], exclusion: int) -> tuple[int, int, int]:
+    """Best place (ties: lowest), best outside ``+-exclusion`` of it (-1: none), further ties."""
+    best = distances.index(min(distances))
+    outside = [k for k in range(len(distances)) if abs(k - best) > exclusion]
+    second = min(outside, key=lambda k: (distances[k], k)) if outside else -1
+    return best, second, distances.count(distances[best]) - 1
+
+
+def precision_recall(
+    scores: Sequence[float], correct: Sequence[bool], has_place: Sequence[bool], denominator: str
+) -> list[tuple[int, int, int]]:
+    """Counts ``(tp, fp, fn)`` at each distinct threshold, ascending: accept ``score <= threshold``.
+
+    fn = rejected queries whose best match was correct ("rejected-correct", the released code), or
+    queries that have a true place and did not get it ("all-with-place").
+    """
+    points = []
+    for threshold in sorted(set(scores)):
+        accepted = [s <= threshold for s in scores]
+        tp = sum(a and c for a, c in zip(accepted, correct, strict=True))
+        fp = sum(a and not c for a, c in zip(accepted, correct, strict=True))
+        if denominator == "rejected-correct":
+            fn = sum(c and not a for a, c in zip(accepted, correct, strict=True))
+        else:
+            fn = sum(has_place) - tp
+        points.append((tp, fp, fn))
+    return points
+
+
+def recall_at(distances: Matrix, correct: list[list[bool]], n: int) -> tuple[int, int]:
+    """Queries with a true place among the `n` nearest (ties: lowest), and queries with one."""
+    found = having = 0
+    for j in range(len(distances[0])):
+        nearest = sorted(range(len(distances)), key=lambda k: (distances[k][j], k))[:n]
+        found += any(correct[k][j] for k in nearest)
+        having += any(row[j] for row in correct)
+    return found, having

@@ -1,0 +1,249 @@
+"""How good matches are: metrics with named definitions (method.md section 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.ground_truth import GroundTruth
+from edge_vpr.matches import Matches
+
+RecallDenominator = Literal["rejected-correct", "all-with-place"]
+Score = Literal["distance", "ratio"]
+RECALL_AT = (1, 5, 10, 25)
+
+
+@dataclass(frozen=True, eq=False)
+class PrecisionRecall:
+    """Precision and recall at each threshold, from the strictest to accepting every match.
+
+    Attributes
+    ----------
+    threshold : ndarray of float64, shape (m,)
+        A match is accepted if its score is at most this.
+    tp, fp, fn : ndarray of int64, shape (m,)
+        Correct matches accepted, wrong matches accepted, and queries missed by the denominator's
+        definition.
+    """
+
+    threshold: npt.NDArray[np.float64]
+    tp: npt.NDArray[np.int64]
+    fp: npt.NDArray[np.int64]
+    fn: npt.NDArray[np.int64]
+
+    @property
+    def precision(self) -> npt.NDArray[np.float64]:
+        """``tp / (tp + fp)``, shape (m,); 1 where nothing is accepted."""
+        accepted = self.tp + self.fp
+        return np.where(accepted == 0, 1.0, self.tp / np.maximum(accepted, 1))
+
+    @property
+    def recall(self) -> npt.NDArray[np.float64]:
+        """``tp / (tp + fn)``, shape (m,); 0 where there is nothing to find."""
+        return self.tp / np.maximum(self.tp + self.fn, 1)
+
+    def recall_at_precision(self, percent: int) -> float:
+        """Largest recall at which precision is still `percent` or more; 0 if it never is."""
+        # in integers: 99 of 100 must count as 99 %
+        enough = (100 * self.tp >= percent * (self.tp + self.fp)) & (self.tp > 0)
+        return float(self.recall[enough].max()) if enough.any() else 0.0
+
+    @property
+    def average_precision(self) -> float:
+        """Area under the curve as a sum of steps, ``sum (R_i - R_{i-1}) P_i``."""
+        return float(np.sum(np.diff(self.recall, prepend=0.0) * self.precision))
+
+
+def precision_recall(
+    scores: npt.NDArray[np.floating],
+    correct: npt.NDArray[np.bool_],
+    has_place: npt.NDArray[np.bool_],
+    *,
+    recall_denominator: RecallDenominator = "rejected-correct",
+    thresholds: int | None = None,
+) -> PrecisionRecall:
+    """Sweep a threshold over the scores of the best matches.
+
+    Parameters
+    ----------
+    scores : ndarray of float, shape (n,)
+        Lower is surer; NaN is taken as the least sure.
+    correct : ndarray of bool, shape (n,)
+        Whether the best match is right.
+    has_place : ndarray of bool, shape (n,)
+        Whether the query has a true place in the map.
+    recall_denominator : {"rejected-correct", "all-with-place"}
+        What counts as missed (fn). ``rejected-correct``: a rejected query whose best match was
+        correct, as in the released code; recall reaches 1 when everything is accepted.
+        ``all-with-place``: a query that has a true place in the map and did not get it.
+    thresholds : int, optional
+        So many thresholds, evenly spaced from the smallest to the largest score, in float32 as in
+        the released code (there: 100). By default every distinct score is one.
+
+    Returns
+    -------
+    PrecisionRecall
+
+    Raises
+    ------
+    UsageError
+        If the denominator is unknown or the arrays differ in shape.
+    """
+    if recall_denominator not in get_args(RecallDenominator):
+        raise UsageError(
+            f"recall denominator {recall_denominator!r} is unknown: choose from "
+            f"{', '.join(get_args(RecallDenominator))}"
+        )
+    if not (scores.shape == correct.shape == has_place.shape):
+        raise UsageError(
+            f"scores, correct and has_place have shapes {scores.shape}, {correct.shape} and "
+            f"{has_place.shape}: expected one entry of each a query"
+        )
+    scores = np.where(np.isnan(scores), np.inf, scores)
+    order = np.argsort(scores, kind="stable")
+    ascending = scores[order]
+    if thresholds is None:
+        cuts = np.unique(ascending)
+    else:
+        spaced = np.linspace(ascending.min(), ascending.max(), thresholds)
+        cuts = spaced.astype(np.float32).astype(np.float64)
+    accepted = np.searchsorted(ascending, cuts, side="right")
+    tp = np.concatenate([[0], np.cumsum(correct[order])])[accepted]
+    missable = correct if recall_denominator == "rejected-correct" else has_place
+    return PrecisionRecall(cuts, tp, accepted - tp, int(np.count_nonzero(missable)) - tp)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What `evaluate` found.
+
+    Attributes
+    ----------
+    queries : int
+        Evaluated: matched, and their truth is known.
+    queries_unknown : int
+        Matched, but their truth is not known; left out of every figure.
+    queries_without_place : int
+        Evaluated, but no place of the map is right for them, so that any match is wrong.
+    queries_tied : int
+        Evaluated, with other places at the same smallest distance.
+    correct : ndarray of bool, shape (n,)
+        For each row of the matches; False where not evaluated.
+    evaluated : ndarray of bool, shape (n,)
+    curve : PrecisionRecall
+    recall_at : dict of int to float
+        Recall@N: of the evaluated queries that have a true place, the share that has one among the
+        N nearest.
+    score, recall_denominator : str
+    """
+
+    queries: int
+    queries_unknown: int
+    queries_without_place: int
+    queries_tied: int
+    correct: npt.NDArray[np.bool_]
+    evaluated: npt.NDArray[np.bool_]
+    curve: PrecisionRecall
+    recall_at: dict[int, float]
+    score: str
+    recall_denominator: str
+
+    @property
+    def precision_at_100_recall(self) -> float:
+        """P@100R: share of correct matches when every query is matched."""
+        return float(np.count_nonzero(self.correct) / self.queries)
+
+    @property
+    def recall_at_99_precision(self) -> float:
+        """R@99P: largest recall at a precision of at least 99 %."""
+        return self.curve.recall_at_precision(99)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "precision_at_100_recall": self.precision_at_100_recall,
+            "recall_at_99_precision": self.recall_at_99_precision,
+            "average_precision": self.curve.average_precision,
+            "recall_at": {str(n): recall for n, recall in self.recall_at.items()},
+            "queries": self.queries,
+            "queries_unknown": self.queries_unknown,
+            "queries_without_place": self.queries_without_place,
+            "queries_tied": self.queries_tied,
+            "score": self.score,
+            "recall_denominator": self.recall_denominator,
+        }
+
+
+def evaluate(
+    matches: Matches,
+    truth: GroundTruth,
+    *,
+    score: Score = "distance",
+    recall_denominator: RecallDenominator = "rejected-correct",
+    thresholds: int | None = None,
+) -> Evaluation:
+    """Compare matches with the ground truth.
+
+    Parameters
+    ----------
+    matches : Matches
+    truth : GroundTruth
+        Over all K places of the map and all query windows.
+    score : {"distance", "ratio"}
+        What the threshold of the precision-recall curve is on.
+    recall_denominator, thresholds
+        See `precision_recall`.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    GroundTruthError
+        If the truth does not cover the map or the queries, or is known for none of them.
+    """
+    places, queries = truth.correct.shape
+    if places != matches.places_in_map or queries <= int(matches.query.max()):
+        raise GroundTruthError(
+            f"ground truth covers {places} places and {queries} queries, the matches "
+            f"{matches.places_in_map} places and queries up to {matches.query.max()}: "
+            "give the ground truth of these two traverses"
+        )
+    evaluated = truth.known[matches.query]
+    if not evaluated.any():
+        raise GroundTruthError(
+            "the truth is known for none of the matched queries: check that both cover the same time"
+        )
+    if score not in get_args(Score):
+        raise UsageError(f"score {score!r} is unknown: choose from {', '.join(get_args(Score))}")
+    correct = truth.correct[matches.place, matches.query] & evaluated
+    has_place = truth.has_place[matches.query]
+    curve = precision_recall(
+        getattr(matches, score)[evaluated],
+        correct[evaluated],
+        has_place[evaluated],
+        recall_denominator=recall_denominator,
+        thresholds=thresholds,
+    )
+    hit = truth.correct[matches.candidates, matches.query[:, None]] & (matches.candidates >= 0)
+    counted = evaluated & has_place
+    findable = max(int(np.count_nonzero(counted)), 1)
+    return Evaluation(
+        queries=int(np.count_nonzero(evaluated)),
+        queries_unknown=int(np.count_nonzero(~evaluated)),
+        queries_without_place=int(np.count_nonzero(evaluated & ~has_place)),
+        queries_tied=int(np.count_nonzero(matches.ties[evaluated])),
+        correct=correct,
+        evaluated=evaluated,
+        curve=curve,
+        recall_at={
+            n: int(np.count_nonzero(hit[counted, :n].any(axis=1))) / findable for n in RECALL_AT
+        },
+        score=score,
+        recall_denominator=recall_denominator,
+    )

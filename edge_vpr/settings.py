@@ -1,0 +1,193 @@
+"""Settings of the main job: named presets, and flags over a TOML file over the preset."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from edge_vpr.errors import UsageError
+from edge_vpr.pixels import STRATEGIES
+from edge_vpr.sequence import ANCHORS, Anchor
+
+WindowKind = Literal["time", "count"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Settings:
+    """Everything that decides a map and its matches; saved with both.
+
+    Attributes
+    ----------
+    pixels : int
+        J, number of selected pixels.
+    strategy : str
+        How they are selected, see `select_pixels`.
+    sigma : float
+        Surround suppression, in pixels.
+    seed : int
+        Of the draw of pixels.
+    window : {"time", "count"}
+        Fixed time, or fixed number of events at the selected pixels.
+    tau_us : int
+        Length of a fixed-time window in microseconds. Pixels are always selected by windows of this
+        length, so that both kinds of window can use the same pixels.
+    events_per_pixel : float
+        A fixed-count window holds N = events_per_pixel * J events, rounded (released code: 3).
+    polarity : bool
+        Count ON and OFF events apart.
+    clip : int
+        Largest count in a descriptor; 0 = no limit (released code: 10).
+    remove_hot_pixels, remove_bursts : bool
+        Cleaning of method.md section 1.
+    keep_incomplete : bool
+        Keep the last window though it was not completed.
+    sequence_length : int
+        L, in windows.
+    anchor : {"middle", "end"}
+        Which window of a sequence a match is attributed to.
+    exclusion : int
+        The second best match is looked for more than this many places from the best.
+    """
+
+    pixels: int = 150
+    strategy: str = "variance"
+    sigma: float = 7.0
+    seed: int = 0
+    window: WindowKind = "time"
+    tau_us: int = 1_000_000
+    events_per_pixel: float = 3.0
+    polarity: bool = False
+    clip: int = 0
+    remove_hot_pixels: bool = True
+    remove_bursts: bool = True
+    keep_incomplete: bool = False
+    sequence_length: int = 5
+    anchor: Anchor = "middle"
+    exclusion: int = 3
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, kind = getattr(self, field.name), type(field.default)
+            integer_for_float = kind is float and type(value) is int
+            if type(value) is not kind and not integer_for_float:
+                raise UsageError(
+                    f"setting {field.name} = {value!r} is of type {type(value).__name__}: "
+                    f"expected {kind.__name__}"
+                )
+        for name, least in _LEAST.items():
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= least):
+                raise UsageError(f"setting {name} = {value}: expected {least} or more")
+        if self.events_per_window < 1:
+            raise UsageError(
+                f"setting events_per_pixel = {self.events_per_pixel} makes windows without events: "
+                f"expected at least {1 / self.pixels:g} for {self.pixels} pixels"
+            )
+        for name, choices in (
+            ("strategy", STRATEGIES),
+            ("window", get_args(WindowKind)),
+            ("anchor", ANCHORS),
+        ):
+            if getattr(self, name) not in choices:
+                raise UsageError(
+                    f"setting {name} = {getattr(self, name)!r}: choose from {', '.join(choices)}"
+                )
+
+    @property
+    def events_per_window(self) -> int:
+        """N of a fixed-count window."""
+        return round(self.events_per_pixel * self.pixels)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON and TOML."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], source: str = "settings") -> Settings:
+        """Build from plain values; names that do not exist are an error.
+
+        Raises
+        ------
+        UsageError
+            If a name is unknown or a value out of range; `source` is named.
+        """
+        return cls()._with(values, source)
+
+    def _with(self, values: Mapping[str, Any], source: str) -> Settings:
+        known = {field.name for field in fields(self)}
+        for name in values:
+            if name not in known:
+                raise UsageError(
+                    f"{source} has the unknown setting {name!r}: choose from "
+                    f"{', '.join(sorted(known))}"
+                )
+        return replace(self, **values)
+
+
+_LEAST = {
+    "pixels": 1,
+    "sigma": 0,
+    "seed": 0,
+    "tau_us": 1,
+    "events_per_pixel": 0,
+    "clip": 0,
+    "sequence_length": 1,
+    "exclusion": 0,
+}
+
+PRESETS: Mapping[str, Settings] = {
+    "paper": Settings(),
+    # what the released code does: saliency by mean, rejection within 7 px, counts clipped at 10,
+    # L = 10, 100 pixels, no cleaning
+    "seed-code": Settings(
+        pixels=100,
+        strategy="seed-code",
+        clip=10,
+        remove_hot_pixels=False,
+        remove_bursts=False,
+        sequence_length=10,
+        exclusion=2,  # it excludes |k - best| < 3
+    ),
+    "tiny": Settings(pixels=25, sequence_length=10),
+}
+
+
+def resolve_settings(
+    preset: str = "paper",
+    config: str | Path | None = None,
+    flags: Mapping[str, Any] | None = None,
+) -> Settings:
+    """Lay flags over a TOML file over a preset.
+
+    Parameters
+    ----------
+    preset : {"paper", "seed-code", "tiny"}
+    config : path, optional
+        TOML file with names and values of `Settings`; it may name its own ``preset``.
+    flags : mapping, optional
+        Values given one by one; None means not given.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, or a name or value is wrong.
+    """
+    values: dict[str, Any] = {}
+    if config is not None:
+        try:
+            values = tomllib.loads(Path(config).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise UsageError(f"cannot read settings from {config}: {error}") from error
+        preset = values.pop("preset", preset)
+    if preset not in PRESETS:
+        raise UsageError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")
+    given = {name: value for name, value in (flags or {}).items() if value is not None}
+    return PRESETS[preset]._with(values, str(config))._with(given, "the command line")

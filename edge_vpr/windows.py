@@ -1,0 +1,253 @@
+"""Where a window ends: the one place that decides which events make one descriptor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.counters import count_events, count_until
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events
+from edge_vpr.pixels import PixelMap
+
+#: more windows than this in one recording are a fault of its clock, not a drive
+MAX_WINDOWS = 10_000_000
+
+
+@dataclass(frozen=True)
+class FixedTime:
+    """Windows ``[k tau, (k+1) tau)`` from the recording's start, without gaps or overlap.
+
+    A window is complete once an event at or after its end has arrived. Windows without events are
+    descriptors of zeros.
+
+    Parameters
+    ----------
+    tau_us : int
+        Length, in microseconds.
+    """
+
+    tau_us: int
+
+    def __post_init__(self) -> None:
+        if self.tau_us < 1:
+            raise UsageError(f"window of {self.tau_us} us: expected 1 us or more")
+
+
+@dataclass(frozen=True)
+class FixedCount:
+    """Windows that close with their N-th event at the selected pixels; the next event opens another.
+
+    Parameters
+    ----------
+    events : int
+        N, at the selected pixels.
+    """
+
+    events: int
+
+    def __post_init__(self) -> None:
+        if self.events < 1:
+            raise UsageError(f"window of {self.events} events: expected 1 event or more")
+
+
+Window = FixedTime | FixedCount
+WindowCounts = tuple[npt.NDArray[np.int64], int, int]
+
+
+@dataclass(frozen=True)
+class Descriptors:
+    """Event counts of n windows at the selected pixels, and when each window was.
+
+    Attributes
+    ----------
+    counts : ndarray of unsigned int, shape (n, J) or with polarity (n, 2 J)
+        With polarity the J counts of ON events precede those of OFF events.
+    start_us, end_us : ndarray of int64, shape (n,)
+        A fixed-time window spans ``[start, end)``. A fixed-count window starts with its first event
+        at any pixel and ends with its N-th at a selected one.
+    """
+
+    counts: npt.NDArray[np.unsignedinteger]
+    start_us: npt.NDArray[np.int64]
+    end_us: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.start_us)
+
+    @property
+    def centre_us(self) -> npt.NDArray[np.int64]:
+        """Middle of each window, in microseconds, rounded down."""
+        return self.start_us + (self.end_us - self.start_us) // 2
+
+
+def narrow(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.unsignedinteger]:
+    """Store counts in the narrowest unsigned dtype that holds the largest of them."""
+    largest = int(counts.max()) if counts.size else 0
+    for dtype in (np.uint8, np.uint16, np.uint32):
+        if largest <= np.iinfo(dtype).max:
+            return counts.astype(dtype)
+    return counts.astype(np.uint64)
+
+
+class DescriptorStream:
+    """Turns a stream of events into descriptors, however the stream is cut into chunks.
+
+    Parameters
+    ----------
+    pixel_map : PixelMap
+    window : FixedTime or FixedCount
+    polarity : bool
+        Count ON and OFF events apart.
+    clip : int, optional
+        Largest count that a descriptor holds (the released code: 10).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from edge_vpr.events import Sensor, make_events
+    >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
+    >>> stream = DescriptorStream(two, FixedTime(tau_us=10))
+    >>> stream.update(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0])).counts
+    array([[2, 1]], dtype=uint8)
+    """
+
+    def __init__(
+        self,
+        pixel_map: PixelMap,
+        window: Window,
+        *,
+        polarity: bool = False,
+        clip: int | None = None,
+    ) -> None:
+        if clip is not None and clip < 1:
+            raise UsageError(f"counts clipped at {clip}: expected 1 or more")
+        self._table = pixel_map.table()
+        self._window = window
+        self._polarity = polarity
+        self._clip = clip
+        self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
+        self._counted = 0  # of a fixed-count window's budget
+        self._seen = False  # whether the open window holds any event
+        self._start = 0
+        self._last = 0
+
+    def update(self, events: Events) -> Descriptors:
+        """Feed the next events.
+
+        Parameters
+        ----------
+        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+            In time order and on the sensor, after all those before (see `check_events`).
+
+        Returns
+        -------
+        Descriptors
+            Of the windows that these events completed; may be none.
+
+        Raises
+        ------
+        UsageError
+            If time jumps over more than ten million windows.
+        """
+        return _collect(self.windows(events), self._counts.size)
+
+    def windows(self, events: Events) -> Iterator[WindowCounts]:
+        """Feed the next events and take one completed window at a time, as `update` does at once.
+
+        Yields
+        ------
+        counts : ndarray of int64, shape (J,) or (2 J,)
+            Valid until the next step.
+        start_us, end_us : int
+        """
+        if events.size == 0:
+            return
+        if isinstance(self._window, FixedTime):
+            yield from self._fixed_time(events, self._window.tau_us)
+        else:
+            yield from self._fixed_count(events, self._window.events)
+        self._last = int(events["t"][-1])
+
+    def finish(self) -> Descriptors:
+        """Take the incomplete last window, if any event fell into it."""
+        incomplete = [self._take(self._start, self._last)] if self._seen else []
+        return _collect(incomplete, self._counts.size)
+
+    def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
+        t = events["t"]
+        windows = (int(t[-1]) - self._start) // tau
+        if windows > MAX_WINDOWS:
+            raise UsageError(
+                f"time jumps from {self._start} to {t[-1]} us, over {windows} windows of {tau} us: "
+                "check the recording's clock, or take longer windows"
+            )
+        ends = self._start + tau * np.arange(1, windows + 1)
+        cut = 0
+        for end, upto in zip(ends.tolist(), np.searchsorted(t, ends).tolist(), strict=True):
+            self._count(events[cut:upto])
+            yield self._take(end - tau, end)
+            self._start, cut = end, upto
+        self._count(events[cut:])
+
+    def _fixed_count(self, events: Events, budget: int) -> Iterator[WindowCounts]:
+        t, x, y = events["t"], events["x"], events["y"]
+        p = events["p"] if self._polarity else None
+        cut = 0
+        while cut < events.size:
+            if not self._seen:
+                self._start = int(t[cut])
+            consumed, counted = count_until(
+                self._table,
+                x[cut:],
+                y[cut:],
+                self._counts,
+                budget - self._counted,
+                None if p is None else p[cut:],
+            )
+            cut += consumed
+            self._seen = True
+            self._counted += counted
+            if self._counted == budget:
+                yield self._take(self._start, int(t[cut - 1]))
+
+    def _count(self, events: Events) -> None:
+        if events.size:
+            p = events["p"] if self._polarity else None
+            count_events(self._table, events["x"], events["y"], self._counts, p)
+            self._seen = True
+
+    def _take(self, start: int, end: int) -> WindowCounts:
+        """Hand the finished window over and clear the counters."""
+        taken = self._counts if self._clip is None else np.minimum(self._counts, self._clip)
+        self._counts = np.zeros_like(self._counts)
+        self._counted, self._seen = 0, False
+        return taken, start, end
+
+
+def _collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
+    counts, spans = [], []
+    for window, start, end in windows:
+        counts.append(narrow(window))
+        spans.append((start, end))
+    bounds = np.array(spans, dtype=np.int64).reshape(-1, 2)
+    stacked = np.stack(counts) if counts else np.zeros((0, counters), dtype=np.uint8)
+    return Descriptors(stacked, bounds[:, 0], bounds[:, 1])
+
+
+def join(parts: Sequence[Descriptors]) -> Descriptors:
+    """Join the descriptors of successive calls, in the narrowest common dtype.
+
+    Parameters
+    ----------
+    parts : sequence of Descriptors
+        At least one.
+    """
+    return Descriptors(
+        np.concatenate([part.counts for part in parts]),
+        np.concatenate([part.start_us for part in parts]),
+        np.concatenate([part.end_us for part in parts]),
+    )
