@@ -1,4 +1,4 @@
-"""Maps and matches on disk: ``.npz`` without pickle, with kind and schema version, written whole or not."""
+"""Maps and matches on disk: ``.npz`` without pickle, versioned, written whole or not at all."""
 
 from __future__ import annotations
 

@@ -207,7 +207,7 @@ class BurstFilter:
 
 @nb.njit(cache=True, nogil=True)
 def _count_fired(x, y, starts, ids, last_slot):  # type: ignore[no-untyped-def]
-    """Distinct pixels that fired in each slot, and those of them that did not in the slot before."""
+    """Count the pixels that fired in each slot, and those that had not fired in the slot before."""
     fired = np.zeros(starts.size, dtype=np.int64)
     fresh = np.zeros(starts.size, dtype=np.int64)
     for i in range(starts.size):

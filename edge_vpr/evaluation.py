@@ -217,7 +217,7 @@ def evaluate(
     evaluated = truth.known[matches.query]
     if not evaluated.any():
         raise GroundTruthError(
-            "the truth is known for none of the matched queries: check that both cover the same time"
+            "the truth is known for none of the matched queries: check that it covers their time"
         )
     if score not in get_args(Score):
         raise UsageError(f"score {score!r} is unknown: choose from {', '.join(get_args(Score))}")

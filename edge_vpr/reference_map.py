@@ -33,8 +33,6 @@ class ReferenceMap:
         Variance (or mean) that the pixels were drawn from; for figures.
     hot : ndarray of bool, shape (height, width)
         Pixels that were left out.
-    events_per_second : ndarray of int64, shape (seconds,)
-        Events of the whole sensor in each second of the traverse; for figures.
     """
 
     settings: Settings
@@ -42,7 +40,6 @@ class ReferenceMap:
     places: Descriptors
     saliency: npt.NDArray[np.float32]
     hot: npt.NDArray[np.bool_]
-    events_per_second: npt.NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.places)
@@ -62,7 +59,7 @@ class ReferenceMap:
             "end_us": self.places.end_us,
             "saliency": self.saliency,
             "hot": self.hot,
-            "events_per_second": self.events_per_second,
+            "events": self.places.events,
         }
         meta = {"settings": self.settings.to_dict(), "sensor": list(self.pixel_map.sensor)}
         write_archive(path, KIND, arrays, meta)
@@ -82,10 +79,11 @@ class ReferenceMap:
             return cls(
                 settings=Settings.from_dict(meta["settings"], source=str(path)),
                 pixel_map=PixelMap(sensor, arrays["pixel_x"], arrays["pixel_y"]),
-                places=Descriptors(arrays["counts"], arrays["start_us"], arrays["end_us"]),
+                places=Descriptors(
+                    arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"]
+                ),
                 saliency=arrays["saliency"],
                 hot=arrays["hot"],
-                events_per_second=arrays["events_per_second"],
             )
         except KeyError as error:
             raise MapError(f"{path} lacks {error}: make the map again") from error

@@ -1,4 +1,4 @@
-"""The first pass over a reference traverse: how much every pixel's count varies from window to window."""
+"""The first pass over a reference traverse: how much each pixel's count varies over windows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.pixels import PixelMap
-from edge_vpr.windows import Descriptors, narrow
+from edge_vpr.windows import Descriptors, WindowCounts, collect, narrow
 
 
 class SaliencyPass:
@@ -25,15 +25,20 @@ class SaliencyPass:
     spool_bytes : int
         Size up to which the temporary file may grow; above it `descriptors` returns None and the
         recording must be read again.
+
+    Attributes
+    ----------
+    windows : int
+        Number of windows taken, K.
     """
 
     def __init__(self, sensor: Sensor, *, spool_bytes: int = 2 << 30) -> None:
         self._sensor = sensor
         self._sum = np.zeros(sensor.pixels, dtype=np.int64)
         self._sum_of_squares = np.zeros(sensor.pixels, dtype=np.int64)
-        self._spans: list[tuple[int, int]] = []
+        self._spooled: list[tuple[np.dtype[np.unsignedinteger], tuple[int, int, int]]] = []
         self._room = spool_bytes
-        self._dtypes: list[np.dtype[np.unsignedinteger]] = []
+        self.windows = 0
         self._spool = tempfile.TemporaryFile(prefix="edge-vpr-")  # noqa: SIM115  # closed by close()
 
     def __enter__(self) -> SaliencyPass:
@@ -46,29 +51,16 @@ class SaliencyPass:
         """Delete the temporary file."""
         self._spool.close()
 
-    def add(self, counts: npt.NDArray[np.integer], start_us: int, end_us: int) -> None:
-        """Take one window.
-
-        Parameters
-        ----------
-        counts : ndarray of int, shape (height * width,)
-            Events of each pixel, row by row.
-        start_us, end_us : int
-        """
-        wide = counts.astype(np.int64, copy=False)
-        self._sum += wide
-        self._sum_of_squares += wide * wide
-        self._spans.append((start_us, end_us))
+    def add(self, window: WindowCounts) -> None:
+        """Take one window, counted at every pixel of the sensor, row by row."""
+        self._sum += window.counts
+        self._sum_of_squares += window.counts * window.counts
+        self.windows += 1
         if self._room >= 0:
-            image = narrow(wide)
+            image = narrow(window.counts)
             self._room -= image.nbytes
-            self._dtypes.append(image.dtype)
+            self._spooled.append((image.dtype, window[1:]))
             self._spool.write(image.data)
-
-    @property
-    def windows(self) -> int:
-        """Number of windows taken, K."""
-        return len(self._spans)
 
     @property
     def totals(self) -> npt.NDArray[np.int64]:
@@ -97,7 +89,7 @@ class SaliencyPass:
         return np.array(exact).reshape(self.totals.shape)
 
     def descriptors(self, pixel_map: PixelMap) -> Descriptors | None:
-        """Counts at the selected pixels in every window; None if the temporary file was too small.
+        """Look the selected pixels' counts up in every window.
 
         Parameters
         ----------
@@ -106,17 +98,22 @@ class SaliencyPass:
         Returns
         -------
         Descriptors or None
+            None if the temporary file would have grown too large.
         """
         if self._room < 0:
             return None
         flat = pixel_map.y.astype(np.int64) * self._sensor.width + pixel_map.x
-        counts = np.empty((self.windows, len(pixel_map)), dtype=np.uint64)
         self._spool.seek(0)
-        for k, dtype in enumerate(self._dtypes):
-            image = self._spool.read(self._sensor.pixels * dtype.itemsize)
-            counts[k] = np.frombuffer(image, dtype=dtype)[flat]
-        spans = np.array(self._spans, dtype=np.int64).reshape(-1, 2)
-        return Descriptors(narrow(counts), spans[:, 0], spans[:, 1])
+        return collect(
+            (
+                WindowCounts(self._read_image(dtype)[flat].astype(np.int64), *span)
+                for dtype, span in self._spooled
+            ),
+            len(pixel_map),
+        )
+
+    def _read_image(self, dtype: np.dtype[np.unsignedinteger]) -> npt.NDArray[np.unsignedinteger]:
+        return np.frombuffer(self._spool.read(self._sensor.pixels * dtype.itemsize), dtype=dtype)
 
     def _checked_windows(self) -> int:
         if self.windows == 0:

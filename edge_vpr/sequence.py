@@ -1,4 +1,4 @@
-"""Sequences: the distances of L successive windows added along the diagonal (method.md section 5)."""
+"""Sequences: distances of L successive windows added along the diagonal (method.md section 5)."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from edge_vpr.errors import UsageError
-from edge_vpr.pixels import STRATEGIES
+from edge_vpr.pixels import STRATEGIES, Strategy
 from edge_vpr.sequence import ANCHORS, Anchor
 
 WindowKind = Literal["time", "count"]
@@ -54,7 +54,7 @@ class Settings:
     """
 
     pixels: int = 150
-    strategy: str = "variance"
+    strategy: Strategy = "variance"
     sigma: float = 7.0
     seed: int = 0
     window: WindowKind = "time"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,9 @@ class FixedTime:
 
     tau_us: int
 
+    def __str__(self) -> str:
+        return f"{self.tau_us / 1e6:g} s"
+
     def __post_init__(self) -> None:
         if self.tau_us < 1:
             raise UsageError(f"window of {self.tau_us} us: expected 1 us or more")
@@ -39,7 +43,7 @@ class FixedTime:
 
 @dataclass(frozen=True)
 class FixedCount:
-    """Windows that close with their N-th event at the selected pixels; the next event opens another.
+    """Windows that close with their N-th event at a selected pixel; the next event opens another.
 
     Parameters
     ----------
@@ -49,13 +53,32 @@ class FixedCount:
 
     events: int
 
+    def __str__(self) -> str:
+        return f"{self.events} events at the selected pixels"
+
     def __post_init__(self) -> None:
         if self.events < 1:
             raise UsageError(f"window of {self.events} events: expected 1 event or more")
 
 
 Window = FixedTime | FixedCount
-WindowCounts = tuple[npt.NDArray[np.int64], int, int]
+
+
+class WindowCounts(NamedTuple):
+    """One finished window.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (J,) or with polarity (2 J,)
+    start_us, end_us : int
+    events : int
+        At any pixel.
+    """
+
+    counts: npt.NDArray[np.int64]
+    start_us: int
+    end_us: int
+    events: int
 
 
 @dataclass(frozen=True)
@@ -69,11 +92,14 @@ class Descriptors:
     start_us, end_us : ndarray of int64, shape (n,)
         A fixed-time window spans ``[start, end)``. A fixed-count window starts with its first event
         at any pixel and ends with its N-th at a selected one.
+    events : ndarray of int64, shape (n,)
+        Events of the whole sensor in each window.
     """
 
     counts: npt.NDArray[np.unsignedinteger]
     start_us: npt.NDArray[np.int64]
     end_us: npt.NDArray[np.int64]
+    events: npt.NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.start_us)
@@ -131,7 +157,7 @@ class DescriptorStream:
         self._clip = clip
         self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
         self._counted = 0  # of a fixed-count window's budget
-        self._seen = False  # whether the open window holds any event
+        self._events = 0  # of the open window, at any pixel
         self._start = 0
         self._last = 0
 
@@ -153,16 +179,14 @@ class DescriptorStream:
         UsageError
             If time jumps over more than ten million windows.
         """
-        return _collect(self.windows(events), self._counts.size)
+        return collect(self.windows(events), self._counts.size)
 
     def windows(self, events: Events) -> Iterator[WindowCounts]:
         """Feed the next events and take one completed window at a time, as `update` does at once.
 
         Yields
         ------
-        counts : ndarray of int64, shape (J,) or (2 J,)
-            Valid until the next step.
-        start_us, end_us : int
+        WindowCounts
         """
         if events.size == 0:
             return
@@ -174,8 +198,12 @@ class DescriptorStream:
 
     def finish(self) -> Descriptors:
         """Take the incomplete last window, if any event fell into it."""
-        incomplete = [self._take(self._start, self._last)] if self._seen else []
-        return _collect(incomplete, self._counts.size)
+        return collect(self.last(), self._counts.size)
+
+    def last(self) -> Iterator[WindowCounts]:
+        """Take the incomplete last window as `windows` does, if any event fell into it."""
+        if self._events:
+            yield self._take(self._start, self._last)
 
     def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
         t = events["t"]
@@ -198,7 +226,7 @@ class DescriptorStream:
         p = events["p"] if self._polarity else None
         cut = 0
         while cut < events.size:
-            if not self._seen:
+            if not self._events:
                 self._start = int(t[cut])
             consumed, counted = count_until(
                 self._table,
@@ -209,7 +237,7 @@ class DescriptorStream:
                 None if p is None else p[cut:],
             )
             cut += consumed
-            self._seen = True
+            self._events += consumed
             self._counted += counted
             if self._counted == budget:
                 yield self._take(self._start, int(t[cut - 1]))
@@ -218,24 +246,24 @@ class DescriptorStream:
         if events.size:
             p = events["p"] if self._polarity else None
             count_events(self._table, events["x"], events["y"], self._counts, p)
-            self._seen = True
+            self._events += events.size
 
     def _take(self, start: int, end: int) -> WindowCounts:
         """Hand the finished window over and clear the counters."""
-        taken = self._counts if self._clip is None else np.minimum(self._counts, self._clip)
+        counts = self._counts if self._clip is None else np.minimum(self._counts, self._clip)
+        taken = WindowCounts(counts, start, end, self._events)
         self._counts = np.zeros_like(self._counts)
-        self._counted, self._seen = 0, False
-        return taken, start, end
+        self._counted = self._events = 0
+        return taken
 
 
-def _collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
-    counts, spans = [], []
-    for window, start, end in windows:
-        counts.append(narrow(window))
-        spans.append((start, end))
-    bounds = np.array(spans, dtype=np.int64).reshape(-1, 2)
+def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
+    """Gather windows, `counters` counts in each, to descriptors in the narrowest dtype."""
+    taken = list(windows)
+    counts = [narrow(window.counts) for window in taken]
+    spans = np.array([window[1:] for window in taken], dtype=np.int64).reshape(-1, 3)
     stacked = np.stack(counts) if counts else np.zeros((0, counters), dtype=np.uint8)
-    return Descriptors(stacked, bounds[:, 0], bounds[:, 1])
+    return Descriptors(stacked, spans[:, 0], spans[:, 1], spans[:, 2])
 
 
 def join(parts: Sequence[Descriptors]) -> Descriptors:
@@ -250,4 +278,5 @@ def join(parts: Sequence[Descriptors]) -> Descriptors:
         np.concatenate([part.counts for part in parts]),
         np.concatenate([part.start_us for part in parts]),
         np.concatenate([part.end_us for part in parts]),
+        np.concatenate([part.events for part in parts]),
     )
