@@ -1,0 +1,150 @@
+"""Where the camera was and when: positions over time, interpolated and never extrapolated."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import GroundTruthError
+
+Kind = Literal["geographic", "metric"]
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Positions over time.
+
+    Attributes
+    ----------
+    time_us : ndarray of int64, shape (n,)
+        Times in microseconds from the recording's start, strictly increasing.
+    position : ndarray of float64, shape (n, d)
+        Latitude and longitude in degrees (`kind` "geographic", d = 2), or metres (d = 1, 2 or 3).
+    kind : {"metric", "geographic"}
+    max_gap_us : int, optional
+        Between two points further apart than this the position is unknown; no limit if None.
+    start_utc : datetime, optional
+        The instant of time 0, where the log states a date.
+    dropped : mapping of str to int
+        How many entries of the log were left out, by reason.
+
+    Raises
+    ------
+    GroundTruthError
+        If the arrays are not of these shapes, a value is not finite, or time does not increase.
+    """
+
+    time_us: npt.NDArray[np.int64]
+    position: Floats
+    kind: Kind = "metric"
+    max_gap_us: int | None = None
+    start_utc: dt.datetime | None = None
+    dropped: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        time_us = np.array(self.time_us, dtype=np.int64)
+        position = np.array(self.position, dtype=np.float64)
+        if self.kind not in ("geographic", "metric"):
+            raise GroundTruthError(f"track kind {self.kind!r} is unknown: use geographic or metric")
+        widths = (2,) if self.kind == "geographic" else (1, 2, 3)
+        if time_us.ndim != 1 or time_us.size == 0 or position.ndim != 2:
+            raise GroundTruthError(
+                f"a track has times of shape {time_us.shape} and positions of shape "
+                f"{position.shape}: give (n,) and (n, d) with n of at least 1"
+            )
+        if position.shape[0] != time_us.size or position.shape[1] not in widths:
+            raise GroundTruthError(
+                f"a {self.kind} track of {time_us.size} times has positions of shape "
+                f"{position.shape}: expected ({time_us.size}, d) with d in {widths}"
+            )
+        back = np.flatnonzero(np.diff(time_us) <= 0)
+        if back.size:
+            i = int(back[0])
+            raise GroundTruthError(
+                f"track time does not increase at point {i + 1}, from {time_us[i]} to "
+                f"{time_us[i + 1]} us: sort the points and keep one a time"
+            )
+        if not np.isfinite(position).all():
+            i = int(np.flatnonzero(~np.isfinite(position).all(axis=1))[0])
+            raise GroundTruthError(f"track point {i} is not finite: leave unknown points out")
+        if self.kind == "geographic" and (np.abs(position) > (90.0, 180.0)).any():
+            i = int(np.flatnonzero((np.abs(position) > (90.0, 180.0)).any(axis=1))[0])
+            raise GroundTruthError(
+                f"track point {i} is {tuple(position[i].tolist())}, outside 90 and 180 degrees: "
+                "give latitude first, then longitude"
+            )
+        for array in (time_us, position):
+            array.setflags(write=False)
+        object.__setattr__(self, "time_us", time_us)
+        object.__setattr__(self, "position", position)
+
+    def at(self, times_us: npt.ArrayLike) -> Floats:
+        """Positions at other times, linear between the track's points.
+
+        Parameters
+        ----------
+        times_us : array_like, shape (m,)
+            Microseconds from the recording's start.
+
+        Returns
+        -------
+        ndarray of float64, shape (m, d)
+            NaN before the first point, after the last, and inside gaps longer than `max_gap_us`.
+
+        Examples
+        --------
+        >>> Track([0, 1_000_000], [[0.0], [3.0]]).at([500_000, 1_000_001]).tolist()
+        [[1.5], [nan]]
+        """
+        position = self.position
+        if self.kind == "geographic":  # the short way round across the 180th meridian
+            position = np.column_stack([position[:, 0], np.unwrap(position[:, 1], period=360.0)])
+        found = interpolate(times_us, self.time_us, position, max_gap=self.max_gap_us)
+        if self.kind == "geographic":
+            wrapped = np.abs(found[:, 1]) > 180.0
+            found[wrapped, 1] = (found[wrapped, 1] + 180.0) % 360.0 - 180.0
+        return found
+
+
+def interpolate(
+    x: npt.ArrayLike, points: npt.ArrayLike, values: Floats, *, max_gap: float | None = None
+) -> Floats:
+    """Linear interpolation that says NaN where it does not know.
+
+    `numpy.interp` continues the end values, and may be contracted to fused operations on some
+    machines; this is one rounding an operation, so that every machine finds the same places.
+
+    Parameters
+    ----------
+    x : array_like, shape (m,)
+    points : array_like, shape (n,)
+        Strictly increasing.
+    values : ndarray of float64, shape (n, d)
+        Values at `points`.
+    max_gap : float, optional
+        Between points further apart than this the result is NaN (but not at the points).
+
+    Returns
+    -------
+    ndarray of float64, shape (m, d)
+    """
+    at, known = np.asarray(x, dtype=np.float64), np.asarray(points, dtype=np.float64)
+    inside = (at >= known[0]) & (at <= known[-1])
+    right = np.clip(np.searchsorted(known, at), 1, max(known.size - 1, 1))
+    right = np.minimum(right, known.size - 1)
+    left = np.maximum(right - 1, 0)
+    gap = known[right] - known[left]
+    weight = np.where(gap > 0, (at - known[left]) / np.where(gap > 0, gap, 1.0), 0.0)
+    if max_gap is not None:
+        inside &= (gap <= max_gap) | (at == known[left]) | (at == known[right])
+    found = values[left] + weight[:, None] * (values[right] - values[left])
+    # a + 1 * (b - a) need not be b: at a point the value is the point's own
+    found = np.where((weight == 1.0)[:, None], values[right], found)
+    return np.where(inside[:, None], found, np.nan)
