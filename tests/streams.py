@@ -1,0 +1,28 @@
+"""Event streams for tests: random ones, cut up, and as the oracle takes them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from edge_vpr.events import Events, Sensor, make_events
+
+
+def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us: int) -> Events:
+    """`n` events at random pixels and times, in time order."""
+    return make_events(
+        np.sort(rng.integers(0, duration_us, n)),
+        rng.integers(0, sensor.width, n),
+        rng.integers(0, sensor.height, n),
+        rng.integers(0, 2, n),
+    )
+
+
+def cut_up(rng: np.random.Generator, events: Events, pieces: int) -> list[Events]:
+    """The same events in `pieces` chunks, some of them empty."""
+    cuts = np.sort(rng.integers(0, events.size + 1, pieces - 1))
+    return np.split(events, cuts)
+
+
+def as_tuples(events: Events) -> list[tuple[int, int, int, bool]]:
+    """Events as the oracle takes them."""
+    return [(t, x, y, p) for t, x, y, p in events.tolist()]

@@ -1,0 +1,107 @@
+"""Hot pixels and bursts."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import as_tuples, cut_up, random_events
+
+from edge_vpr.cleaning import (
+    BURST_SHARE,
+    BURST_SLOT_US,
+    BurstFilter,
+    find_hot_pixels,
+    load_hot_pixels,
+)
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import Sensor, make_events
+
+SENSOR = Sensor(4, 3)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    shape=st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    factor=st.integers(1, 6),
+)
+def test_hot_pixels_equal_the_oracle(seed, shape, factor):
+    rng = np.random.default_rng(seed)
+    totals = rng.integers(0, 20, shape) * rng.choice([1, 1, 1, 40], shape)
+    found = find_hot_pixels(totals, factor=factor)
+    expected = naive.hot_pixels(totals.tolist(), factor)
+    assert {(int(x), int(y)) for y, x in zip(*np.nonzero(found), strict=True)} == set(expected)
+
+
+def test_a_pixel_far_above_its_neighbours_is_hot_and_a_busy_region_is_not():
+    totals = np.full((20, 20), 10)
+    totals[:, 10:] = 1000
+    totals[5, 5] = 5000
+    assert np.argwhere(find_hot_pixels(totals)).tolist() == [[5, 5]]
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n=st.integers(0, 200),
+    slots=st.integers(1, 60),
+    pieces=st.integers(1, 9),
+)
+def test_bursts_equal_the_oracle_however_the_stream_is_cut(seed, n, slots, pieces):
+    rng = np.random.default_rng(seed)
+    events = random_events(rng, n, SENSOR, slots * BURST_SLOT_US)
+    filter_ = BurstFilter(SENSOR)
+    chunks = [filter_.update(chunk) for chunk in cut_up(rng, events, pieces)]
+    found = np.concatenate([*chunks, filter_.finish()])
+    expected = naive.without_bursts(as_tuples(events), BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
+    assert as_tuples(found) == expected
+    assert filter_.removed == n - len(expected)
+
+
+def test_a_burst_goes_and_the_drive_around_it_stays():
+    quiet = make_events(t=[0, 50_000, 90_000], x=[0, 1, 2], y=[0, 0, 0])
+    y, x = np.divmod(np.arange(12), 4)
+    # most pixels within a millisecond, across the border of two slots
+    burst = make_events(t=59_500 + 80 * np.arange(12), x=x, y=y)
+    filter_ = BurstFilter(SENSOR)
+    found = [
+        filter_.update(np.concatenate([quiet[:2], burst, quiet[2:]])),
+        filter_.finish(),
+    ]
+    assert np.concatenate(found)["t"].tolist() == [0, 50_000, 90_000]
+    assert filter_.removed == 12
+
+
+def test_a_list_of_hot_pixels_is_read_as_the_data_set_writes_it(tmp_path):
+    path = tmp_path / "hot.csv"
+    path.write_text("# x, y\n1, 2\n\n3,0\n")
+    assert np.argwhere(load_hot_pixels(path, SENSOR)).tolist() == [[0, 3], [2, 1]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("9, 0", r"line 1 .* the pixel \(9, 0\), off the 4x3"), ("1, 2\nx", "line 2 .* expected the")],
+)
+def test_a_wrong_list_of_hot_pixels_names_its_line(tmp_path, text, message):
+    path = tmp_path / "hot.csv"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        load_hot_pixels(path, SENSOR)
+
+
+def test_a_missing_list_of_hot_pixels_is_an_error(tmp_path):
+    with pytest.raises(RecordingError, match="cannot read hot pixels"):
+        load_hot_pixels(tmp_path / "none.csv", SENSOR)
+
+
+def test_the_published_lists_of_hot_pixels_can_be_read(shared_data):
+    for name in ("sunset1", "sunset2"):
+        path = shared_data / "brisbane_sparse49" / f"{name}_hot_pixels.csv"
+        lines = [line for line in path.read_text().splitlines() if line.strip()]
+        assert load_hot_pixels(path, Sensor(346, 260)).sum() == len(set(lines))
+
+
+def test_a_factor_below_one_is_wrong_use():
+    with pytest.raises(UsageError, match="below 1"):
+        find_hot_pixels(np.ones((3, 3), dtype=int), factor=0)

@@ -1,0 +1,104 @@
+"""Windows and the descriptors they make."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import as_tuples, cut_up, random_events
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.pixels import PixelMap
+from edge_vpr.windows import DescriptorStream, FixedCount, FixedTime, collect, join
+
+SENSOR = Sensor(7, 5)
+PIXELS = [(0, 0), (6, 4), (3, 2), (1, 0)]
+PIXEL_MAP = PixelMap(SENSOR, *np.array(PIXELS, dtype=np.uint16).T)
+
+
+def descriptors(stream, chunks):
+    return join([stream.update(chunk) for chunk in chunks])
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n=st.integers(0, 300),
+    duration=st.sampled_from([1, 50, 1_000, 10_000]),
+    window=st.one_of(
+        st.builds(FixedTime, st.integers(1, 400)).filter(lambda w: w.tau_us > 3),
+        st.builds(FixedCount, st.integers(1, 30)),
+    ),
+    polarity=st.booleans(),
+    pieces=st.integers(1, 9),
+)
+def test_descriptors_equal_the_oracle_however_the_stream_is_cut(
+    seed, n, duration, window, polarity, pieces
+):
+    rng = np.random.default_rng(seed)
+    events = random_events(rng, n, SENSOR, duration)
+    stream = DescriptorStream(PIXEL_MAP, window, polarity=polarity)
+    found = descriptors(stream, cut_up(rng, events, pieces))
+
+    if isinstance(window, FixedTime):
+        expected = naive.fixed_time_windows(as_tuples(events), window.tau_us)
+        assert found.start_us.tolist() == [k * window.tau_us for k in range(len(expected))]
+        assert found.end_us.tolist() == [(k + 1) * window.tau_us for k in range(len(expected))]
+    else:
+        expected = naive.fixed_count_windows(as_tuples(events), PIXELS, window.events)
+        assert found.start_us.tolist() == [w[0][0] for w in expected]
+        assert found.end_us.tolist() == [w[-1][0] for w in expected]
+        assert all(row.sum() == window.events for row in found.counts)
+    assert found.counts.tolist() == [naive.count(w, PIXELS, polarity) for w in expected]
+    assert found.events.tolist() == [len(w) for w in expected]
+    # nothing is lost: what the windows do not hold is the incomplete one
+    rest = stream.finish()
+    assert found.events.sum() + rest.events.sum() == n
+
+
+def test_an_event_on_the_boundary_belongs_to_the_window_that_starts_there():
+    events = make_events(t=[9, 10], x=[0, 0], y=[0, 0])
+    stream = DescriptorStream(PIXEL_MAP, FixedTime(10))
+    assert stream.update(events).counts[:, 0].tolist() == [1]
+    assert stream.finish().counts[:, 0].tolist() == [1]
+
+
+def test_windows_without_events_are_descriptors_of_zeros():
+    events = make_events(t=[0, 45], x=[0, 0], y=[0, 0])
+    found = DescriptorStream(PIXEL_MAP, FixedTime(10)).update(events)
+    assert found.counts[:, 0].tolist() == [1, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("largest", "dtype"), [(255, np.uint8), (256, np.uint16), (65_536, np.uint32)]
+)
+def test_counts_are_stored_in_the_narrowest_dtype_that_holds_them(largest, dtype):
+    t = np.append(np.zeros(largest, dtype=np.int64), 10)
+    events = make_events(t, np.zeros(t.size), np.zeros(t.size))
+    found = DescriptorStream(PIXEL_MAP, FixedTime(10)).update(events)
+    assert found.counts.dtype == dtype
+    assert found.counts[0, 0] == largest
+
+
+def test_clipped_counts_stop_at_the_clip_and_the_next_window_starts_from_zero():
+    events = make_events(t=[0, 1, 2, 12, 25], x=[0] * 5, y=[0] * 5)
+    found = DescriptorStream(PIXEL_MAP, FixedTime(10), clip=2).update(events)
+    assert found.counts[:, 0].tolist() == [2, 1]
+
+
+def test_a_clock_that_jumps_by_years_is_an_error_and_not_a_flood_of_windows():
+    events = make_events(t=[0, 2**60], x=[0, 0], y=[0, 0])
+    with pytest.raises(UsageError, match="check the recording's clock"):
+        DescriptorStream(PIXEL_MAP, FixedTime(1)).update(events)
+
+
+def test_no_windows_make_an_empty_set_of_descriptors():
+    assert collect([], 4).counts.shape == (0, 4)
+
+
+@pytest.mark.parametrize("make", [lambda: FixedTime(0), lambda: FixedCount(0)])
+def test_an_empty_window_is_wrong_use(make):
+    with pytest.raises(UsageError, match="or more"):
+        make()
