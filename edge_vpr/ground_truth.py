@@ -376,7 +376,8 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
         elif suffix == ".npy":
             matrix = np.load(path, allow_pickle=False)
         else:
-            with np.load(path, allow_pickle=False) as archive:
+            # opened here, since NumPy leaves the file of a broken archive open
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 names = archive.files
                 name = "gt" if "gt" in names or len(names) != 1 else names[0]
                 matrix = archive[name]

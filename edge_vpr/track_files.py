@@ -245,8 +245,8 @@ def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
     table = np.empty((len(lines) - 1, len(header)))
     for number, row in enumerate(lines[1:]):
         try:
-            table[number] = [float(value) for value in row]
-        except ValueError:
+            table[number] = [float(row[column]) for column in range(max(len(row), len(header)))]
+        except (ValueError, IndexError):
             raise GroundTruthError(
                 f"{path}: row {number + 1} is {','.join(row)!r}, not {len(header)} numbers for "
                 f"{','.join(header)}: correct it"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 Event = tuple[int, int, int, bool]
 Pixel = tuple[int, int]
@@ -180,3 +181,26 @@ def recall_at(distances: Matrix, correct: list[list[bool]], n: int) -> tuple[int
         found += any(correct[k][j] for k in nearest)
         having += any(row[j] for row in correct)
     return found, having
+
+
+def interpolate(
+    points: Sequence[tuple[int, float]], x: int, max_gap: int | None = None
+) -> float | None:
+    """Straight line between two neighbouring points; unknown (None) outside and in long gaps."""
+    for (x0, y0), (x1, y1) in pairwise(points):
+        if x0 < x < x1 and (max_gap is None or x1 - x0 <= max_gap):
+            return y0 + (x - x0) / (x1 - x0) * (y1 - y0)
+    return dict(points).get(x)
+
+
+def distance(kind: str, a: Sequence[float], b: Sequence[float]) -> float:
+    """Metres: straight, or between degrees of latitude and longitude on a sphere (by its chord)."""
+    if kind == "metric":
+        return math.dist(a, b)
+    if math.isnan(sum(a) + sum(b)):
+        return math.nan
+    p, q = (
+        (math.cos(v) * math.cos(w), math.cos(v) * math.sin(w), math.sin(v))
+        for v, w in (map(math.radians, a), map(math.radians, b))
+    )
+    return 2 * 6_371_008.8 * math.asin(math.dist(p, q) / 2)

@@ -1,0 +1,574 @@
+"""Ground truth: GPS logs, tracks, alignments and matrices, held to the oracle and to real logs."""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from pathlib import Path
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_vpr import ground_truth as module
+from edge_vpr.errors import GroundTruthError
+from edge_vpr.ground_truth import (
+    Alignment,
+    GroundTruth,
+    from_alignment,
+    from_matrix,
+    from_tracks,
+    great_circle,
+    load_alignment,
+    load_matrix,
+)
+from edge_vpr.track_files import load_nmea, load_track
+from edge_vpr.tracks import Track, interpolate
+
+SECOND = 1_000_000
+
+
+def centres(windows: int) -> np.ndarray:
+    """Centres of consecutive windows of one second."""
+    return np.arange(windows) * SECOND + SECOND // 2
+
+
+# --- tracks ---------------------------------------------------------------------------------------
+
+points = st.lists(st.integers(0, 200), min_size=1, max_size=12, unique=True).map(sorted)
+
+
+@given(
+    points, st.lists(st.integers(-20, 220), min_size=1), st.none() | st.integers(1, 60), st.data()
+)
+def test_interpolation_is_the_oracles_to_the_bit(times, wanted, max_gap, data):
+    values = data.draw(st.lists(st.integers(-1000, 1000), min_size=len(times), max_size=len(times)))
+    found = interpolate(wanted, times, np.array(values, dtype=float)[:, None], max_gap=max_gap)
+    expected = [
+        naive.interpolate(list(zip(times, values, strict=True)), x, max_gap) for x in wanted
+    ]
+    np.testing.assert_array_equal(found[:, 0], [math.nan if e is None else e for e in expected])
+
+
+def test_a_track_is_unknown_before_it_after_it_and_inside_long_gaps():
+    track = Track([0, 2 * SECOND, 9 * SECOND], [[0.0], [4.0], [18.0]], max_gap_us=5 * SECOND)
+    at = track.at(np.array([-1, 0, 1 * SECOND, 2 * SECOND, 3 * SECOND, 9 * SECOND, 9 * SECOND + 1]))
+    np.testing.assert_array_equal(at[:, 0], [np.nan, 0, 2, 4, np.nan, 18, np.nan])
+
+
+def test_a_track_of_one_point_is_known_there_alone():
+    track = Track([5], [[1.0, 2.0]])
+    np.testing.assert_array_equal(track.at([4, 5, 6]), [[np.nan] * 2, [1.0, 2.0], [np.nan] * 2])
+
+
+def test_a_track_crosses_the_180th_meridian_the_short_way():
+    track = Track([0, 10], [[0.0, 179.0], [0.0, -179.0]], "geographic")
+    np.testing.assert_allclose(track.at([0, 4, 5, 6, 10])[:, 1], [179, 179.8, 180, -179.8, -179])
+
+
+def test_a_track_cannot_be_changed_after_its_checks():
+    times, position = np.array([0, 1]), np.zeros((2, 1))
+    track = Track(times, position)
+    times[1] = -5
+    assert track.time_us.tolist() == [0, 1]
+    with pytest.raises(ValueError, match="read-only"):
+        track.position[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0, 0], [[0.0], [1.0]]), "does not increase at point 1, from 0 to 0 us"),
+        (([0, 1], [[0.0]]), r"expected \(2, d\)"),
+        (([], np.empty((0, 1))), "n of at least 1"),
+        (([0], [[0.0, 0.0, 0.0, 0.0]]), r"d in \(1, 2, 3\)"),
+        (([0], [[math.nan]]), "point 0 is not finite"),
+        (([0], [[153.0, -27.0]], "geographic"), "latitude first"),
+        (([0], [[1.0]], "polar"), "use geographic or metric"),
+    ],
+)
+def test_a_track_that_is_none_says_what_is_wrong(arguments, message):
+    with pytest.raises(GroundTruthError, match=message):
+        Track(*arguments)
+
+
+# --- NMEA -----------------------------------------------------------------------------------------
+
+
+def sentence(body: str) -> str:
+    """Frame a sentence with its checksum."""
+    checksum = 0
+    for character in body:
+        checksum ^= ord(character)
+    return f"${body}*{checksum:02X}\r\n"
+
+
+def angle(degrees: float, digits: int) -> str:
+    whole, part = divmod(abs(degrees), 1.0)
+    return f"{int(whole):0{digits}d}{part * 60:010.7f}"
+
+
+def position(latitude: float, longitude: float) -> str:
+    ns, ew = "S" if latitude < 0 else "N", "W" if longitude < 0 else "E"
+    return f"{angle(latitude, 2)},{ns},{angle(longitude, 3)},{ew}"
+
+
+def rmc(
+    time: str, latitude: float, longitude: float, date: str = "210420", fix: bool = True
+) -> str:
+    where = position(latitude, longitude) if fix else ",,,"
+    return sentence(f"GPRMC,{time},{'A' if fix else 'V'},{where},0.0,,{date},,,A")
+
+
+def gga(time: str, latitude: float, longitude: float, fix: bool = True) -> str:
+    where = position(latitude, longitude) if fix else ",,,"
+    return sentence(f"GNGGA,{time},{where},{int(fix)},09,2.0,40.3,M,38.5,M,,")
+
+
+def written(folder: Path, *sentences: str) -> Path:
+    path = folder / "log.nmea"
+    path.write_text("".join(sentences), encoding="latin-1", newline="")
+    return path
+
+
+@given(st.floats(-89.9, 89.9), st.floats(-179.9, 179.9), st.sampled_from(["GP", "GN", "BD"]))
+def test_a_position_survives_the_degrees_and_minutes_of_nmea(
+    tmp_path_factory, latitude, longitude, talker
+):
+    line = sentence(f"{talker}RMC,070303.25,A,{position(latitude, longitude)},0,,210420,,,A")
+    track = load_nmea(written(tmp_path_factory.getbasetemp(), line))
+    np.testing.assert_allclose(track.position, [[latitude, longitude]], rtol=0, atol=2e-9)
+    assert track.kind == "geographic"
+    assert track.start_utc == dt.datetime(2020, 4, 21, 7, 3, 3, 250_000, tzinfo=dt.UTC)
+
+
+def test_rmc_and_gga_of_one_instant_are_one_point_and_tenths_of_a_second_are_kept(tmp_path):
+    lines = [
+        both for tenth in range(12) for time in [f"0703{3 + tenth // 10:02d}.{tenth % 10}0"]
+        for both in (rmc(time, -27.0, 153.0 + tenth), gga(time, 5.0, 5.0))
+    ]  # fmt: skip
+    track = load_nmea(written(tmp_path, *lines))
+    np.testing.assert_array_equal(track.time_us, np.arange(12) * 100_000)
+    np.testing.assert_allclose(track.position[:, 1], 153.0 + np.arange(12))
+
+
+def test_time_goes_on_past_midnight_with_dates_and_without(tmp_path):
+    dated = [rmc("235959.00", 0, 0, "311220"), rmc("000000.00", 0, 0, "010121")]
+    undated = [gga("235959.00", 0, 0), gga("000000.00", 0, 0)]
+    for lines in (dated, undated, [undated[0], dated[1]], [dated[0], undated[1]]):
+        track = load_nmea(written(tmp_path, *lines))
+        np.testing.assert_array_equal(track.time_us, [0, SECOND])
+        expected = dt.datetime(2020, 12, 31, 23, 59, 59, tzinfo=dt.UTC)
+        assert track.start_utc == (None if lines is undated else expected)
+
+
+def test_a_date_counts_whole_days(tmp_path):
+    track = load_nmea(
+        written(tmp_path, rmc("120000.00", 0, 0, "280220"), rmc("120000.00", 0, 0, "010320"))
+    )
+    assert track.time_us.tolist() == [0, 2 * 86_400 * SECOND]  # 2020 was a leap year
+
+
+def test_time_zero_is_the_first_second_of_the_log_even_before_the_first_fix(tmp_path):
+    lines = [
+        sentence("GPRMC,,V,,,,,,,,,,N"),
+        rmc("070300.00", 0, 0, fix=False),
+        gga("070300.00", 0, 0, fix=False),
+        rmc("070302.00", -27.0, 153.0),
+    ]
+    track = load_nmea(written(tmp_path, *lines))
+    assert track.time_us.tolist() == [2 * SECOND]
+    assert dict(track.dropped) == {"no fix": 3}
+
+
+def test_damaged_sentences_are_dropped_and_counted(tmp_path):
+    good = rmc("070303.00", -27.0, 153.0)
+    lines = [
+        "\xff\xfe noise $GPRMC,07",
+        good,
+        good.replace("A,27", "A,28"),  # the checksum no longer fits
+        good.replace("070303", "070304").split("*")[0] + "\r\n",  # nor is there one
+        sentence("GPRMC,070305.00,A,2760.00000,S,15300.00000,E,0,,210420,,,A"),  # 60 minutes
+        sentence("GPRMC,070306.00,A"),
+        "$GSENSOR,76,976,148\r\n",
+    ]
+    track = load_nmea(written(tmp_path, *lines))
+    assert track.time_us.tolist() == [0]
+    assert dict(track.dropped) == {"bad checksum": 3, "unreadable field": 2}
+
+
+def test_a_log_without_a_fix_says_so_and_what_to_do(tmp_path):
+    path = written(tmp_path, rmc("070303.00", 0, 0, fix=False), gga("070304.00", 0, 0, fix=False))
+    with pytest.raises(
+        GroundTruthError, match=r"no RMC or GGA sentence with a fix \(2 with no fix"
+    ) as e:
+        load_nmea(path)
+    assert "\n" not in str(e.value)
+    with pytest.raises(GroundTruthError, match="none at all"):
+        load_nmea(written(tmp_path, "nothing of the kind"))
+
+
+def test_a_log_whose_time_runs_backwards_is_refused(tmp_path):
+    path = written(tmp_path, rmc("070303.00", 0, 0), rmc("070301.00", 0, 0))
+    with pytest.raises(GroundTruthError, match="backwards by 2 s at RMC/GGA sentence 2"):
+        load_nmea(path)
+
+
+def test_a_missing_log_is_one_line(tmp_path):
+    with pytest.raises(GroundTruthError, match="cannot be read") as error:
+        load_nmea(tmp_path / "absent.nmea")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("traverse", "fixes", "last_s"), [(1, 703, 714), (2, 623, 630)])
+def test_real_logs_give_every_second_that_they_hold(shared_data, traverse, fixes, last_s):
+    path = shared_data / f"brisbane_sparse49/sunset{traverse}.nmea"
+    track = load_nmea(path)
+    assert (track.time_us.size, track.time_us[-1], dict(track.dropped)) == (
+        fixes,
+        last_s * SECOND,
+        {},
+    )
+    # the same by splitting at commas, without checksums, dates or patterns
+    rows = [line.split(",") for line in path.read_text().splitlines() if "RMC" in line]
+    south = [-(int(row[3][:2]) + float(row[3][2:]) / 60) for row in rows]
+    np.testing.assert_array_equal(track.position[:, 0], south)
+    # the recorder's clips leave gaps of 3 and 4 s, which the largest gap must bridge
+    assert np.diff(track.time_us).max() == 4 * SECOND
+    assert not np.isnan(track.at(centres(last_s))).any()
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "kind", "columns"),
+    [
+        ("time_s,position_m", "metric", 1),
+        ("time_s,x_m", "metric", 1),
+        ("time_s,x_m,y_m", "metric", 2),
+        ("Time_s, x_m, y_m, z_m", "metric", 3),
+        ("time_s,latitude,longitude", "geographic", 2),
+    ],
+)
+def test_a_table_is_read_by_its_header(tmp_path, header, kind, columns):
+    path = tmp_path / "track.csv"
+    path.write_text(f"# by hand\n{header}\n" + "".join(
+        f"{time},{','.join(str(time + c) for c in range(columns))}\n" for time in (0, 0.000001, 1.5)
+    ))  # fmt: skip
+    track = load_track(path)
+    assert track.kind == kind
+    assert track.time_us.tolist() == [0, 1, 1_500_000]
+    np.testing.assert_array_equal(track.position[2], 1.5 + np.arange(columns))
+
+
+def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
+    path = tmp_path / "track.csv"
+    path.write_text("time_s,position_m\n0,0\n60,30\n")
+    assert np.isnan(load_track(path).at([30 * SECOND])).all()
+    assert load_track(path, max_gap_s=None).at([30 * SECOND]).tolist() == [[15.0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.csv", "t,x_m\n0,0\n", "expected time_s,x_m"),
+        ("a.csv", "time_s,y_m\n0,0\n", "expected time_s,x_m"),
+        ("a.csv", "time_s,x_m\n", "no rows"),
+        ("a.csv", "time_s,x_m\n0,zero\n", "row 1 is '0,zero'"),
+        ("a.csv", "time_s,x_m\n0,0\n1\n", "row 2 is '1', not 2 numbers"),
+        ("a.csv", "time_s,x_m\n0,inf\n", "row 1 is not finite"),
+        ("a.csv", "time_s,x_m\n1,0\n0,0\n", "a.csv: track time does not increase"),
+        ("a.txt", "", "give a .nmea log or a .csv table"),
+    ],
+)
+def test_a_table_that_is_no_track_says_why(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(GroundTruthError, match=message):
+        load_track(tmp_path / name)
+
+
+# --- truth from tracks ----------------------------------------------------------------------------
+
+
+def test_great_circle_gives_known_distances():
+    # a quarter of the Earth, half of it, and Nashville to Los Angeles (2887.26 km at R = 6372.8 km)
+    ends = np.array([[90.0, 0.0], [0.0, 180.0], [33.94, -118.40]])
+    starts = np.array([[0.0, 77.0], [0.0, 0.0], [36.12, -86.67]])
+    half = math.pi * module.EARTH_RADIUS_M
+    expected = [half / 2, half, 2887259.9506 * 6371.0088 / 6372.8]
+    np.testing.assert_allclose(great_circle(starts, ends), expected, rtol=1e-9)
+
+
+def tracks(kind: str):
+    """Short drives along a street of Brisbane, or on a floor."""
+    step = st.tuples(*[st.integers(-60, 60)] * 2)
+    scale, origin = (1e-6, (-27.5, 152.9)) if kind == "geographic" else (1.0, (0.0, 0.0))
+    return st.lists(step, min_size=2, max_size=8).map(
+        lambda steps: Track(
+            np.arange(len(steps)) * 3 * SECOND,
+            np.cumsum(steps, axis=0) * scale + origin,
+            kind,
+            max_gap_us=None,
+        )
+    )
+
+
+@pytest.mark.parametrize("kind", ["metric", "geographic"])
+@given(st.data(), st.integers(1, 50))
+def test_truth_from_tracks_is_the_oracles_however_the_matrix_is_cut(kind, data, cells):
+    reference, query = data.draw(tracks(kind)), data.draw(tracks(kind))
+    places, queries = centres(20), centres(25)
+    tolerance = data.draw(st.integers(1, 60)) + 0.123
+    expected = [
+        [naive.distance(kind, a, b) for b in query.at(queries).tolist()]
+        for a in reference.at(places).tolist()
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_BLOCK_CELLS", cells)
+        if not any(d <= tolerance for row in expected for d in row):
+            with pytest.raises(GroundTruthError, match="no query lies within"):
+                from_tracks(reference, query, places, queries, tolerance)
+            return
+        truth = from_tracks(reference, query, places, queries, tolerance)
+    # sines of two libraries may differ in the last bit: cells on the very border are left out
+    clear = ~(np.abs(np.array(expected) - tolerance) < 1e-6)
+    np.testing.assert_array_equal(truth.correct[clear], (np.array(expected) <= tolerance)[clear])
+    np.testing.assert_array_equal(truth.known, queries <= query.time_us[-1])
+    np.testing.assert_array_equal(truth.has_place, truth.correct.any(axis=0))
+
+
+def test_the_description_counts_what_is_known():
+    reference, query = (Track([0, 10 * SECOND], [[0.0], [10.0]]) for _ in range(2))
+    truth = from_tracks(reference, query, centres(8), centres(14), 1.0)
+    assert truth.description == (
+        "metric tracks at 1 m, 8 of 8 places with a position; "
+        "10 of 14 queries known, 9 with a place"
+    )
+
+
+def test_tracks_that_cannot_be_compared_or_never_meet_are_refused():
+    here = Track([0, 9 * SECOND], [[0.0], [9.0]])
+    far = Track([0, 9 * SECOND], [[1000.0], [1009.0]])
+    flat = Track([0, 9 * SECOND], [[0.0, 0.0], [9.0, 0.0]])
+    earth = Track([0, 9 * SECOND], [[0.0, 0.0], [9.0, 0.0]], "geographic")
+    sparse = Track([0, 9 * SECOND], [[0.0], [9.0]], max_gap_us=SECOND)
+    for other in (flat, earth):
+        with pytest.raises(GroundTruthError, match="give two tracks of one kind"):
+            from_tracks(here, other, centres(3), centres(3), 1.0)
+    with pytest.raises(GroundTruthError, match="no query lies within 1 m of any place"):
+        from_tracks(here, far, centres(3), centres(3), 1.0)
+    with pytest.raises(GroundTruthError, match="reference track covers 0 to 9 s in 2 points"):
+        from_tracks(sparse, here, centres(3), centres(3), 1.0)
+    with pytest.raises(GroundTruthError, match="query track covers"):
+        from_tracks(here, here, centres(3), centres(3) + 60 * SECOND, 1.0)
+    with pytest.raises(GroundTruthError, match="tolerance nan is not a distance"):
+        from_tracks(here, here, centres(3), centres(3), math.nan)
+    with pytest.raises(GroundTruthError, match="at least one"):
+        from_tracks(here, here, centres(3), [], 1.0)
+
+
+def test_gps_at_70_m_confirms_the_published_matches_of_sunset_1_and_2(shared_data):
+    """Every published match of a query whose position is known lies within 50 m, and so within 70.
+
+    The matrix matches 711 of 724 queries. 10 of these come after the GPS log has ended, 714 s in:
+    their truth is unknown here. The other 701 all agree. The 13 queries that the matrix leaves
+    without a match lie within 70 m of a place.
+    """
+    folder = shared_data / "brisbane_sparse49"
+    with np.load(folder / "gt_query_sunset1_reference_sunset2.npz") as archive:
+        published = archive["gt"].T.astype(bool)
+    reference, query = (load_nmea(folder / f"sunset{number}.nmea") for number in (2, 1))
+    places, queries = published.shape
+    for tolerance_m in (50.0, 70.0):
+        truth = from_tracks(reference, query, centres(places), centres(queries), tolerance_m)
+        matched = published.any(axis=0)
+        agrees = (published & truth.correct).any(axis=0)
+        assert (matched.sum(), (matched & truth.known).sum(), agrees.sum()) == (711, 701, 701)
+        np.testing.assert_array_equal(np.flatnonzero(~truth.known), np.arange(714, 724))
+        assert truth.has_place[~matched].all()
+    # the match and the position fit best without an offset between counts and GPS
+    j = np.flatnonzero(matched & truth.known)
+    k = published[:, j].argmax(axis=0)
+    medians = {
+        shift: np.nanmedian(
+            great_circle(
+                query.at(centres(queries))[j], reference.at(centres(places) + shift * SECOND)[k]
+            )
+        )
+        for shift in (-1, 0, 1)
+    }
+    assert medians[0] < 5 < 10 < min(medians[-1], medians[1])
+
+
+# --- truth from an alignment ----------------------------------------------------------------------
+
+
+@given(points.filter(lambda p: len(p) > 1), st.data(), st.integers(0, 30), st.integers(1, 50))
+def test_truth_from_an_alignment_is_the_oracles(times, data, tolerance, cells):
+    values = data.draw(st.lists(st.integers(0, 60), min_size=len(times), max_size=len(times)))
+    pairs = list(zip(times, values, strict=True))
+    queries, places = np.arange(0, 220, 7), np.arange(0, 60, 2)
+    expected = [naive.interpolate(pairs, int(q)) for q in queries]
+    correct = [[e is not None and abs(k - e) <= tolerance for e in expected] for k in places]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_BLOCK_CELLS", cells)
+        if not np.any(correct):
+            with pytest.raises(GroundTruthError):
+                from_alignment(pairs, queries, places, tolerance)
+            return
+        truth = from_alignment(pairs, queries, places, tolerance)
+    np.testing.assert_array_equal(truth.correct, correct)
+    np.testing.assert_array_equal(truth.known, [e is not None for e in expected])
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("query_frame,reference_frame\n100,270\n340,440\n", "frame"),
+        ("reference_frame, query_frame\n270,100\n440,340\n", "frame"),
+        ("query_s,reference_s\n100,270\n340,440\n", "s"),
+        ("reference_time_s,query_time_s\n270,100\n440,340\n", "s"),
+    ],
+)
+def test_the_header_says_which_column_is_the_query_and_the_unit(tmp_path, text, unit):
+    path = tmp_path / "alignment.csv"
+    path.write_text(text)
+    alignment = load_alignment(path)
+    assert alignment.unit == unit
+    assert alignment.pairs.tolist() == [[100.0, 270.0], [340.0, 440.0]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("query,reference\n0,0\n1,1\n", "expected query_frame,reference_frame"),
+        ("query_frame,reference_s\n0,0\n1,1\n", "expected query_frame,reference_frame"),
+        ("query_s,query_s\n0,0\n1,1\n", "expected query_frame,reference_frame"),
+        ("query_s,reference_s,note_s\n0,0,0\n1,1,1\n", "expected query_frame,reference_frame"),
+        ("query_s,reference_s\n0,0\n", "n at least 2"),
+        ("query_s,reference_s\n1,0\n0,1\n", "point 1 is at query 0 after 1"),
+    ],
+)
+def test_an_alignment_that_leaves_a_question_is_refused(tmp_path, text, message):
+    path = tmp_path / "alignment.csv"
+    path.write_text(text)
+    with pytest.raises(GroundTruthError, match=message):
+        load_alignment(path)
+
+
+def test_frames_need_their_period():
+    alignment = Alignment(np.array([[0.0, 0.0], [9.0, 9.0]]), "frame")
+    assert alignment.coordinate([0, 50_000], 1e6 / 30).tolist() == [0.0, 1.5]
+    for period in (None, 0.0, math.nan):
+        with pytest.raises(GroundTruthError, match="state it in microseconds"):
+            alignment.coordinate([0], period)
+    assert alignment._replace(unit="s").coordinate([1_500_000]).tolist() == [1.5]
+
+
+def test_the_wrong_unit_shows_in_the_error():
+    pairs = [[100, 270], [3640, 3283]]
+    with pytest.raises(GroundTruthError, match=r"covers query 100 to 3640 .* lie at 0.5 to 8.5"):
+        from_alignment(pairs, np.arange(0.5, 9), np.arange(0.5, 9), 60)
+    with pytest.raises(GroundTruthError, match="no place lies within 60 of an aligned query"):
+        from_alignment(pairs, np.arange(100, 200), np.arange(0.5, 9), 60)
+
+
+def test_speck_walks_has_truth_for_the_queries_that_its_alignment_covers(shared_data):
+    alignment = load_alignment(shared_data / "speck_walks/ground_truth.csv")
+    frames = np.arange(30 // 2, 3723, 30)  # centres of windows of 30 frames
+    places = np.arange(30 // 2, 3453, 30)
+    truth = from_alignment(alignment.pairs, frames, places, 60, alignment.unit)
+    np.testing.assert_array_equal(truth.known, (frames >= 100) & (frames <= 3640))
+    np.testing.assert_array_equal(truth.has_place, truth.known)
+    # 60 frames either side hold 4 windows of 30, or 5 where one lies right in the middle
+    assert set(truth.correct[:, truth.known].sum(axis=0).tolist()) <= {4, 5}
+
+
+# --- truth from a matrix --------------------------------------------------------------------------
+
+
+def test_a_matrix_lies_as_its_rows_are_said_to():
+    matrix = np.array([[1, 0, 0], [0, 1, 0]])
+    by_place = from_matrix(matrix, 2, 3, rows="reference")
+    by_query = from_matrix(matrix, 3, 2, rows="query")
+    np.testing.assert_array_equal(by_place.correct, matrix == 1)
+    np.testing.assert_array_equal(by_query.correct, matrix.T == 1)
+    assert by_place.known.all()
+    assert by_place.has_place.tolist() == [True, True, False]
+
+
+def test_a_matrix_that_fits_the_other_way_round_says_so():
+    with pytest.raises(GroundTruthError) as error:
+        from_matrix(np.eye(724, 641), 641, 724, rows="reference")
+    assert str(error.value) == (
+        "ground-truth matrix has shape (724, 641), expected (641, 724) for rows=reference: "
+        "pass rows=query"
+    )
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (np.zeros((2, 3)), "all zero"),
+        (np.full((2, 3), 0.5), "holds 0.5 at row 0, column 0"),
+        (np.full((2, 3), math.nan), "holds nan"),
+        (np.ones((2, 4)), r"has shape \(2, 4\), expected \(2, 3\) .* windows that it was made for"),
+        (np.ones(6), r"has shape \(6,\)"),
+    ],
+)
+def test_a_matrix_that_is_no_truth_is_refused(matrix, message):
+    with pytest.raises(GroundTruthError, match=message):
+        from_matrix(matrix, 2, 3, rows="reference")
+
+
+def test_what_the_rows_stand_for_is_never_guessed():
+    with pytest.raises(TypeError):
+        from_matrix(np.eye(2), 2, 2)
+    with pytest.raises(GroundTruthError, match="pass rows=reference or rows=query"):
+        from_matrix(np.eye(2), 2, 2, rows="auto")
+
+
+def test_a_matrix_is_the_same_from_any_kind_of_file(tmp_path):
+    matrix = np.eye(3, 4, dtype=np.uint8)
+    np.save(tmp_path / "a.npy", matrix)
+    np.savez(tmp_path / "b.npz", matrix)
+    np.savez(tmp_path / "c.npz", gt=matrix, note=np.array("x"))
+    np.savetxt(tmp_path / "d.csv", matrix, delimiter=",", fmt="%d")
+    for path in sorted(tmp_path.iterdir()):
+        np.testing.assert_array_equal(load_matrix(path), matrix, err_msg=path.name)
+
+
+def test_a_file_without_a_matrix_says_why(tmp_path):
+    np.savez(tmp_path / "two.npz", a=np.eye(2), b=np.eye(2))
+    np.save(tmp_path / "cube.npy", np.zeros((2, 2, 2)))
+    np.save(tmp_path / "object.npy", np.array([None]), allow_pickle=True)
+    (tmp_path / "broken.npz").write_bytes(b"PK\x03\x04 and no more")
+    (tmp_path / "empty.npy").write_bytes(b"")
+    (tmp_path / "words.csv").write_text("one,two\n")
+    for name, message in {
+        "two.npz": "holds the arrays a, b: name the matrix gt",
+        "cube.npy": r"float64 of shape \(2, 2, 2\)",
+        "object.npy": "not a matrix of numbers",
+        "broken.npz": "not a matrix of numbers",
+        "empty.npy": "not a matrix of numbers",
+        "words.csv": "not a matrix of numbers",
+        "absent.csv": "cannot be read",
+        "absent.npz": "cannot be read",
+        "matrix.mat": "give a .npz, .npy or .csv file",
+    }.items():
+        with pytest.raises(GroundTruthError, match=message) as error:
+            load_matrix(tmp_path / name)
+        assert "\n" not in str(error.value)
+
+
+def test_a_truth_that_contradicts_itself_is_refused():
+    known = np.array([True, False])
+    with pytest.raises(GroundTruthError, match="unknown truth has a right place"):
+        GroundTruth(np.ones((3, 2), dtype=bool), known, "")
+    with pytest.raises(GroundTruthError, match="give one value a query"):
+        GroundTruth(np.zeros((3, 3), dtype=bool), known, "")
+    with pytest.raises(GroundTruthError, match="give bool arrays"):
+        GroundTruth(np.zeros((3, 2)), known, "")
