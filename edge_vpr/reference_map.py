@@ -54,12 +54,9 @@ class ReferenceMap:
         arrays = {
             "pixel_x": self.pixel_map.x,
             "pixel_y": self.pixel_map.y,
-            "counts": self.places.counts,
-            "start_us": self.places.start_us,
-            "end_us": self.places.end_us,
+            **self.places.to_arrays(),
             "saliency": self.saliency,
             "hot": self.hot,
-            "events": self.places.events,
         }
         meta = {"settings": self.settings.to_dict(), "sensor": list(self.pixel_map.sensor)}
         write_archive(path, KIND, arrays, meta)
@@ -79,9 +76,7 @@ class ReferenceMap:
             return cls(
                 settings=Settings.from_dict(meta["settings"], source=str(path)),
                 pixel_map=PixelMap(sensor, arrays["pixel_x"], arrays["pixel_y"]),
-                places=Descriptors(
-                    arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"]
-                ),
+                places=Descriptors.from_arrays(arrays),
                 saliency=arrays["saliency"],
                 hot=arrays["hot"],
             )

@@ -115,9 +115,16 @@ class Settings:
         UsageError
             If a name is unknown or a value out of range; `source` is named.
         """
-        return cls()._with(values, source)
+        return cls().replaced(values, source)
 
-    def _with(self, values: Mapping[str, Any], source: str) -> Settings:
+    def replaced(self, values: Mapping[str, Any], source: str) -> Settings:
+        """Copy with other values; `source` is named where one is wrong.
+
+        Raises
+        ------
+        UsageError
+            If a name is unknown or a value out of range.
+        """
         known = {field.name for field in fields(self)}
         for name in values:
             if name not in known:
@@ -190,4 +197,4 @@ def resolve_settings(
     if preset not in PRESETS:
         raise UsageError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")
     given = {name: value for name, value in (flags or {}).items() if value is not None}
-    return PRESETS[preset]._with(values, str(config))._with(given, "the command line")
+    return PRESETS[preset].replaced(values, str(config)).replaced(given, "the command line")

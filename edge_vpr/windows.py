@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -103,6 +103,21 @@ class Descriptors:
 
     def __len__(self) -> int:
         return len(self.start_us)
+
+    def to_arrays(self) -> dict[str, npt.NDArray[np.integer]]:
+        """Name the arrays, for an archive; `from_arrays` takes them back."""
+        return {name: getattr(self, name) for name in ("counts", "start_us", "end_us", "events")}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
+        """Build from named arrays; others are ignored.
+
+        Raises
+        ------
+        KeyError
+            If one is missing.
+        """
+        return cls(arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"])
 
     @property
     def centre_us(self) -> npt.NDArray[np.int64]:

@@ -1,10 +1,11 @@
-"""Event streams for tests: random ones, cut up, and as the oracle takes them."""
+"""Event streams and descriptors for tests: random ones, cut up, and as the oracle takes them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.windows import Descriptors, narrow
 
 
 def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us: int) -> Events:
@@ -26,3 +27,21 @@ def cut_up(rng: np.random.Generator, events: Events, pieces: int) -> list[Events
 def as_tuples(events: Events) -> list[tuple[int, int, int, bool]]:
     """Events as the oracle takes them."""
     return [(t, x, y, p) for t, x, y, p in events.tolist()]
+
+
+def descriptors(counts) -> Descriptors:
+    """Windows of a millisecond with these counts, shape (n, J)."""
+    counts = np.asarray(counts)
+    start = np.arange(len(counts), dtype=np.int64) * 1_000
+    return Descriptors(narrow(counts), start, start + 1_000, counts.sum(axis=1))
+
+
+class Drive:
+    """Events in memory as a recording, in chunks of a given size."""
+
+    def __init__(self, events: Events, sensor: Sensor, chunk: int = 1000) -> None:
+        self.sensor = sensor
+        self._chunks = [events[i : i + chunk] for i in range(0, events.size, chunk)]
+
+    def __iter__(self):
+        return iter(self._chunks)

@@ -1,0 +1,170 @@
+"""Metrics."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import descriptors
+
+from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.evaluation import evaluate, precision_recall
+from edge_vpr.ground_truth import GroundTruth
+from edge_vpr.matches import match_descriptors
+from edge_vpr.settings import Settings
+
+DENOMINATORS = ("rejected-correct", "all-with-place")
+
+
+def truth_of(correct, known=None):
+    correct = np.asarray(correct, dtype=bool)
+    known = np.ones(correct.shape[1], dtype=bool) if known is None else np.asarray(known)
+    return GroundTruth(correct & known, known, "test")
+
+
+@given(
+    queries=st.lists(
+        st.tuples(st.integers(0, 6), st.booleans(), st.booleans()), min_size=1, max_size=30
+    ),
+    denominator=st.sampled_from(DENOMINATORS),
+)
+def test_precision_and_recall_equal_the_oracle_at_every_threshold(queries, denominator):
+    scores = [float(s) for s, _, _ in queries]
+    correct = [c for _, c, _ in queries]
+    has_place = [c or h for _, c, h in queries]
+    found = precision_recall(
+        np.array(scores), np.array(correct), np.array(has_place), recall_denominator=denominator
+    )
+    expected = naive.precision_recall(scores, correct, has_place, denominator)
+    assert list(zip(found.tp.tolist(), found.fp.tolist(), found.fn.tolist(), strict=True)) == (
+        expected
+    )
+    recalls = [tp / (tp + fn) for tp, fp, fn in expected if tp and 100 * tp >= 99 * (tp + fp)]
+    assert found.recall_at_precision(99) == max(recalls, default=0.0)
+
+
+def test_ninety_nine_of_a_hundred_are_ninety_nine_per_cent():
+    scores, correct = np.arange(100.0), np.arange(100) != 99
+    curve = precision_recall(scores, correct, correct)
+    assert curve.recall_at_precision(99) == 1.0
+    assert curve.recall_at_precision(100) == 1.0  # at the threshold before the wrong one
+    wrong_first = precision_recall(scores, np.arange(100) != 0, correct)
+    assert wrong_first.recall_at_precision(99) == 1.0
+    assert wrong_first.recall_at_precision(100) == 0.0
+
+
+def test_the_two_recalls_of_the_field_differ_by_what_counts_as_missed():
+    scores = np.array([1.0, 2.0, 3.0, 4.0])
+    correct = np.array([True, False, True, False])
+    has_place = np.array([True, True, True, False])
+    seed, every = (
+        precision_recall(scores, correct, has_place, recall_denominator=d) for d in DENOMINATORS
+    )
+    assert seed.recall.tolist() == [1 / 2, 1 / 2, 1.0, 1.0]
+    assert every.recall.tolist() == [1 / 3, 1 / 3, 2 / 3, 2 / 3]
+
+
+def test_average_precision_is_the_sum_of_steps():
+    curve = precision_recall(
+        np.array([1.0, 2.0, 3.0]), np.array([True, False, True]), np.ones(3, dtype=bool)
+    )
+    assert curve.average_precision == pytest.approx(0.5 * 1.0 + 0.5 * 2 / 3)
+
+
+def test_a_hundred_even_thresholds_are_there_for_parity_with_the_released_code():
+    rng = np.random.default_rng(0)
+    scores, correct = rng.integers(0, 1000, 500).astype(float), rng.random(500) < 0.7
+    curve = precision_recall(scores, correct, correct, thresholds=100)
+    levels = np.linspace(scores.min(), scores.max(), 100).astype(np.float32)
+    assert curve.tp.tolist() == [int((correct & (scores <= level)).sum()) for level in levels]
+
+
+def test_a_match_without_a_second_is_the_least_sure_by_ratio():
+    curve = precision_recall(
+        np.array([np.nan, 0.5]), np.array([False, True]), np.ones(2, dtype=bool)
+    )
+    assert curve.threshold.tolist() == [0.5, np.inf]
+    assert curve.tp.tolist() == [1, 1]
+
+
+@given(seed=st.integers(0, 2**32), places=st.integers(1, 40), length=st.integers(1, 3))
+def test_an_evaluation_equals_the_oracle(seed, places, length):
+    rng = np.random.default_rng(seed)
+    places += length
+    queries = 12
+    reference = rng.integers(0, 4, (places, 3))
+    query = rng.integers(0, 4, (queries, 3))
+    correct = rng.random((places, queries)) < 0.1
+    known = rng.random(queries) < 0.8
+    known[length // 2] = True
+    settings = Settings(sequence_length=length)
+    matches = match_descriptors(descriptors(reference), descriptors(query), settings)
+    truth = truth_of(correct, known)
+    found = evaluate(matches, truth)
+
+    sums = naive.sequence_sums(naive.distance_matrix(reference.tolist(), query.tolist()), length)
+    offset = length // 2
+    rows = range(offset, offset + len(sums))
+    columns = [j for j in range(len(sums[0])) if known[j + offset]]
+    best = [naive.best_and_second([row[j] for row in sums], 3)[0] + offset for j in columns]
+    right = [bool(correct[k, j + offset]) for k, j in zip(best, columns, strict=True)]
+    assert found.queries == len(columns)
+    assert found.precision_at_100_recall == sum(right) / len(right)
+    # places that no whole sequence is centred on can never be found, but queries may be there
+    reachable = [j for j in columns if correct[:, j + offset].any()]
+    for n, recall in found.recall_at.items():
+        hits, _ = (
+            naive.recall_at(
+                [[row[j] for j in reachable] for row in sums],
+                [[bool(correct[k, j + offset]) for j in reachable] for k in rows],
+                n,
+            )
+            if reachable
+            else (0, 0)
+        )
+        assert recall == hits / max(len(reachable), 1)
+
+
+def test_queries_of_unknown_truth_count_nowhere_and_are_counted():
+    settings = Settings(sequence_length=1)
+    same = descriptors([[0], [5], [9]])
+    matches = match_descriptors(same, same, settings)
+    found = evaluate(matches, truth_of(np.eye(3), [True, True, False]))
+    assert (found.queries, found.queries_unknown) == (2, 1)
+    assert found.precision_at_100_recall == 1.0
+
+
+def test_a_query_without_a_true_place_is_wrong_whatever_it_matches():
+    settings = Settings(sequence_length=1)
+    same = descriptors([[0], [5], [9]])
+    truth = truth_of(np.diag([1, 1, 0]))
+    found = evaluate(match_descriptors(same, same, settings), truth)
+    assert found.precision_at_100_recall == 2 / 3
+    assert found.queries_without_place == 1
+    assert found.recall_at[1] == 1.0
+
+
+def test_a_truth_of_another_traverse_is_refused():
+    matches = match_descriptors(
+        descriptors([[0], [5]]), descriptors([[0]]), Settings(sequence_length=1)
+    )
+    with pytest.raises(GroundTruthError, match="covers 3 places and 1 queries, the matches 2"):
+        evaluate(matches, truth_of(np.ones((3, 1))))
+
+
+def test_a_truth_known_for_no_query_is_refused():
+    same = descriptors([[0], [5]])
+    matches = match_descriptors(same, same, Settings(sequence_length=1))
+    with pytest.raises(GroundTruthError, match="known for none"):
+        evaluate(matches, truth_of(np.eye(2), [False, False]))
+
+
+def test_unknown_choices_are_wrong_use():
+    same = descriptors([[0], [5]])
+    matches = match_descriptors(same, same, Settings(sequence_length=1))
+    with pytest.raises(UsageError, match="choose from distance, ratio"):
+        evaluate(matches, truth_of(np.eye(2)), score="likelihood")
+    with pytest.raises(UsageError, match="choose from rejected-correct, all-with-place"):
+        evaluate(matches, truth_of(np.eye(2)), recall_denominator="all")

@@ -1,0 +1,109 @@
+"""Matching a query traverse, whole or in blocks."""
+
+from __future__ import annotations
+
+import csv
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import descriptors
+
+from edge_vpr import matches as matches_module
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.matches import CANDIDATES, Matches, match_descriptors
+from edge_vpr.settings import Settings
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    places=st.integers(1, 40),
+    queries=st.integers(1, 12),
+    pixels=st.integers(1, 6),
+    largest=st.sampled_from([1, 3, 300]),
+    exclusion=st.integers(0, 5),
+    anchor=st.sampled_from(["middle", "end"]),
+    block=st.sampled_from([1, 100, 10_000]),
+    data=st.data(),
+)
+def test_matches_equal_the_oracle_in_blocks_of_any_size(
+    seed, places, queries, pixels, largest, exclusion, anchor, block, data
+):
+    rng = np.random.default_rng(seed)
+    reference = rng.integers(0, largest + 1, (places, pixels))
+    query = rng.integers(0, largest + 1, (queries, pixels))
+    length = data.draw(st.integers(1, min(places, queries)))
+    settings = Settings(sequence_length=length, exclusion=exclusion, anchor=anchor)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(matches_module, "_BLOCK_DISTANCES", block)
+        found = match_descriptors(descriptors(reference), descriptors(query), settings)
+
+    offset = length // 2 if anchor == "middle" else length - 1
+    sums = naive.sequence_sums(naive.distance_matrix(reference.tolist(), query.tolist()), length)
+    assert found.query.tolist() == list(range(offset, offset + queries - length + 1))
+    for i in range(len(found)):
+        column = [row[i] for row in sums]
+        best, second, ties = naive.best_and_second(column, exclusion)
+        assert found.place[i] == best + offset
+        assert found.distance_sum[i] == column[best]
+        assert found.ties[i] == ties
+        assert found.second[i] == (-1 if second < 0 else second + offset)
+        if second >= 0:
+            assert found.second_sum[i] == column[second]
+        nearest = sorted(range(len(column)), key=lambda k: (column[k], k))[:CANDIDATES]
+        kept = found.candidates[i][found.candidates[i] >= 0]
+        assert kept.tolist() == [k + offset for k in nearest]
+
+
+def test_the_ratio_is_one_in_doubt_and_not_a_number_without_a_second():
+    settings = Settings(sequence_length=1, exclusion=1)
+    reference = descriptors([[0], [9], [9], [0]])
+    found = match_descriptors(reference, descriptors([[0], [9]]), settings)
+    assert found.place.tolist() == [0, 1]
+    assert found.second.tolist() == [3, 3]
+    assert found.ratio.tolist() == [1.0, 0.0]
+    alone = match_descriptors(descriptors([[4]]), descriptors([[5]]), settings)
+    assert alone.second.tolist() == [-1]
+    assert np.isnan(alone.ratio).all()
+    assert np.isnan(alone.second_distance).all()
+
+
+def test_matches_come_back_from_disk_as_they_were(tmp_path):
+    rng = np.random.default_rng(0)
+    settings = Settings(sequence_length=3)
+    found = match_descriptors(
+        descriptors(rng.integers(0, 9, (30, 5))), descriptors(rng.integers(0, 9, (9, 5))), settings
+    )
+    found.save(tmp_path / "matches.npz")
+    again = Matches.load(tmp_path / "matches.npz")
+    assert again.settings == found.settings
+    assert again.places_in_map == 30
+    for name in ("query", "time_us", "place", "distance_sum", "second", "candidates", "ties"):
+        assert np.array_equal(getattr(again, name), getattr(found, name)), name
+
+
+def test_the_table_says_per_query_what_the_arrays_say(tmp_path):
+    rng = np.random.default_rng(0)
+    settings = Settings(sequence_length=2)
+    found = match_descriptors(
+        descriptors(rng.integers(0, 9, (30, 5))), descriptors(rng.integers(0, 9, (9, 5))), settings
+    )
+    found.save_csv(tmp_path / "matches.csv")
+    with (tmp_path / "matches.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["place"]) for row in rows] == found.place.tolist()
+    assert [int(row["second"]) for row in rows] == found.second.tolist()
+    assert [float(row["time_s"]) for row in rows] == (found.time_us / 1e6).tolist()
+    assert np.allclose([float(row["ratio"]) for row in rows], found.ratio, atol=1e-6)
+
+
+def test_descriptors_of_other_lengths_are_refused():
+    with pytest.raises(MapError, match="describe both with the same map"):
+        match_descriptors(descriptors([[1, 2]]), descriptors([[1]]), Settings(sequence_length=1))
+
+
+def test_a_sequence_longer_than_the_traverse_is_wrong_use():
+    with pytest.raises(UsageError, match="longer than the traverse"):
+        match_descriptors(descriptors([[1]]), descriptors([[1], [2]]), Settings(sequence_length=2))

@@ -1,0 +1,172 @@
+"""The main job, from events to matches, against the oracle from end to end."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from streams import Drive, as_tuples, random_events
+
+from edge_vpr.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.pipeline import describe, map_traverse, match_traverse
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.saliency import SaliencyPass
+from edge_vpr.settings import Settings
+from edge_vpr.windows import WindowCounts
+
+SENSOR = Sensor(9, 7)
+SMALL = Settings(pixels=6, sigma=2.0, tau_us=1_000, sequence_length=2, events_per_pixel=2.0)
+
+
+def busy_drive(rng, n=3_000):
+    """Random events, one hot pixel, one burst."""
+    events = random_events(rng, n, SENSOR, 20_000)
+    events["x"][: n // 6], events["y"][: n // 6] = 4, 3
+    events["t"][: n // 6] = np.sort(rng.integers(0, 20_000, n // 6))
+    y, x = np.divmod(np.arange(SENSOR.pixels), SENSOR.width)
+    burst = make_events(np.full(SENSOR.pixels, 9_500), x, y)
+    return np.sort(np.concatenate([events, burst]), order="t", kind="stable")
+
+
+def expected_map(events, chosen):
+    """The oracle's pixels and descriptors of a drive."""
+    kept = as_tuples(events)
+    if chosen.remove_bursts:
+        kept = naive.without_bursts(kept, BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
+    grid = [(x, y) for y in range(SENSOR.height) for x in range(SENSOR.width)]
+    images = [naive.count(w, grid) for w in naive.fixed_time_windows(kept, chosen.tau_us)]
+    columns = list(zip(*images, strict=True))
+
+    def as_image(values):
+        rows = iter(values)
+        return [[next(rows) for _ in range(SENSOR.width)] for _ in range(SENSOR.height)]
+
+    saliency = as_image(naive.variance(column) for column in columns)
+    hot = naive.hot_pixels(as_image(sum(column) for column in columns), HOT_FACTOR)
+    for x, y in hot if chosen.remove_hot_pixels else []:
+        saliency[y][x] = 0.0
+    draws = np.random.default_rng(chosen.seed).random(chosen.pixels).tolist()
+    pixels = naive.select_pixels(saliency, chosen.pixels, chosen.sigma, draws)
+    return pixels, kept, hot
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    window=st.sampled_from(["time", "count"]),
+    polarity=st.booleans(),
+    remove_bursts=st.booleans(),
+    chunk=st.sampled_from([1, 100, 10_000]),
+)
+@settings(max_examples=15)
+def test_a_map_equals_the_oracle_from_events_to_descriptors(
+    seed, window, polarity, remove_bursts, chunk
+):
+    chosen = SMALL.replaced(
+        {
+            "window": window,
+            "polarity": polarity,
+            "remove_bursts": remove_bursts,
+            "seed": seed,
+        },
+        "test",
+    )
+    events = busy_drive(np.random.default_rng(seed), 600)
+    found = map_traverse(Drive(events, SENSOR, chunk), chosen)
+
+    pixels, kept, hot = expected_map(events, chosen)
+    map_pixels = zip(found.pixel_map.x.tolist(), found.pixel_map.y.tolist(), strict=True)
+    assert list(map_pixels) == pixels
+    assert {(int(x), int(y)) for y, x in np.argwhere(found.hot)} == set(hot)
+    if window == "time":
+        windows = naive.fixed_time_windows(kept, chosen.tau_us)
+    else:
+        windows = naive.fixed_count_windows(kept, pixels, chosen.events_per_window)
+    assert found.places.counts.tolist() == [naive.count(w, pixels, polarity) for w in windows]
+    assert found.places.events.tolist() == [len(w) for w in windows]
+
+
+def test_the_hot_pixel_and_the_burst_of_a_drive_do_not_reach_its_map():
+    events = busy_drive(np.random.default_rng(0))
+    found = map_traverse(Drive(events, SENSOR), SMALL)
+    assert found.hot[3, 4]
+    assert found.hot.sum() == 1
+    kept = map_traverse(Drive(events, SENSOR), SMALL.replaced({"remove_bursts": False}, ""))
+    assert kept.places.counts.sum() > found.places.counts.sum()
+
+
+def test_a_temporary_file_that_is_too_small_costs_a_second_pass_and_changes_nothing(monkeypatch):
+    events = busy_drive(np.random.default_rng(1))
+    whole = map_traverse(Drive(events, SENSOR), SMALL)
+
+    def small(self, sensor, *, spool_bytes=100):
+        original(self, sensor, spool_bytes=spool_bytes)
+
+    original = SaliencyPass.__init__
+    monkeypatch.setattr(SaliencyPass, "__init__", small)
+    again = map_traverse(Drive(events, SENSOR), SMALL)
+    assert np.array_equal(again.places.counts, whole.places.counts)
+    assert np.array_equal(again.places.start_us, whole.places.start_us)
+    assert np.array_equal(again.places.events, whole.places.events)
+
+
+@given(st.lists(st.lists(st.integers(0, 2**40), min_size=3, max_size=3), min_size=1, max_size=6))
+def test_the_variance_is_exact_whatever_the_counts(rows):
+    first = SaliencyPass(Sensor(3, 1))
+    with first:
+        for k, row in enumerate(rows):
+            small = [c % 2**20 for c in row]
+            first.add(WindowCounts(np.array(small), k, k + 1, sum(small)))
+        columns = list(zip(*[[c % 2**20 for c in row] for row in rows], strict=True))
+        assert first.variance().tolist() == [[naive.variance(column) for column in columns]]
+
+
+def test_a_drive_matched_against_its_own_map_finds_each_place():
+    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 20_000)
+    reference = map_traverse(Drive(events, SENSOR), SMALL)
+    matches, queries = match_traverse(reference, Drive(events, SENSOR, 7))
+    assert np.array_equal(queries.counts, reference.places.counts)
+    assert matches.place.tolist() == matches.query.tolist()
+    assert not matches.distance_sum.any()
+
+
+def test_a_map_comes_back_from_disk_as_it_was(tmp_path):
+    events = busy_drive(np.random.default_rng(3))
+    reference = map_traverse(Drive(events, SENSOR), SMALL)
+    reference.save(tmp_path / "map.npz")
+    again = ReferenceMap.load(tmp_path / "map.npz")
+    assert again.settings == reference.settings
+    assert again.pixel_map == reference.pixel_map
+    assert again.places.counts.dtype == reference.places.counts.dtype
+    for name in ("counts", "start_us", "end_us", "events"):
+        assert np.array_equal(getattr(again.places, name), getattr(reference.places, name)), name
+    assert np.array_equal(again.hot, reference.hot)
+    assert np.array_equal(again.saliency, reference.saliency)
+
+
+def test_a_recording_of_another_sensor_does_not_fit_the_map():
+    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 20_000)
+    reference = map_traverse(Drive(events, SENSOR), SMALL)
+    with pytest.raises(MapError, match="of a 10x7 sensor and the map of a 9x7 one"):
+        match_traverse(reference, Drive(events, Sensor(10, 7)))
+
+
+@pytest.mark.parametrize("window", ["time", "count"])
+def test_a_window_longer_than_the_recording_is_wrong_use(window):
+    events = random_events(np.random.default_rng(2), 50, SENSOR, 2_500)
+    reference = map_traverse(Drive(events, SENSOR), SMALL)
+    short = events[:1]
+    with pytest.raises(UsageError, match="shorter than one window of"):
+        describe(
+            Drive(short, SENSOR),
+            reference.pixel_map,
+            SMALL.replaced({"window": window, "events_per_pixel": 100.0}, ""),
+        )
+
+
+def test_an_empty_recording_is_wrong_use():
+    with pytest.raises(UsageError, match=r"shorter than one window of 0.001 s"):
+        map_traverse(Drive(make_events([], [], []), SENSOR), SMALL)

@@ -1,0 +1,53 @@
+"""One look for every figure: colour-blind safe (Okabe and Ito, 2008), legible in print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from edge_vpr.archive import replacing
+
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#CC79A7",
+    "#56B4E9",
+    "#000000",
+)
+CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
+#: curves that lie on one another stay apart
+DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
+
+_RC = {
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+}
+
+
+@contextmanager
+def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Axes]]:
+    """Give a figure with one pair of axes, in the house style; sizes in inches."""
+    with mpl.rc_context(_RC):
+        drawing = Figure(figsize=(width, height))
+        FigureCanvasAgg(drawing)
+        yield drawing, drawing.add_subplot()
+
+
+def save(drawing: Figure, path: Path) -> None:
+    """Write a figure as PNG, atomically."""
+    with replacing(path) as temporary:
+        drawing.savefig(temporary, format="png", dpi=130)

@@ -1,0 +1,112 @@
+"""The report of one matched drive: its figures as PNG files, and a page that holds them all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from edge_vpr.archive import read_archive
+from edge_vpr.evaluation import Evaluation
+from edge_vpr.ground_truth import GroundTruth
+from edge_vpr.matcher import ReferenceIndex
+from edge_vpr.matches import Matches
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.sequence import sequence_sums
+from edge_vpr.windows import Descriptors
+from edge_vpr_tools import results
+from edge_vpr_tools.report import figures
+from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.style import save
+
+#: a picture shows no more cells than this on a side
+_SIDE = 1500
+
+
+def write_report(
+    folder: Path, truth: GroundTruth | None = None, found: Evaluation | None = None
+) -> None:
+    """Draw the figures of a results folder and write its page.
+
+    Parameters
+    ----------
+    folder : path
+        With a map, queries, matches and the run's record.
+    truth, found : GroundTruth and Evaluation, optional
+        After an evaluation: matches are shown right or wrong.
+    """
+    reference = ReferenceMap.load(folder / results.MAP)
+    matches = Matches.load(folder / results.MATCHES)
+    arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
+    queries = Descriptors.from_arrays(arrays)
+    drives = [("reference", reference.places), ("query", queries)]
+    distances, stride = _shown_distances(reference.places, queries, matches)
+
+    page = Page("edge-vpr: matches of a drive")
+    settings = matches.settings
+    page.text(
+        f"{len(matches)} query windows matched against {len(reference)} places, "
+        f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels} pixels, "
+        f"{reference.bytes_per_place} bytes a place, sequences of {settings.sequence_length}."
+    )
+    if found is not None and truth is not None:
+        page.heading("How many are right")
+        page.text(f"Ground truth: {truth.description}.")
+        page.table(("figure", "value", "what it says"), _figures_of(found))
+        _add(page, folder, "precision_recall.png", lambda: figures.precision_recall(
+            {f"{len(reference.pixel_map)} pixels, {settings.strategy}": found}
+        ), "Precision against recall, one step for each threshold.")  # fmt: skip
+    page.heading("Matches")
+    _add(page, folder, "distance_matrix.png", lambda: figures.distance_matrix(
+        distances, stride, matches, truth, found
+    ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
+    page.heading("Pixels")
+    _add(page, folder, "pixels.png", lambda: figures.selected_pixels(reference),
+         "Where the sensor sees change that differs from place to place.")  # fmt: skip
+    page.heading("Events and windows")
+    _add(page, folder, "event_rate.png", lambda: figures.event_rate(drives),
+         "The selected pixels follow the whole sensor, at a fraction of the events.")  # fmt: skip
+    _add(page, folder, "window_lengths.png", lambda: figures.window_lengths(drives),
+         "A fixed-count window is short where much moves.")  # fmt: skip
+    page.heading("Settings, versions and inputs")
+    page.verbatim((folder / results.RUN).read_text(encoding="utf-8"))
+    page.write(folder / results.REPORT)
+
+
+def _add(page: Page, folder: Path, name: str, draw: Callable[[], Figure], caption: str) -> None:
+    save(draw(), folder / name)
+    page.picture(folder / name, caption)
+
+
+def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
+    return [
+        ("P@100R", f"{found.precision_at_100_recall:.3f}",
+         "share of right matches when every query is matched"),
+        ("R@99P", f"{found.recall_at_99_precision:.3f}",
+         f"largest recall at 99 % precision; missed: {found.recall_denominator}"),
+        ("average precision", f"{found.curve.average_precision:.3f}",
+         "area under the precision-recall curve, as a sum of steps"),
+        *((f"Recall@{n}", f"{recall:.3f}", f"a right place is among the {n} nearest")
+          for n, recall in found.recall_at.items()),
+        ("queries", f"{found.queries}", "evaluated"),
+        ("unknown", f"{found.queries_unknown}", "left out, since their truth is not known"),
+        ("without a place", f"{found.queries_without_place}", "evaluated, but not in the map"),
+        ("tied", f"{found.queries_tied}", "other places at the same distance; the lowest counts"),
+    ]  # fmt: skip
+
+
+def _shown_distances(
+    places: Descriptors, queries: Descriptors, matches: Matches
+) -> tuple[npt.NDArray[np.float64], int]:
+    """D_seq at every stride-th place and query, so that a long drive still fits a picture."""
+    length = matches.settings.sequence_length
+    stride = 1 + max(len(places), len(queries)) // _SIDE
+    index = ReferenceIndex(places.counts)
+    columns = [
+        sequence_sums(index.matrix(queries.counts[j : j + length]), length)[::stride]
+        for j in range(0, len(matches), stride)
+    ]
+    return np.concatenate(columns, axis=1) / length, stride

@@ -1,0 +1,94 @@
+"""Which kind of ground truth the files on the command line are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import UsageError
+from edge_vpr.ground_truth import (
+    GroundTruth,
+    from_alignment,
+    from_matrix,
+    from_tracks,
+    load_alignment,
+    load_matrix,
+    load_track,
+)
+
+Times = npt.NDArray[np.int64]
+
+
+def load_truth(
+    files: Sequence[str],
+    places_us: Times,
+    queries_us: Times,
+    *,
+    tolerance: float | None,
+    rows: str | None,
+    frame_period: str | None,
+) -> GroundTruth:
+    """Read two tracks, one matrix (by suffix), or else one alignment.
+
+    Parameters
+    ----------
+    files : sequence of str
+        Two tracks, reference first; or one file.
+    places_us : ndarray of int64, shape (K,)
+    queries_us : ndarray of int64, shape (Q,)
+        Centres of the windows.
+    tolerance : float, optional
+        Needed for tracks (metres) and alignments (their unit).
+    rows : {"reference", "query"}, optional
+        Needed for a matrix.
+    frame_period : str, optional
+        Needed for an alignment in frames, in seconds, for example ``1/30``.
+
+    Returns
+    -------
+    GroundTruth
+
+    Raises
+    ------
+    UsageError
+        If what is needed is missing.
+    GroundTruthError
+        If a file is wrong.
+    """
+    if len(files) > 2:
+        raise UsageError(f"{len(files)} ground-truth files: give two tracks, or one other file")
+    if len(files) == 1 and Path(files[0]).suffix in (".npz", ".npy"):
+        if rows is None:
+            raise UsageError(
+                f"the orientation of {files[0]} is not given: say --rows reference or --rows query"
+            )
+        matrix = load_matrix(files[0])
+        return from_matrix(matrix, places_us.size, queries_us.size, rows=rows)  # type: ignore[arg-type]
+    if tolerance is None:
+        raise UsageError("the tolerance is not given: say for example --tolerance 70")
+    if len(files) == 2:
+        reference, query = (load_track(file) for file in files)
+        return from_tracks(reference, query, places_us, queries_us, tolerance)
+    alignment = load_alignment(files[0])
+    period = None if frame_period is None else float(_period(frame_period) * 1_000_000)
+    return from_alignment(
+        alignment.pairs,
+        alignment.coordinate(queries_us, period),
+        alignment.coordinate(places_us, period),
+        tolerance,
+        alignment.unit,
+    )
+
+
+def _period(text: str) -> Fraction:
+    try:
+        period = Fraction(text)
+    except (ValueError, ZeroDivisionError) as error:
+        raise UsageError(f"frame period {text!r}: expected seconds such as 1/30") from error
+    if period <= 0:
+        raise UsageError(f"frame period {text!r}: expected more than 0 seconds")
+    return period
