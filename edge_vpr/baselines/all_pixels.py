@@ -1,0 +1,36 @@
+"""The dense baseline: the same counts and distances over every pixel of the sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.pipeline import EventSource, describe
+from edge_vpr.pixels import PixelMap
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+
+
+def map_all_pixels(
+    recording: EventSource, settings: Settings, hot: npt.NDArray[np.bool_]
+) -> ReferenceMap:
+    """Map a drive with every pixel that is not hot (paper, "all pixels", after Milford 2015).
+
+    Parameters
+    ----------
+    recording : EventSource
+    settings : Settings
+        `pixels` and `strategy` are replaced; a fixed-count window of the settings holds
+        `events_per_pixel` events for each pixel of the sensor.
+    hot : ndarray of bool, shape (height, width)
+
+    Returns
+    -------
+    ReferenceMap
+    """
+    y, x = np.nonzero(~hot)
+    everything = PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))
+    settings = settings.replaced({"pixels": len(everything), "strategy": "top"}, "all pixels")
+    places = describe(recording, everything, settings)
+    saliency = np.zeros(hot.shape, dtype=np.float32)
+    return ReferenceMap(settings, everything, places, saliency, hot)

@@ -1,0 +1,1 @@
+"""Experiments whose figures the README and the documentation quote."""

@@ -1,0 +1,114 @@
+"""One variant of the method on one pair of drives, and its spread over several trials."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.baselines import map_all_pixels
+from edge_vpr.evaluation import Evaluation, evaluate
+from edge_vpr.ground_truth import GroundTruth
+from edge_vpr.matches import Matches, match_descriptors
+from edge_vpr.pipeline import EventSource, describe, map_traverse
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+from edge_vpr.windows import Descriptors
+
+Times = npt.NDArray[np.int64]
+#: ground truth of the windows centred at these times: (places, queries) -> truth
+TruthOf = Callable[[Times, Times], GroundTruth]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A way to do it.
+
+    Parameters
+    ----------
+    name : str
+        For tables and figures.
+    changes : mapping
+        Settings that differ from the experiment's.
+    all_pixels : bool
+        Use every pixel instead of selecting.
+    """
+
+    name: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    all_pixels: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What one variant did on one pair of drives."""
+
+    reference: ReferenceMap
+    queries: Descriptors
+    matches: Matches
+    truth: GroundTruth
+    evaluation: Evaluation
+    matching_s: float
+
+    @property
+    def microseconds_per_match(self) -> float:
+        """Time to match one query window against the whole map, warm."""
+        return 1e6 * self.matching_s / len(self.matches)
+
+
+def run_trial(
+    reference: EventSource,
+    query: EventSource,
+    truth_of: TruthOf,
+    settings: Settings,
+    variant: Variant,
+) -> Trial:
+    """Map, describe, match and evaluate.
+
+    A fixed-count window holds as many events as a fixed-time window of the reference does on
+    average at the same pixels, so that the two kinds of window are compared fairly (paper, IV-C).
+    """
+    settings = settings.replaced(variant.changes, variant.name)
+    by_time = settings.replaced({"window": "time"}, variant.name)
+    mapped = map_traverse(reference, by_time)
+    if variant.all_pixels:
+        mapped = map_all_pixels(reference, by_time, mapped.hot)
+    if settings.window == "count":
+        per_window = mapped.places.counts.sum(dtype=np.int64) / len(mapped)
+        pixels = len(mapped.pixel_map)
+        counted = mapped.settings.replaced(
+            {"window": "count", "events_per_pixel": float(per_window / pixels)}, variant.name
+        )
+        places = describe(reference, mapped.pixel_map, counted)
+        mapped = ReferenceMap(counted, mapped.pixel_map, places, mapped.saliency, mapped.hot)
+    queries = describe(query, mapped.pixel_map, mapped.settings)
+    match_descriptors(mapped.places, queries, mapped.settings)  # compiled and in the cache
+    start = time.perf_counter()
+    matches = match_descriptors(mapped.places, queries, mapped.settings)
+    matching_s = time.perf_counter() - start
+    truth = truth_of(mapped.places.centre_us, queries.centre_us)
+    return Trial(mapped, queries, matches, truth, evaluate(matches, truth), matching_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """One figure over several trials."""
+
+    values: Sequence[float]
+
+    def __str__(self) -> str:
+        mean = float(np.mean(self.values))
+        if len(self.values) == 1:
+            return f"{mean:.3f}"
+        # the sample's standard deviation, of the trials and not of their mean
+        return f"{mean:.3f} ± {float(np.std(self.values, ddof=1)):.3f}"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Set a table as Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
