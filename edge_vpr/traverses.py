@@ -1,0 +1,247 @@
+"""The published traverses of Brisbane-Event-VPR and QCR-Event-VPR: files, clocks and positions.
+
+The figures are facts stated by the data sets' authors in
+
+- https://github.com/Tobias-Fischer/sparse-event-vpr, ``src/sparse_event_vpr/constants.py``
+- https://github.com/Tobias-Fischer/ensemble-event-vpr,
+  ``correspondence-event-camera-frame-camera.py``
+
+A file belongs to a traverse if its name is exactly one of the traverse's names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.track_files import load_nmea
+from edge_vpr.tracks import Track
+
+#: DAVIS346, in both data sets.
+SENSOR = Sensor(346, 260)
+
+BRISBANE_PAGE = "https://huggingface.co/datasets/TobiasRobotics/brisbane-event-vpr"
+BRISBANE_BAGS_PAGE = "https://zenodo.org/records/4302805"
+QCR_PAGE = "https://zenodo.org/records/10494919"
+
+#: Length of the route of QCR-Event-VPR in metres (How Many Events Do You Need?, section I).
+QCR_ROUTE_M = 160.0
+
+Files = Literal["parquet", "bag"]
+Landmarks = Literal["common", "released-code"]
+
+
+@dataclass(frozen=True)
+class BrisbaneTraverse:
+    """One drive of the 8 km route of Brisbane-Event-VPR.
+
+    The GPS logs come from a second camera, whose first frame and first GPS second coincide. Its
+    beginning in the event camera's clock was published twice, with two editions of the logs: the
+    complete ones on Zenodo (``*_concat.nmea``), and others on Hugging Face, named as the
+    recordings, whose first seconds are cut off. Each beginning belongs to its own edition: for sunset 1 they
+    differ by 11 s, and the logs' published sizes by just 11 s of sentences.
+
+    Attributes
+    ----------
+    name : str
+    recording : str
+        Stem of the recording's file names.
+    video : str
+        Stem of the complete log's file name.
+    beginning_s : float or None
+        Unix time at the first second of the log on Hugging Face; None where there is no such log.
+    complete_beginning_s : float
+        Unix time at the first second of the log on Zenodo.
+    """
+
+    name: str
+    recording: str
+    video: str
+    beginning_s: float | None
+    complete_beginning_s: float
+
+    def file_name(self, kind: Files) -> str:
+        """Name of the recording's file, as published."""
+        if kind == "bag":
+            return f"{self.recording}.bag"
+        return f"{self.recording}_no_hot_pixels_nobursts_denoised.parquet"
+
+    @property
+    def logs(self) -> dict[str, float]:
+        """Names of the published GPS logs, and the Unix time at the first second of each."""
+        logs = {f"{self.video}_concat.nmea": self.complete_beginning_s}
+        if self.beginning_s is not None:
+            logs = {f"{self.recording}.nmea": self.beginning_s, **logs}
+        return logs
+
+    def track(self, folder: Path) -> tuple[Track, int]:
+        """Load the GPS log.
+
+        Returns
+        -------
+        track : Track
+        beginning_us : int
+            Unix time of the track's time 0 in the event camera's clock, in microseconds.
+
+        Raises
+        ------
+        GroundTruthError
+            If the folder holds none of the traverse's logs.
+        """
+        for log, beginning_s in self.logs.items():
+            if (folder / log).is_file():
+                return load_nmea(folder / log), round(beginning_s * 1e6)
+        raise GroundTruthError(
+            f"{folder} holds no GPS log of {self.name} ({' or '.join(self.logs)}): download it "
+            f"from {BRISBANE_PAGE if self.beginning_s else BRISBANE_BAGS_PAGE}"
+        )
+
+
+@dataclass(frozen=True)
+class QCRTraverse:
+    """One traverse of the 160 m indoor route of QCR-Event-VPR, with the camera facing sideways.
+
+    Attributes
+    ----------
+    name : str
+    recording : str
+        Stem of the recording's file names.
+    start_s : float
+        When the robot set off, after the first event.
+    landmarks_s : tuple of float
+        When it passed each of the eleven landmarks, after it had set off.
+    """
+
+    name: str
+    recording: str
+    start_s: float
+    landmarks_s: tuple[float, ...]
+
+    def file_name(self, kind: Files) -> str:
+        """Name of the recording's file, as published."""
+        return f"{self.recording}.bag" if kind == "bag" else f"{self.recording}_denoised.parquet"
+
+    def track(self, landmarks: Landmarks = "common") -> Track:
+        """Metres along the route, from the times at which the landmarks were passed.
+
+        Parameters
+        ----------
+        landmarks : {"common", "released-code"}
+            Where a landmark lies. No position was published. "common": at one place for all
+            traverses, the median of their shares of time, times 160 m. "released-code": at each
+            traverse's own share of time, so that the landmarks in between do not matter; a landmark
+            then lies at places up to 13 m apart, where 3 m is the tolerance.
+
+        Returns
+        -------
+        Track
+            Metric, one coordinate; time 0 is when the robot set off.
+        """
+        time_s = np.array(self.landmarks_s)
+        if landmarks == "common":
+            route = QCR_LANDMARKS_M
+        elif landmarks == "released-code":
+            route = QCR_ROUTE_M * time_s / time_s[-1]
+        else:
+            raise UsageError(f"landmarks {landmarks!r} is unknown: use common or released-code")
+        # set by hand and tens of seconds apart: no gap is too long
+        return Track(np.round(time_s * 1e6).astype(np.int64), route[:, None])
+
+
+BRISBANE_TRAVERSES = (
+    BrisbaneTraverse(
+        "sunset1",
+        "dvs_vpr_2020-04-21-17-03-03",
+        "20200421_170039-sunset1",
+        1587452593.35,
+        1587452582.35,
+    ),
+    BrisbaneTraverse(
+        "sunset2",
+        "dvs_vpr_2020-04-22-17-24-21",
+        "20200422_172431-sunset2",
+        1587540271.65,
+        1587540271.65,
+    ),
+    BrisbaneTraverse(
+        "daytime",
+        "dvs_vpr_2020-04-24-15-12-03",
+        "20200424_151015-daytime",
+        1587705136.80,
+        1587705130.80,
+    ),
+    # published as a bag alone, and not evaluated in either paper
+    BrisbaneTraverse(
+        "night", "dvs_vpr_2020-04-27-18-13-29", "20200427_181204-night", None, 1587975221.10
+    ),
+    BrisbaneTraverse(
+        "morning",
+        "dvs_vpr_2020-04-28-09-14-11",
+        "20200428_091154-morning",
+        1588029271.73,
+        1588029265.73,
+    ),
+    BrisbaneTraverse(
+        "sunrise",
+        "dvs_vpr_2020-04-29-06-20-23",
+        "20200429_061912-sunrise",
+        1588105240.91,
+        1588105232.91,
+    ),
+)
+
+QCR_TRAVERSES = (
+    QCRTraverse(
+        "normal1",
+        "bags_2021-08-19-08-25-42",
+        2.0,
+        (0, 6, 13, 31, 58, 77, 101.5, 124, 148, 157.7, 163),
+    ),
+    QCRTraverse(
+        "normal2",
+        "bags_2021-08-19-08-28-43",
+        0.0,
+        (0, 6, 13, 31.5, 58, 76, 100.5, 123, 148.5, 156.5, 162),
+    ),
+    QCRTraverse(
+        "normal3",
+        "bags_2021-08-19-09-45-28",
+        2.0,
+        (0, 6.5, 13.5, 31.5, 58.5, 77.5, 102.5, 126, 150, 158.5, 165),
+    ),
+    QCRTraverse(
+        "normal4",
+        "bags_2022-03-28-11-51-26",
+        8.0,
+        (0, 6.7, 13.2, 31, 57, 74, 97, 119, 141, 148, 154),
+    ),
+    QCRTraverse(
+        "fast1",
+        "bags_2022-03-28-12-01-42",
+        7.7,
+        (0, 2.9, 5.8, 12.9, 23.5, 32, 41.5, 50, 59.3, 62, 64.5),
+    ),
+    QCRTraverse(
+        "fast2",
+        "bags_2021-08-20-10-19-45",
+        0.0,
+        (0, 2.5, 5, 12.7, 23.7, 33.6, 43, 52.4, 62.3, 65.4, 68),
+    ),
+    QCRTraverse(
+        "slow1",
+        "bags_2022-03-28-12-03-44",
+        12.0,
+        (0, 15.5, 30, 63.5, 110, 141, 185, 217, 246.5, 256, 263),
+    ),
+)
+
+#: Metres along the route of each landmark, see `QCRTraverse.track`.
+QCR_LANDMARKS_M = QCR_ROUTE_M * np.median(
+    [np.array(t.landmarks_s) / t.landmarks_s[-1] for t in QCR_TRAVERSES], axis=0
+)
+QCR_LANDMARKS_M.setflags(write=False)
