@@ -204,3 +204,32 @@ def distance(kind: str, a: Sequence[float], b: Sequence[float]) -> float:
         for v, w in (map(math.radians, a), map(math.radians, b))
     )
     return 2 * 6_371_008.8 * math.asin(math.dist(p, q) / 2)
+
+
+def pixel_crossings(
+    logs: Sequence[float], on: float, off: float
+) -> list[tuple[int, float, float, bool]]:
+    """One simulated pixel: (step, remembered level, way from there to the crossing, ON)."""
+    found, level = [], logs[0]
+    for step in range(1, len(logs)):
+        move = logs[step] - level
+        threshold = on if move >= on else -off if -move >= off else 0.0
+        n = int(move / threshold) if threshold else 0
+        found += [(step, level, k * threshold, threshold > 0) for k in range(1, n + 1)]
+        level += n * threshold
+    return found
+
+
+def pixel_events(
+    light: Sequence[float], times: Sequence[int], on: float, off: float, refractory: int
+) -> list[tuple[int, bool]]:
+    """Time and polarity of one simulated pixel's events, the logarithm a line between two times."""
+    logs = [math.log(value) for value in light]
+    events: list[tuple[int, bool]] = []
+    for step, level, way, polarity in pixel_crossings(logs, on, off):
+        was, now, start = logs[step - 1], logs[step], times[step - 1]
+        share = (level + way - was) / (now - was) if now != was else 1.0
+        t = start + int((times[step] - start) * min(max(share, 0.0), 1.0))
+        if not events or t - events[-1][0] >= refractory:
+            events.append((t, polarity))
+    return events
