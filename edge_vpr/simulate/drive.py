@@ -76,7 +76,7 @@ class Drive:
     lateral_m : float
         Place in the lane: positive is further right.
     shake_px : float
-        Standard deviation of the image's shake on a 128 pixel wide sensor.
+        Standard deviation of the image's shake, in pixels of a 128 pixel wide sensor.
     """
 
     speed_mps: float = 6.0
@@ -104,6 +104,10 @@ class Drive:
         for name in ("yaw_deg", "pitch_deg", "roll_deg"):
             if abs(getattr(self, name)) > 20:
                 raise UsageError(f"{name} is {getattr(self, name)}: name an angle from -20 to 20")
+        if self.shake_px > 1.5:
+            raise UsageError(
+                f"shake_px is {self.shake_px}: the image is cut with room for 0 to 1.5"
+            )
         if abs(self.lateral_m) > 1:
             raise UsageError(f"lateral_m is {self.lateral_m}: the lane allows -1 to 1")
 
@@ -181,7 +185,7 @@ def shake(drive: Drive, time_us: npt.NDArray[np.int64], seed: int) -> npt.NDArra
     Returns
     -------
     ndarray of float64, shape (n, 2)
-        Columns and rows, in pixels of a 128 pixel wide sensor, within three standard deviations.
+        Columns and rows, in pixels of a 128 pixel wide sensor, at most two standard deviations.
     """
     rng = np.random.default_rng((seed, _SHAKE))
     seconds = time_us / 1e6

@@ -154,8 +154,8 @@ class SimulatedRecording:
                 cut(frame, view.margin, right, down, veil, image)
                 pixels.step(image, times[look])
             before = times[start - 1] if start else 0
-            yield pixels.take(*noise.between(number, before, times[stop - 1]))
             self.position = times[stop - 1] / times[-1]
+            yield pixels.take(*noise.between(number, before, times[stop - 1]))
 
 
 def _rechunk(blocks: Iterator[Events], chunk: int) -> Iterator[Events]:
