@@ -128,14 +128,14 @@ def test_a_camera_at_rest_in_a_still_street_sees_nothing():
     begin = time[np.flatnonzero(np.diff(place) == 0)[0]]
     halt = (events["t"] > begin) & (events["t"] < begin + 3_000_000)
     assert not halt.any()
-    assert len(events) > 500
+    assert len(events) > 300
 
 
 def test_the_bonnet_never_fires_by_itself():
-    recording = short(camera=replace(QUIET, sensor=Sensor(40, 40)), drive=STILL_IMAGE)
+    """It moves with the camera, so that neither the way nor the shaking changes its light."""
+    recording = short(camera=replace(QUIET, sensor=Sensor(40, 40)))
     events = joined(recording)
-    m = recording.view().margin
-    bonnet = recording.view().bonnet[m:-m, m:-m]
+    bonnet = recording.view().fixed > 0
     assert 0.05 < bonnet.mean() < 0.3
     assert not bonnet[events["y"], events["x"]].any()
 
@@ -324,11 +324,14 @@ def test_the_image_is_cut_out_at_a_fraction_of_a_pixel():
     """On a linear ramp, a shift by s pixels changes every value by s times the slope."""
     frame = np.add.outer(3.0 * np.arange(16), np.arange(16)).astype(np.float32)
     image = np.zeros((8, 8), np.float32)
-    cut(frame, 4, 0.0, 0.0, 0.5, image)
+    fixed = np.zeros_like(image)
+    cut(frame, 4, 0.0, 0.0, fixed, 0.5, image)
     assert np.array_equal(image, frame[4:12, 4:12] + np.float32(0.5))
     moved = np.zeros_like(image)
-    cut(frame, 4, 0.25, -1.5, 0.5, moved)
-    assert moved - image == pytest.approx(np.full((8, 8), -0.25 + 3 * 1.5))
+    fixed[7] = 0.25
+    cut(frame, 4, 0.25, -1.5, fixed, 0.5, moved)
+    assert (moved - image)[:7] == pytest.approx(np.full((7, 8), -0.25 + 3 * 1.5))
+    assert (moved[7] == 0.75).all()
 
 
 def test_the_world_is_drawn_anew_for_each_seed_and_parked_cars_for_each_drive():

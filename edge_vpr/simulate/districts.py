@@ -168,3 +168,6 @@ def _bare(
 
 FAR_PAINTERS = {"town": _buildings, "park": _woods, "field": _meadow, "works": _sheds}
 NEAR_PAINTERS = {"town": _street, "park": _avenue, "field": _fence, "works": _bare}
+
+#: districts where grass grows beside the road, in place of slabs
+GREEN = ("park", "field")

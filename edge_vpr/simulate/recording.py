@@ -151,7 +151,7 @@ class SimulatedRecording:
             for look, frame in zip(range(start, stop), frames, strict=False):
                 paint_traffic(movers, view, times[look], places[look], frame)
                 right, down = shifts[look]
-                cut(frame, view.margin, right, down, veil, image)
+                cut(frame, view.margin, right, down, view.fixed, veil, image)
                 pixels.step(image, times[look])
             before = times[start - 1] if start else 0
             self.position = times[stop - 1] / times[-1]

@@ -142,21 +142,21 @@ def paint_traffic(
         if top < bottom and left < right:
             _paint(
                 mover.picture, mover.width_m, mover.height_m, x, ahead,
-                view.across, view.down, view.bonnet, top, bottom, left, right, frame,
+                view.across, view.down, top, bottom, left, right, frame,
             )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def _paint(
     picture: Any, width: float, height: float, x: float, ahead: float, across: Any, down: Any,
-    bonnet: Any, top: int, bottom: int, left: int, right: int, frame: Any,
+    top: int, bottom: int, left: int, right: int, frame: Any,
 ) -> None:  # fmt: skip
     rows, columns = picture.shape[0], picture.shape[1]
     for r in range(top, bottom):
         for c in range(left, right):
             column = ((ahead * across[r, c] - x) / width + 0.5) * columns - 0.5
             row = (CAMERA_M - ahead * down[r, c]) / height * rows - 0.5
-            if bonnet[r, c] or not (0 <= column < columns - 1 and 0 <= row < rows - 1):
+            if not (0 <= column < columns - 1 and 0 <= row < rows - 1):
                 continue
             i, j = int(row), int(column)
             u, v = np.float32(row - i), np.float32(column - j)

@@ -8,7 +8,7 @@ costs a linear interpolation a surface and pixel.
 
 from __future__ import annotations
 
-from math import cos, radians, sin
+from math import cos, radians, sin, tan
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,8 @@ class View:
         Rows and columns of a frame: the sensor and a margin on every side.
     margin : int
         Width of that margin in pixels.
+    fixed : ndarray of float32, shape (height, width)
+        Light of what moves with the camera, its vehicle's bonnet; 0 where one sees past it.
     step_m : float
         Way in which the fastest point of the image moves by one pixel.
     """
@@ -80,9 +82,11 @@ class View:
         # how far to the right and downwards the ray goes for each metre ahead
         self.across = np.ascontiguousarray(ray[..., 0] / ray[..., 2])
         self.down = np.ascontiguousarray(ray[..., 1] / ray[..., 2])
-        self.bonnet = np.ascontiguousarray(
-            self.down > np.tan(radians(BONNET_DEG)) + 0.1 * self.across**2
-        )
+        bonnet = self.down - 0.1 * self.across**2 - tan(radians(BONNET_DEG))
+        inner = np.s_[self.margin : -self.margin, self.margin : -self.margin]
+        self.fixed = np.where(bonnet > 0, 0.12 + 0.05 * self.down, 0).astype(np.float32)[inner]
+        # the street is drawn some way under the bonnet, which does not shake with it
+        self._hidden = bonnet > self.margin / self.focal
         self._texels = textures.texels
         self._texel_m = COLUMN_M * 2.0 ** np.arange(LEVELS)
         self._meet(textures)
@@ -117,7 +121,7 @@ class View:
         self._share = np.zeros((n, SURFACES), np.float32)
         self.step_m = np.inf
         used = np.zeros(n, np.int64)
-        seen = ~self.bonnet.reshape(-1)
+        seen = ~self._hidden.reshape(-1)
         right = (across > 0).astype(np.int64)
         with np.errstate(divide="ignore", invalid="ignore"):
             ground_z = np.where(down > 0, CAMERA_M / down, np.inf)
@@ -170,12 +174,11 @@ class View:
             self.step_m = min(self.step_m, float(covers.min()))
 
     def _backdrop(self, camera: Camera) -> npt.NDArray[np.float32]:
-        """Light from behind all surfaces: sky with clouds, haze at the horizon, or the bonnet."""
+        """Light from behind all surfaces: a sky with clouds, and haze at the horizon."""
         cell = max(camera.sensor.width / 6, 2.0)
         clouds = noise_2d(np.random.default_rng(0), self.shape, (cell / 2, cell))
         sky = 0.85 + 0.1 * clouds - 0.25 * np.clip(self.down + 0.05, -0.5, 0.0)
-        bonnet = 0.12 + 0.05 * np.clip(self.down, 0, 1)
-        return np.where(self.bonnet, bonnet, sky).astype(np.float32).reshape(-1)
+        return np.asarray(sky, np.float32).reshape(-1)
 
 
 def _rotation(drive: Drive) -> npt.NDArray[np.float64]:
@@ -215,8 +218,10 @@ def _render(
 
 
 @njit(cache=True, nogil=True)
-def cut(frame: Any, margin: int, right: float, down: float, veil: float, image: Any) -> None:
-    """Cut the shaken image out of the frame, and add the veil of light that lies over it.
+def cut(
+    frame: Any, margin: int, right: float, down: float, fixed: Any, veil: float, image: Any
+) -> None:
+    """Cut the shaken image out of the frame, and lay over it what moves with the camera.
 
     Parameters
     ----------
@@ -224,6 +229,8 @@ def cut(frame: Any, margin: int, right: float, down: float, veil: float, image: 
     margin : int
     right, down : float
         Shift of the image in pixels, less than `margin` in size.
+    fixed : ndarray of float32, shape (height, width)
+        Light that takes the place of the image where it is not 0.
     veil : float
         Glare and dark current, which add to the light of every pixel.
     image : ndarray of float32, shape (height, width)
@@ -235,12 +242,13 @@ def cut(frame: Any, margin: int, right: float, down: float, veil: float, image: 
     a, b, c, d = high * near, high * aside, low * near, low * aside
     offset = np.float32(veil)
     for row in range(image.shape[0]):
-        above, below, out = frame[top + row, left:], frame[top + row + 1, left:], image[row]
+        above, below = frame[top + row, left:], frame[top + row + 1, left:]
+        front, out = fixed[row], image[row]
         for column in range(out.size):
-            out[column] = (
+            street = (
                 a * above[column]
                 + b * above[column + 1]
                 + c * below[column]
                 + d * below[column + 1]
-                + offset
             )
+            out[column] = (street if front[column] == 0 else front[column]) + offset

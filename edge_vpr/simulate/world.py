@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.simulate.districts import FAR_PAINTERS, NEAR_PAINTERS
+from edge_vpr.simulate.districts import FAR_PAINTERS, GREEN, NEAR_PAINTERS
 from edge_vpr.simulate.surface import (
     COLUMN_M,
     FAR_M,
@@ -40,7 +41,8 @@ class World:
     Parameters
     ----------
     length_m : float
-        Length of the route in metres. Its textures take about 30 kB a metre.
+        Length of the route in metres. Its textures take about 25 kB a metre, and some 200 kB
+        while they are painted.
     seed : int
         Which world.
     """
@@ -81,8 +83,10 @@ def paint(world: World) -> Scene:
         The same for the same world.
     """
     sides = [_side(world, np.random.default_rng((world.seed, _SIDE, number))) for number in (0, 1)]
-    ground = _ground(world, np.random.default_rng((world.seed, _GROUND)))
-    return Scene((sides[0][0], sides[1][0]), (sides[0][1], sides[1][1]), ground)
+    (near_left, far_left, green_left), (near_right, far_right, green_right) = sides
+    rng = np.random.default_rng((world.seed, _GROUND))
+    ground = _ground(world, rng, np.stack((green_left, green_right)))
+    return Scene((near_left, near_right), (far_left, far_right), ground)
 
 
 def park_cars(near: Surface, per_km: float, rng: np.random.Generator) -> Surface:
@@ -101,8 +105,12 @@ def park_cars(near: Surface, per_km: float, rng: np.random.Generator) -> Surface
     return wall
 
 
-def _side(world: World, rng: np.random.Generator) -> tuple[Surface, Surface]:
-    """Paint the near and the far wall of one side, district by district."""
+Mask = npt.NDArray[np.bool_]
+
+
+def _side(world: World, rng: np.random.Generator) -> tuple[Surface, Surface, Mask]:
+    """Paint both walls of one side, district by district; tell in which columns grass grows."""
+    green = np.zeros(world.columns, np.bool_)
     near, far = (
         Surface(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
         for shape in (
@@ -118,21 +126,28 @@ def _side(world: World, rng: np.random.Generator) -> tuple[Surface, Surface]:
         stop = min(start + rng.uniform(50, 130), end)
         FAR_PAINTERS[kind](far, start, stop, rng, grain)
         NEAR_PAINTERS[kind](near, start, stop, rng, leaves)
+        green[int(start / COLUMN_M) : int(stop / COLUMN_M)] = kind in GREEN
         start = stop
-    return near, far
+    return near, far, green
 
 
-def _ground(world: World, rng: np.random.Generator) -> Surface:
-    """Paint asphalt with lane marks, kerbs, slabs or grass beside it, patches and crossings."""
+def _ground(world: World, rng: np.random.Generator, green: Mask) -> Surface:
+    """Paint asphalt with lane marks, patches, kerbs and crossings; slabs or grass beside it.
+
+    `green` has the shape (2, columns): left and right.
+    """
     rows = int(2 * FAR_M / GROUND_ROW_M)
     shape = (rows, world.columns)
     x = (np.arange(rows) + 0.5) * GROUND_ROW_M - FAR_M
     s = np.arange(world.columns) * COLUMN_M
     value = np.full(shape, 0.2, np.float32)
-    value *= np.exp(0.1 * noise_2d(rng, shape, (2, 2)) + 0.1 * noise_2d(rng, shape, (12, 60)))
+    fine = noise_2d(rng, shape, (2, 2))
+    value *= np.exp(0.1 * fine + 0.1 * noise_2d(rng, shape, (12, 60)))
     beside = np.abs(x) > 3.0
     slabs = np.where((s % 1.5 < 0.1)[None, :] | (np.abs(x) % 1.2 < 0.08)[:, None], 0.22, 0.38)
-    value[beside] = slabs[beside] * np.exp(0.05 * noise_2d(rng, shape, (2, 2))[beside])
+    grass = 0.25 * np.exp(0.25 * fine + 0.3 * noise_2d(rng, shape, (6, 9)))
+    strip = np.where(green[(x > 0).astype(np.int64)], grass, slabs * np.exp(0.05 * fine))
+    value[beside] = strip[beside]
     for at in rng.uniform(0, s[-1], rng.poisson(s[-1] / 25)):  # mended places
         columns = slice(int(at / COLUMN_M), int((at + rng.uniform(1, 6)) / COLUMN_M))
         left = int(rng.integers(0, rows - 30))
