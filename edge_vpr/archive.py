@@ -6,6 +6,7 @@ import json
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -90,11 +91,13 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
         If the file is missing, unreadable, of another kind, or from a newer version.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with Path(path).open("rb") as file, zipfile.ZipFile(file):
+            file.seek(0)
+            archive = np.load(file, allow_pickle=False)
             arrays = {name: archive[name] for name in archive.files}
     except FileNotFoundError as error:
         raise MapError(f"there is no {kind} at {path}: check the path") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MapError(f"{path} is not a readable {kind} ({error}): make it again") from error
     header = arrays.pop(_HEADER, None)
     if header is None:

@@ -19,16 +19,16 @@ from edge_vpr.settings import Settings
 from edge_vpr.windows import WindowCounts
 
 SENSOR = Sensor(9, 7)
-SMALL = Settings(pixels=6, sigma=2.0, tau_us=1_000, sequence_length=2, events_per_pixel=2.0)
+SMALL = Settings(pixels=6, sigma=2.0, tau_us=100_000, sequence_length=2, events_per_pixel=2.0)
 
 
 def busy_drive(rng, n=3_000):
     """Random events, one hot pixel, one burst."""
-    events = random_events(rng, n, SENSOR, 20_000)
+    events = random_events(rng, n, SENSOR, 2_000_000)
     events["x"][: n // 6], events["y"][: n // 6] = 4, 3
-    events["t"][: n // 6] = np.sort(rng.integers(0, 20_000, n // 6))
+    events["t"][: n // 6] = np.sort(rng.integers(0, 2_000_000, n // 6))
     y, x = np.divmod(np.arange(SENSOR.pixels), SENSOR.width)
-    burst = make_events(np.full(SENSOR.pixels, 9_500), x, y)
+    burst = make_events(np.full(SENSOR.pixels, 950_000), x, y)
     return np.sort(np.concatenate([events, burst]), order="t", kind="stable")
 
 
@@ -125,7 +125,7 @@ def test_the_variance_is_exact_whatever_the_counts(rows):
 
 
 def test_a_drive_matched_against_its_own_map_finds_each_place():
-    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 20_000)
+    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
     reference = map_traverse(Drive(events, SENSOR), SMALL)
     matches, queries = match_traverse(reference, Drive(events, SENSOR, 7))
     assert np.array_equal(queries.counts, reference.places.counts)
@@ -148,7 +148,7 @@ def test_a_map_comes_back_from_disk_as_it_was(tmp_path):
 
 
 def test_a_recording_of_another_sensor_does_not_fit_the_map():
-    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 20_000)
+    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
     reference = map_traverse(Drive(events, SENSOR), SMALL)
     with pytest.raises(MapError, match="of a 10x7 sensor and the map of a 9x7 one"):
         match_traverse(reference, Drive(events, Sensor(10, 7)))
@@ -156,7 +156,7 @@ def test_a_recording_of_another_sensor_does_not_fit_the_map():
 
 @pytest.mark.parametrize("window", ["time", "count"])
 def test_a_window_longer_than_the_recording_is_wrong_use(window):
-    events = random_events(np.random.default_rng(2), 50, SENSOR, 2_500)
+    events = random_events(np.random.default_rng(2), 50, SENSOR, 250_000)
     reference = map_traverse(Drive(events, SENSOR), SMALL)
     short = events[:1]
     with pytest.raises(UsageError, match="shorter than one window of"):
@@ -168,5 +168,5 @@ def test_a_window_longer_than_the_recording_is_wrong_use(window):
 
 
 def test_an_empty_recording_is_wrong_use():
-    with pytest.raises(UsageError, match=r"shorter than one window of 0.001 s"):
+    with pytest.raises(UsageError, match=r"shorter than one window of 0.1 s"):
         map_traverse(Drive(make_events([], [], []), SENSOR), SMALL)
