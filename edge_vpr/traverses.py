@@ -43,8 +43,8 @@ class BrisbaneTraverse:
     The GPS logs come from a second camera, whose first frame and first GPS second coincide. Its
     beginning in the event camera's clock was published twice, with two editions of the logs: the
     complete ones on Zenodo (``*_concat.nmea``), and others on Hugging Face, named as the
-    recordings, whose first seconds are cut off. Each beginning belongs to its own edition: for sunset 1 they
-    differ by 11 s, and the logs' published sizes by just 11 s of sentences.
+    recordings, whose first seconds are cut off. Each beginning belongs to its own edition: for
+    sunset 1 they differ by 11 s, and the logs' published sizes by just 11 s of sentences.
 
     Attributes
     ----------
