@@ -1,0 +1,296 @@
+"""Distances between descriptors, as sums of absolute differences (SAD), and the best matches.
+
+``D[k, j]`` is the SAD of reference place k and query j over the J selected pixels. A reference is
+packed once: its lowest count is subtracted, and the rest stored in 8 or 16 bits. A query is clipped
+to the reference's range before it is packed alike, and what the clipping took off is added to its
+distances: for a count q above the range, ``|q - r| = (q - high) + |high - r|`` at every place, and
+likewise below. So the distance is exact whatever the query holds.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.errors import UsageError
+from edge_vpr.sad import PAD, Packed, add_sad
+
+Integers = npt.NDArray[np.integer[Any]]
+Distances = npt.NDArray[np.signedinteger[Any]]
+
+# Counts of at most 32 bits: any sum of differences then fits 64 bits.
+_LIMIT = 2**32
+# so that no vector of a packed row lies across two cache lines without need
+_LINE = 64
+
+
+class ReferenceIndex:
+    """A reference traverse, packed once for matching.
+
+    Parameters
+    ----------
+    reference : ndarray of int, shape (K, J)
+        Descriptors of the places; any integer dtype, counts of at most 32 bits.
+
+    Attributes
+    ----------
+    places, pixels : int
+        K and J.
+
+    Raises
+    ------
+    UsageError
+        If the reference is not a matrix of such integers.
+
+    Examples
+    --------
+    >>> index = ReferenceIndex(np.array([[3, 0, 1], [0, 2, 2]], dtype=np.uint16))
+    >>> index.distances(np.array([0, 1, 2]))
+    array([5, 1], dtype=int32)
+    """
+
+    def __init__(self, reference: npt.ArrayLike) -> None:
+        counts = _integers(reference, "reference", 2)
+        self.places, self.pixels = counts.shape
+        self._low, self._high = _range(counts)
+        span = self._high - self._low
+        # rare, and not packed: places with a count above 65,535
+        self._wide = counts.astype(np.int64) if span > 0xFFFF else None
+        self._dtype = np.dtype(np.uint8 if span <= 0xFF else np.uint16)
+        if self._wide is None:
+            self._packed, _ = self._pack(counts)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the packed descriptors."""
+        return self._packed.nbytes if self._wide is None else self._wide.nbytes
+
+    def distances(self, descriptor: npt.ArrayLike) -> Distances:
+        """Distance of one query descriptor to every place.
+
+        Parameters
+        ----------
+        descriptor : ndarray of int, shape (J,)
+            Any integer dtype, counts of at most 32 bits.
+
+        Returns
+        -------
+        ndarray of int32, shape (K,)
+            Of int64 where J times the largest difference reaches 2**31.
+
+        Raises
+        ------
+        UsageError
+            If the descriptor is not a vector of J such integers.
+        """
+        counts = _integers(descriptor, "descriptor", 1)[None]
+        if self._wide is not None:
+            return self.matrix(counts)[:, 0]
+        self._check_pixels(counts)
+        query, excess = self._pack(counts)
+        out = np.zeros((1, self.places), dtype=self._sum_dtype(excess))
+        add_sad(query, self._packed, out)
+        if excess[0]:
+            out += excess
+        return out[0]
+
+    def matrix(self, queries: npt.ArrayLike) -> Distances:
+        """Distance of every query to every place.
+
+        Parameters
+        ----------
+        queries : ndarray of int, shape (Q, J)
+            Any integer dtype, counts of at most 32 bits.
+
+        Returns
+        -------
+        ndarray of int32, shape (K, Q)
+            Row = reference place, column = query; of int64 where J times the largest difference
+            reaches 2**31.
+
+        Raises
+        ------
+        UsageError
+            If the queries are not a matrix of such integers, J in a row.
+        """
+        counts = _integers(queries, "queries", 2)
+        self._check_pixels(counts)
+        if self._wide is not None:
+            return self._wide_matrix(self._wide, counts)
+        packed, excess = self._pack(counts)
+        out = np.zeros((self.places, len(counts)), dtype=self._sum_dtype(excess))
+        add_sad(self._packed, packed, out)
+        if excess.any():
+            out += excess.astype(out.dtype)
+        return out
+
+    def _check_pixels(self, counts: Integers) -> None:
+        if counts.shape[1] != self.pixels:
+            raise UsageError(
+                f"query descriptors have {counts.shape[1]} counts and the reference "
+                f"{self.pixels}: describe both with the same map"
+            )
+
+    def _pack(self, counts: Integers) -> tuple[Packed, npt.NDArray[np.int64]]:
+        """Clip to the reference's range, subtract its low end, pad the rows to whole vectors."""
+        rows, itemsize = len(counts), self._dtype.itemsize
+        width = -(-self.pixels * itemsize // PAD) * PAD
+        memory = np.zeros(rows * width + _LINE, dtype=np.uint8)
+        start = -memory.ctypes.data % _LINE
+        packed = memory[start : start + rows * width].view(self._dtype)
+        packed = packed.reshape(rows, width // itemsize)
+        excess = np.zeros(rows, dtype=np.int64)
+        _pack(counts, self._low, self._high, packed, excess)
+        return packed, excess
+
+    def _sum_dtype(self, excess: npt.NDArray[np.int64]) -> type[np.signedinteger[Any]]:
+        largest = self.pixels * (self._high - self._low) + int(excess.max(initial=0))
+        return np.int32 if largest < 2**31 else np.int64
+
+    def _wide_matrix(self, places: npt.NDArray[np.int64], counts: Integers) -> Distances:
+        low, high = _range(counts)
+        largest = self.pixels * (max(high, self._high) - min(low, self._low))
+        out = np.empty((self.places, len(counts)), np.int32 if largest < 2**31 else np.int64)
+        for j, query in enumerate(counts.astype(np.int64)):
+            out[:, j] = np.abs(places - query).sum(axis=1)
+        return out
+
+
+def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances:
+    """Distance of every query to every reference place (method.md section 4).
+
+    Parameters
+    ----------
+    reference, query : ndarray of int, shape (K, J) and (Q, J)
+        Any integer dtypes, counts of at most 32 bits.
+
+    Returns
+    -------
+    ndarray of int32 or int64, shape (K, Q)
+        As :meth:`ReferenceIndex.matrix` gives it.
+
+    Raises
+    ------
+    UsageError
+        If one is not a matrix of such integers, or they differ in J.
+    """
+    return ReferenceIndex(reference).matrix(query)
+
+
+def best_match(distances: npt.NDArray[Any], exclusion: int) -> tuple[int, int]:
+    """Nearest place, and the nearest one outside its neighbourhood.
+
+    Parameters
+    ----------
+    distances : ndarray, shape (K,)
+        Distance to each place.
+    exclusion : int
+        Places no further than this from the best one, in index, are its neighbourhood.
+
+    Returns
+    -------
+    best, second : int
+        Ties go to the lowest index; `second` is -1 if every place is in the neighbourhood.
+
+    Raises
+    ------
+    UsageError
+        If there is no place, or the exclusion is negative.
+    """
+    _check_search(distances, 1, exclusion)
+    best = int(distances.argmin())
+    before, after = distances[: max(best - exclusion, 0)], distances[best + exclusion + 1 :]
+    second = int(before.argmin()) if before.size else -1
+    if after.size:
+        later = int(after.argmin())
+        if second < 0 or after[later] < before[second]:
+            second = best + exclusion + 1 + later
+    return best, second
+
+
+def best_matches(
+    matrix: npt.NDArray[Any], exclusion: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Find the best match of each column, as :func:`best_match` does, and count the ties.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (K, Q)
+        Distances; row = reference place, column = query.
+    exclusion : int
+        Half width of the best place's neighbourhood, in places.
+
+    Returns
+    -------
+    best, second, ties : ndarray of int64, shape (Q,)
+        `ties` is the number of other places at the same smallest distance.
+
+    Raises
+    ------
+    UsageError
+        If there is no place, or the exclusion is negative.
+    """
+    _check_search(matrix, 2, exclusion)
+    best, ties = (np.zeros(matrix.shape[1], dtype=np.int64) for _ in range(2))
+    second = np.full(matrix.shape[1], -1, dtype=np.int64)
+    _search(matrix, exclusion, best, second, ties)
+    return best, second, ties
+
+
+def _check_search(distances: npt.NDArray[Any], ndim: int, exclusion: int) -> None:
+    if distances.ndim != ndim or len(distances) == 0:
+        raise UsageError(
+            f"distances of shape {distances.shape}: give {ndim} dimension(s), the first one "
+            "the places, at least one of them"
+        )
+    if exclusion < 0:
+        raise UsageError(f"exclusion of {exclusion} places is negative: give 0 or more")
+
+
+def _integers(values: npt.ArrayLike, name: str, ndim: int) -> Integers:
+    """Check counts, and bring them to one of the few forms that the kernel is compiled for."""
+    counts = np.asarray(values)
+    if counts.dtype.kind not in "iu" or counts.ndim != ndim:
+        raise UsageError(
+            f"{name}: {counts.dtype} of shape {counts.shape}: give integers in {ndim} dimension(s)"
+        )
+    if counts.dtype.itemsize == 8:
+        low, high = _range(counts)
+        if low < -_LIMIT or high > _LIMIT:
+            raise UsageError(f"{name}: counts from {low} to {high} exceed 32 bits: check the data")
+    if counts.dtype not in (np.uint8, np.uint16, np.int32, np.int64):
+        counts = counts.astype(np.int64)
+    return np.ascontiguousarray(counts)
+
+
+def _range(counts: Integers) -> tuple[int, int]:
+    return (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
+
+
+@njit(cache=True, nogil=True)
+def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
+    for i in range(counts.shape[0]):
+        for j in range(counts.shape[1]):
+            count = np.int64(counts[i, j])
+            clipped: Any = min(max(count, low), high)
+            packed[i, j] = clipped - low
+            excess[i] += abs(count - clipped)
+
+
+@njit(cache=True, nogil=True)
+def _search(matrix: Any, exclusion: int, best: Any, second: Any, ties: Any) -> None:
+    smallest, runner_up = matrix[0].copy(), matrix[0].copy()
+    for k in range(1, matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            if matrix[k, j] < smallest[j]:
+                smallest[j], best[j], ties[j] = matrix[k, j], k, 0
+            elif matrix[k, j] == smallest[j]:
+                ties[j] += 1
+    for k in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            outside = abs(k - best[j]) > exclusion
+            if outside and (second[j] < 0 or matrix[k, j] < runner_up[j]):
+                second[j], runner_up[j] = k, matrix[k, j]
