@@ -72,6 +72,36 @@ def _count(
 
 
 @njit(cache=True, nogil=True)
+def _select(
+    table: Any, width: int, x: Any, y: Any, p: Any, off_slots: int, index: Any, slots: Any
+) -> int:
+    """List the events at selected pixels; the slots of OFF events start at `off_slots`."""
+    height, row = table.size // width, np.uint64(width)
+    selected = 0
+    for start in range(0, x.size, _BLOCK):
+        xs, ys = x[start : start + _BLOCK], y[start : start + _BLOCK]
+        if not (_below(xs, width) and _below(ys, height)):
+            return _OFF_SENSOR
+        for group in range(0, xs.size, 8):
+            end = min(group + 8, xs.size)
+            if end == group + 8:
+                any_slot = np.int64(-1)
+                for i in range(group, group + 8):
+                    any_slot &= table[np.uint64(ys[i]) * row + np.uint64(xs[i])]
+                if any_slot < 0:
+                    continue
+            for i in range(group, end):
+                slot = np.int64(table[np.uint64(ys[i]) * row + np.uint64(xs[i])])
+                if slot >= 0:
+                    if p is not None and not p[start + i]:
+                        slot += off_slots
+                    index[selected] = start + i
+                    slots[selected] = slot
+                    selected += 1
+    return selected
+
+
+@njit(cache=True, nogil=True)
 def _frame(x: Any, y: Any, flat: Any, width: int) -> int:
     height, row = flat.size // width, np.uint64(width)
     for start in range(0, x.size, _BLOCK):
@@ -174,6 +204,39 @@ def count_until(
             f"give counters for {table.max() + 1}"
         )
     return int(consumed), int(counted)
+
+
+def select_events(
+    table: npt.NDArray[np.signedinteger[Any]], x: Column, y: Column, p: Column | None = None
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+    """Find the events at selected pixels.
+
+    Parameters
+    ----------
+    table, x, y, p
+        As for :func:`count_events`.
+
+    Returns
+    -------
+    index : ndarray of int64, shape (m,)
+        Which events of the chunk, in order.
+    slots : ndarray of int32, shape (m,)
+        Their slots; with polarity, those of OFF events follow those of ON events.
+
+    Raises
+    ------
+    UsageError, EventError
+        As for :func:`count_events`.
+    """
+    _check_pixels(table, "table", (np.int16, np.int32))
+    _check_columns(x, y, p)
+    height, width = table.shape
+    off_slots = 0 if p is None else int(table.max()) + 1
+    index, slots = np.empty(x.size, dtype=np.int64), np.empty(x.size, dtype=np.int32)
+    selected = _select(table.reshape(-1), width, x, y, p, off_slots, index, slots)
+    if selected == _OFF_SENSOR:
+        raise _off_sensor(x, y, width, height)
+    return index[:selected], slots[:selected]
 
 
 def count_frame(x: Column, y: Column, frame: Counts) -> None:

@@ -40,7 +40,8 @@ class Matches:
         Best place (ties: the lowest), and the best one outside the exclusion zone (-1: there is
         none).
     distance_sum, second_sum : ndarray of int64, shape (n,)
-        Sum of the L distances along the sequence, L times D_seq (method.md section 5).
+        Sum of the L distances along the sequence, L times D_seq (method.md section 5); -1 for no
+        second.
     ties : ndarray of int64, shape (n,)
         Other places at the same smallest distance.
     candidates : ndarray of int64, shape (n, 25)
@@ -77,8 +78,10 @@ class Matches:
 
         1 where both are zero, NaN where there is no second.
         """
-        second = self.second_distance
-        return np.where(second == 0, 1.0, self.distance / np.where(second == 0, 1.0, second))
+        ratio = np.full(len(self), np.nan)
+        np.divide(self.distance_sum, self.second_sum, out=ratio, where=self.second_sum > 0)
+        ratio[self.second_sum == 0] = 1.0
+        return ratio
 
     def save(self, path: str | Path) -> None:
         """Write as ``.npz``, atomically."""

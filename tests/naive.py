@@ -233,3 +233,32 @@ def pixel_events(
         if not events or t - events[-1][0] >= refractory:
             events.append((t, polarity))
     return events
+
+
+def lagged_counts(
+    selected: Sequence[tuple[int, int]], until: int, length: int, slots: int, tau: int, n: int
+) -> Matrix:
+    """Counts of the newest window and the `length - 1` before it, newest first.
+
+    `selected` holds ``(t, slot)`` of the events at selected pixels so far. Windows are of `tau`
+    microseconds, ``[until - (i+1) tau, until - i tau)``, or of `n` events where `tau` is 0.
+    """
+    lags = [[0] * slots for _ in range(length)]
+    for age, (t, slot) in enumerate(reversed(selected)):
+        lag = (until - 1 - t) // tau if tau else age // n
+        if lag < length:
+            lags[lag][slot] += 1
+    return lags
+
+
+def online_match(
+    places: Matrix, lags: Matrix, exclusion: int, recent: int = 0
+) -> tuple[int, int, int, int]:
+    """Best and second place where the sequence can end now, and their summed distances."""
+    length = len(lags)
+    ends = range(length - 1, len(places) - recent)
+    sums = [sum(sad(places[k - i], lags[i]) for i in range(length)) for k in ends]
+    best, second, _ = best_and_second(sums, exclusion)
+    if second < 0:
+        return best + length - 1, sums[best], -1, -1
+    return best + length - 1, sums[best], second + length - 1, sums[second]

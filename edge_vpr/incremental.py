@@ -1,0 +1,266 @@
+"""Vector kernels of event-by-event matching: change all sums by +-1, find the least.
+
+When a counter of the window changes from v to v + 1, its distance to a place changes by +1 where
+the map's count is at most v, and by -1 where it is more. Several such steps, arrivals and expiries
+at any pixels, are added up in 8-bit lanes and go to the sums in one pass.
+
+The intrinsics emit generic vector IR, which LLVM lowers for any target; written as plain loops,
+they would be widened to 32 bits or more. With Numba's compiler off, the same steps run in NumPy.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import config, njit, types
+from numba.extending import intrinsic
+
+#: places in one vector; arrays end with so many spare elements
+LANES = 64
+#: steps of one pass: their sum must fit 8 bits with its sign
+MAX_STEPS = 120
+#: places whose sums stay in the nearest cache between their update and the search
+BLOCK = 4096
+
+_I8, _I32, _I64 = ir.IntType(8), ir.IntType(32), ir.IntType(64)
+
+
+def _splat(builder: Any, value: Any) -> Any:
+    vector = ir.VectorType(value.type, LANES)
+    nothing = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(_I32, 0))
+    zeros = ir.Constant(ir.VectorType(_I32, LANES), [0] * LANES)
+    return builder.shuffle_vector(first, nothing, zeros)
+
+
+def _load(builder: Any, data: Any, index: Any, vector: Any) -> Any:
+    pointer = builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+    return builder.load(pointer, align=1)
+
+
+def _loop(builder: Any, start: Any, stop: Any, step: int, carried: Any, body: Any) -> Any:
+    """``for i in range(start, stop, step): carried = body(i, carried)``."""
+    before = builder.block
+    head, inside, after = (builder.append_basic_block(name) for name in ("head", "body", "end"))
+    builder.branch(head)
+    builder.position_at_end(head)
+    i = builder.phi(_I64)
+    i.add_incoming(start, before)
+    value = None
+    if carried is not None:
+        value = builder.phi(carried.type)
+        value.add_incoming(carried, before)
+    builder.cbranch(builder.icmp_signed("<", i, stop), inside, after)
+    builder.position_at_end(inside)
+    new = body(i, value)
+    i.add_incoming(builder.add(i, ir.Constant(_I64, step)), builder.block)
+    if value is not None:
+        value.add_incoming(new, builder.block)
+    builder.branch(head)
+    builder.position_at_end(after)
+    return value
+
+
+@intrinsic
+def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expiries, start, stop):  # type: ignore[no-untyped-def]
+    """Apply the first `arrivals` and the last `expiries` steps to the sums of whole vectors."""
+    signature = types.void(sums, columns, offsets, levels, arrivals, expiries, start, stop)
+
+    def codegen(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        sums_a, columns_a, offsets_a, levels_a = (
+            context.make_array(signature.args[i])(context, builder, arguments[i]).data
+            for i in range(4)
+        )
+        arrivals, expiries, start, stop = arguments[4:]
+        end = ir.Constant(_I64, MAX_STEPS)
+        count_type = ir.IntType(columns.dtype.bitwidth)
+        sum_vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
+        byte_vector = ir.VectorType(_I8, LANES)
+        # every arrival adds 1 and every expiry takes 1, but where the map's count is above
+        change = builder.sub(arrivals, expiries)
+        base = _splat(builder, builder.trunc(change, sum_vector.element))
+
+        def one_vector(place, _):  # type: ignore[no-untyped-def]
+            def add_above(sign):  # type: ignore[no-untyped-def]
+                def one_step(o, total):  # type: ignore[no-untyped-def]
+                    offset = builder.load(builder.gep(offsets_a, [o]))
+                    counts = _load(
+                        builder,
+                        columns_a,
+                        builder.add(offset, place),
+                        ir.VectorType(count_type, LANES),
+                    )
+                    level = _splat(builder, builder.load(builder.gep(levels_a, [o])))
+                    # all ones, that is -1, where the map's count is above the level
+                    above = builder.sext(builder.icmp_unsigned(">", counts, level), byte_vector)
+                    return builder.add(total, above) if sign > 0 else builder.sub(total, above)
+
+                return one_step
+
+            total = ir.Constant(byte_vector, [0] * LANES)
+            total = _loop(builder, ir.Constant(_I64, 0), arrivals, 1, total, add_above(1))
+            total = _loop(builder, builder.sub(end, expiries), end, 1, total, add_above(-1))
+            wide = builder.sext(total, sum_vector)
+            pointer = builder.bitcast(builder.gep(sums_a, [place]), sum_vector.as_pointer())
+            old = builder.load(pointer, align=1)
+            new = builder.add(builder.add(old, base), builder.add(wide, wide))
+            builder.store(new, pointer, align=1)
+
+        _loop(builder, start, stop, LANES, None, one_vector)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def _vector_least(typing_context, sums, start, stop):  # type: ignore[no-untyped-def]
+    """Smallest of ``sums[start:stop]``, at least one vector long."""
+
+    def codegen(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        start, stop = arguments[1:]
+        vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
+
+        def smaller(a, b):  # type: ignore[no-untyped-def]
+            return builder.select(builder.icmp_unsigned("<", a, b), a, b)
+
+        # the last vector may overlap the one before it
+        last = builder.sub(stop, ir.Constant(_I64, LANES))
+        least = _loop(
+            builder,
+            start,
+            last,
+            LANES,
+            _load(builder, data, last, vector),
+            lambda i, value: smaller(value, _load(builder, data, i, vector)),
+        )
+        width = LANES
+        while width > 1:
+            width //= 2
+            halves = (
+                builder.shuffle_vector(
+                    least,
+                    ir.Constant(least.type, ir.Undefined),
+                    ir.Constant(ir.VectorType(_I32, width), list(range(first, first + width))),
+                )
+                for first in (0, width)
+            )
+            least = smaller(*halves)
+        return builder.extract_element(least, ir.Constant(_I32, 0))
+
+    return sums.dtype(sums, start, stop), codegen
+
+
+@intrinsic
+def _vector_find(typing_context, sums, start, value):  # type: ignore[no-untyped-def]
+    """First i with ``sums[start + i] == value`` in one vector, LANES if there is none."""
+
+    def codegen(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
+        equal = builder.icmp_unsigned(
+            "==", _load(builder, data, arguments[1], vector), _splat(builder, arguments[2])
+        )
+        # trailing zeros of the comparison's bits; of no bits, 64
+        return builder.cttz(builder.bitcast(equal, _I64), ir.Constant(ir.IntType(1), 0))
+
+    return types.int64(sums, start, sums.dtype), codegen
+
+
+if config.DISABLE_JIT:
+
+    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):  # type: ignore[no-untyped-def]
+        """Apply +-1 steps to ``sums[start:stop]``, as the compiled kernel below does."""
+        for o in (*range(arrivals), *range(MAX_STEPS - expiries, MAX_STEPS)):
+            column = columns[offsets[o] + start : offsets[o] + stop]
+            change = np.where(column > levels[o], -1, 1) * (1 if o < arrivals else -1)
+            sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as it must
+
+    def _least(sums, start, stop):  # type: ignore[no-untyped-def]
+        return sums[start:stop].min()
+
+    def _first_equal(sums, start, stop, value):  # type: ignore[no-untyped-def]
+        return start + int(np.argmax(sums[start:stop] == value))
+
+else:
+
+    @njit(cache=True, nogil=True)
+    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):  # type: ignore[no-untyped-def]
+        """Apply +-1 steps to ``sums[start:stop]``; spare elements after `stop` may change too.
+
+        Parameters
+        ----------
+        sums : ndarray of uint16 or uint32, shape (places + LANES,)
+        columns : ndarray of uint8 or uint16
+            Map, one pixel's places after another, ending with LANES spare elements.
+        offsets : ndarray of int64, shape (MAX_STEPS,)
+            Where in `columns` the count lies that belongs to ``sums[0]``, for each step.
+        levels : ndarray of the map's dtype, shape (MAX_STEPS,)
+            The smaller of the two counts that the step goes between.
+        arrivals, expiries : int
+            The first `arrivals` steps go up, the last `expiries` go down; together at most
+            MAX_STEPS.
+        start, stop : int
+            `start` is a multiple of LANES.
+        """
+        _vector_step(sums, columns, offsets, levels, arrivals, expiries, start, stop)
+
+    @njit(cache=True, nogil=True)
+    def _least(sums, start, stop):  # type: ignore[no-untyped-def]
+        if stop - start >= LANES:
+            return _vector_least(sums, start, stop)
+        least = sums[start]
+        for i in range(start + 1, stop):
+            least = min(least, sums[i])
+        return least
+
+    @njit(cache=True, nogil=True)
+    def _first_equal(sums, start, stop, value):  # type: ignore[no-untyped-def]
+        i = start
+        while True:
+            # elements after `stop` cannot matter: the value is there before
+            lane = _vector_find(sums, i, value)
+            if lane < LANES:
+                return i + lane
+            i += LANES
+
+
+@njit(cache=True, nogil=True)
+def least_in(sums, block_least, start, stop):  # type: ignore[no-untyped-def]
+    """Find the smallest of ``sums[start:stop]``, the first of equals.
+
+    Parameters
+    ----------
+    sums : ndarray of uint16 or uint32
+        With LANES spare elements at the end.
+    block_least : ndarray of the same dtype, shape (blocks,)
+        Smallest of each BLOCK of sums that lies wholly inside, as `update_blocks` keeps them.
+    start, stop : int
+        ``start < stop``.
+
+    Returns
+    -------
+    index, value
+    """
+    best_block = -1
+    best = sums[start]
+    for block in range(start // BLOCK, (stop - 1) // BLOCK + 1):
+        low, high = max(start, block * BLOCK), min(stop, (block + 1) * BLOCK)
+        whole = high - low == BLOCK
+        least = block_least[block] if whole else _least(sums, low, high)
+        if best_block < 0 or least < best:
+            best_block, best = block, least
+    low = max(start, best_block * BLOCK)
+    return _first_equal(sums, low, min(stop, (best_block + 1) * BLOCK), best), best
+
+
+@njit(cache=True, nogil=True)
+def update_blocks(sums, block_least, columns, offsets, levels, arrivals, expiries, places):  # type: ignore[no-untyped-def]
+    """Apply steps to all places, keeping the smallest of each whole block while it is in cache."""
+    for start in range(0, places, BLOCK):
+        stop = min(start + BLOCK, places)
+        change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop)
+        if stop - start == BLOCK:
+            block_least[start // BLOCK] = _least(sums, start, stop)

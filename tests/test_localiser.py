@@ -1,0 +1,347 @@
+"""A match after every event, held to a recomputation after every event."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from streams import Drive, as_tuples, cut_up, descriptors, random_events
+
+from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.localiser import MATCH_DTYPE, Every, Localiser
+from edge_vpr.matches import match_descriptors
+from edge_vpr.pipeline import describe
+from edge_vpr.pixels import PixelMap
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+
+SENSOR = Sensor(6, 5)
+PIXELS = [(0, 0), (5, 4), (2, 3), (1, 0), (4, 1)]
+PIXEL_MAP = PixelMap(SENSOR, *np.array(PIXELS, dtype=np.uint16).T)
+
+
+def map_of(counts, **changes):
+    figures = np.zeros((SENSOR.height, SENSOR.width))
+    chosen = Settings(pixels=len(PIXELS), remove_bursts=False).replaced(changes, "test")
+    return ReferenceMap(
+        chosen, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0
+    )
+
+
+def feed(localiser, chunks):
+    return np.concatenate([localiser.update(chunk) for chunk in chunks])
+
+
+def expected_after_each_event(reference, events, recent=0):
+    """The oracle's matches: everything is counted and compared anew after each selected event."""
+    chosen = reference.settings
+    by_time = chosen.window == "time"
+    tau = chosen.tau_us if by_time else 0
+    n = 0 if by_time else chosen.events_per_window
+    length = chosen.sequence_length
+    counters = reference.places.counts.shape[1]
+    slot_of = {pixel: slot for slot, pixel in enumerate(PIXELS)}
+    selected, rows = [], []
+    for t, x, y, p in as_tuples(events):
+        if (x, y) not in slot_of:
+            continue
+        off = len(PIXELS) if chosen.polarity and not p else 0
+        selected.append((t, slot_of[x, y] + off))
+        if (t + 1 < length * tau) if by_time else (len(selected) < length * n):
+            continue
+        lags = naive.lagged_counts(selected, t + 1, length, counters, tau, n)
+        if chosen.clip:
+            lags = [[min(c, chosen.clip) for c in lag] for lag in lags]
+        match = naive.online_match(reference.places.counts.tolist(), lags, chosen.exclusion, recent)
+        rows.append((t, *match, sum(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])))
+    return rows
+
+
+def without_ratio(matches):
+    names = [name for name in MATCH_DTYPE.names if name != "ratio"]
+    return [tuple(int(match[name]) for name in names) for match in matches]
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n=st.integers(0, 120),
+    places=st.integers(4, 90),
+    largest=st.sampled_from([0, 2, 9, 300]),
+    length=st.integers(1, 4),
+    window=st.sampled_from(["time", "count"]),
+    tau=st.sampled_from([1, 40, 500]),
+    per_pixel=st.sampled_from([0.2, 1.0, 3.0]),
+    polarity=st.booleans(),
+    clip=st.sampled_from([0, 2]),
+    exclusion=st.integers(0, 4),
+    pieces=st.integers(1, 7),
+)
+@settings(max_examples=120)
+def test_every_match_equals_the_oracle_however_the_stream_is_cut(
+    seed, n, places, largest, length, window, tau, per_pixel, polarity, clip, exclusion, pieces
+):
+    rng = np.random.default_rng(seed)
+    counters = len(PIXELS) * (2 if polarity else 1)
+    reference = map_of(
+        rng.integers(0, largest + 1, (places, counters)),
+        window=window,
+        tau_us=tau,
+        events_per_pixel=per_pixel,
+        sequence_length=length,
+        polarity=polarity,
+        clip=clip,
+        exclusion=exclusion,
+    )
+    events = random_events(rng, n, SENSOR, 2_000)
+    localiser = Localiser(reference, check_every=7)
+    found = feed(localiser, cut_up(rng, events, pieces))
+    expected = expected_after_each_event(reference, events)
+    assert without_ratio(found) == expected
+    for match in found:
+        if match["second"] < 0:
+            assert np.isnan(match["ratio"])
+        elif match["second_sum"] == 0:
+            assert match["ratio"] == 1.0
+        else:
+            assert match["ratio"] == match["distance_sum"] / match["second_sum"]
+    localiser.verify()
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    window=st.sampled_from(["time", "count"]),
+    length=st.integers(1, 4),
+    pieces=st.integers(1, 7),
+)
+def test_at_the_ends_of_windows_the_matches_are_those_of_the_main_job(seed, window, length, pieces):
+    """With non-overlapping windows the online sequence is the batch sequence, to the bit."""
+    rng = np.random.default_rng(seed)
+    reference = map_of(
+        rng.integers(0, 6, (40, len(PIXELS))),
+        window=window,
+        tau_us=100,
+        events_per_pixel=2.0,
+        sequence_length=length,
+        anchor="end",
+    )
+    events = random_events(rng, 400, SENSOR, 3_000)
+    online = Localiser(reference, every=Every.window(reference.settings))
+    found = feed(online, cut_up(rng, events, pieces))
+
+    queries = describe(Drive(events, SENSOR), PIXEL_MAP, reference.settings)
+    batch = match_descriptors(reference.places, queries, reference.settings)
+    assert found["place"].tolist() == batch.place.tolist()
+    assert found["distance_sum"].tolist() == batch.distance_sum.tolist()
+    assert found["second"].tolist() == batch.second.tolist()
+    assert found["second_sum"].tolist() == batch.second_sum.tolist()
+    assert np.array_equal(found["ratio"], batch.ratio, equal_nan=True)
+    assert found["t"].tolist() == queries.end_us[batch.query].tolist()
+
+
+EVERYWHERE = make_events(
+    t=np.arange(60),
+    x=[PIXELS[i % 5][0] for i in range(60)],
+    y=[PIXELS[i % 5][1] for i in range(60)],
+)
+ONE_PIXEL = make_events(t=np.arange(60), x=[5] * 60, y=[4] * 60)
+AT_ONCE = make_events(t=[7] * 60, x=EVERYWHERE["x"], y=EVERYWHERE["y"])
+HOURS_APART = make_events(
+    t=np.cumsum([0, 1, 1, 3_600_000_000, 1, 36_000_000_000, 1, 1]),
+    x=EVERYWHERE["x"][:8],
+    y=EVERYWHERE["y"][:8],
+)
+ODDITIES = {
+    "one pixel": ONE_PIXEL,
+    "equal times": AT_ONCE,
+    "hours apart": HOURS_APART,
+    "everywhere": EVERYWHERE,
+}
+
+
+@pytest.mark.parametrize("name", ODDITIES)
+@pytest.mark.parametrize("window", ["time", "count"])
+@pytest.mark.parametrize("size", [1, 4, 1_000_000])
+@pytest.mark.parametrize("places", [1, 5, 64, 65, 5_000])
+def test_odd_streams_equal_the_oracle(name, window, size, places):
+    rng = np.random.default_rng(0)
+    reference = map_of(
+        rng.integers(0, 3, (places, len(PIXELS))),
+        window=window,
+        tau_us=size,
+        events_per_pixel=size / 5,
+        sequence_length=1,
+    )
+    events = ODDITIES[name] if places < 5_000 else ODDITIES[name][:6]
+    found = feed(Localiser(reference, check_every=3), [events[:0], events[:1], events[1:]])
+    assert without_ratio(found) == expected_after_each_event(reference, events)
+
+
+def test_ties_everywhere_give_the_lowest_place_and_the_first_outside_the_zone():
+    reference = map_of(np.zeros((200, 5)), window="count", sequence_length=1, exclusion=3)
+    found = Localiser(reference).update(EVERYWHERE)
+    assert set(found["place"]) == {0}
+    assert set(found["second"]) == {4}
+    assert set(found["ratio"]) == {1.0}
+
+
+def test_a_chunk_of_a_million_events_equals_the_same_events_in_small_chunks():
+    rng = np.random.default_rng(0)
+    reference = map_of(rng.integers(0, 60, (100, 5)), tau_us=1_000, sequence_length=2)
+    events = random_events(rng, 1_000_000, SENSOR, 3_000_000)
+    every = Every(events=500)
+    whole = Localiser(reference, every=every).update(events)
+    cut = feed(Localiser(reference, every=every), np.array_split(events, 777))
+    assert whole.size > 300
+    assert np.array_equal(whole, cut, equal_nan=False)
+
+
+def test_the_ring_grows_when_a_window_holds_more_events_than_it():
+    rng = np.random.default_rng(0)
+    reference = map_of(rng.integers(0, 6, (30, 5)), tau_us=10**6, sequence_length=2)
+    events = random_events(rng, 60_000, SENSOR, 3 * 10**6)
+    localiser = Localiser(reference, every=Every(events=2_000), check_every=5_000)
+    localiser.update(events)
+    selected = sum((x, y) in PIXELS for x, y in zip(events["x"], events["y"], strict=True))
+    assert localiser.counts.sum() < selected
+    assert localiser.counts.sum() > 2 * 4096 / 3
+
+
+def test_a_match_at_every_interval_sees_the_events_before_it_and_not_after():
+    reference = map_of(np.eye(20, 5, dtype=int), tau_us=10, sequence_length=1)
+    events = make_events(t=[9, 10, 40], x=[0, 0, 0], y=[0, 0, 0])
+    localiser = Localiser(reference, every=Every(interval_us=10))
+    found = localiser.update(events)
+    assert found["t"].tolist() == [10, 20, 30, 40]
+    assert found["events"].tolist() == [1, 1, 0, 0]
+    assert localiser.advance(60)["events"].tolist() == [1, 0]
+
+
+def test_on_change_only_other_places_are_told():
+    rng = np.random.default_rng(0)
+    reference = map_of(rng.integers(0, 4, (50, 5)), tau_us=100, sequence_length=1)
+    events = random_events(rng, 2_000, SENSOR, 2_000)
+    every = Localiser(reference).update(events)
+    change = Localiser(reference, every=Every(events=1, change=True)).update(events)
+    differs = np.concatenate([[True], every["place"][1:] != every["place"][:-1]])
+    assert np.array_equal(change, every[differs])
+    assert 1 < change.size < every.size
+
+
+@given(
+    seed=st.integers(0, 2**32), cut=st.integers(0, 300), window=st.sampled_from(["time", "count"])
+)
+@settings(max_examples=25)
+def test_a_saved_state_goes_on_bit_for_bit(tmp_path_factory, seed, cut, window):
+    rng = np.random.default_rng(seed)
+    reference = map_of(rng.integers(0, 6, (30, 5)), window=window, tau_us=200, sequence_length=3)
+    events = random_events(rng, 300, SENSOR, 2_000)
+    path = tmp_path_factory.mktemp("state") / "state.npz"
+    every = Every(events=2, interval_us=70, change=True)
+    whole = Localiser(reference, every=every).update(events)
+    first = Localiser(reference, every=every)
+    before = first.update(events[:cut])
+    first.save(path)
+    second = Localiser.load(path)
+    after = second.update(events[cut:])
+    assert np.array_equal(np.concatenate([before, after]), whole, equal_nan=False) or (
+        without_ratio(np.concatenate([before, after])) == without_ratio(whole)
+    )
+    second.verify()
+
+
+def test_a_damaged_state_is_an_error(tmp_path):
+    (tmp_path / "state.npz").write_bytes(b"nothing")
+    with pytest.raises(MapError, match="not a readable localiser state"):
+        Localiser.load(tmp_path / "state.npz")
+
+
+@given(seed=st.integers(0, 2**32), recent=st.integers(0, 3))
+@settings(max_examples=25)
+def test_a_map_that_grows_while_driving_equals_one_that_was_so_from_the_start(seed, recent):
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(0, 6, (30, 5))
+    counts[25:] *= 100  # wider counts than the map had
+    events = random_events(rng, 300, SENSOR, 2_000)
+    growing = Localiser(map_of(counts[:20], tau_us=200, sequence_length=2), recent=recent)
+    growing.update(events[:150])
+    for place, row in enumerate(counts[20:], 20):
+        assert growing.append(row) == place
+    found = growing.update(events[150:])
+    whole = Localiser(map_of(counts, tau_us=200, sequence_length=2), recent=recent)
+    whole.update(events[:150])
+    assert without_ratio(found) == without_ratio(whole.update(events[150:]))
+    assert found["place"].max(initial=0) < 30 - recent
+    growing.verify()
+
+
+def test_coded_counts_are_compared_as_codes():
+    """With a table of codes the localiser gives what coding the windows first would give."""
+    rng = np.random.default_rng(0)
+    code = np.array([0, 1, 1, 2, 4, 4, 7])
+    reference = map_of(code[rng.integers(0, 7, (40, 5))], tau_us=50, sequence_length=2)
+    events = random_events(rng, 3_000, SENSOR, 1_000)
+    found = Localiser(reference, code=code, check_every=11).update(events)
+    slot_of = {pixel: slot for slot, pixel in enumerate(PIXELS)}
+    selected = [(t, slot_of[x, y]) for t, x, y, _ in as_tuples(events) if (x, y) in slot_of]
+    start = next(i for i, (t, _) in enumerate(selected) if t + 1 >= 100)
+    assert found.size == len(selected) - start
+    for i in range(0, found.size, 17):
+        seen = selected[: start + i + 1]
+        lags = naive.lagged_counts(seen, seen[-1][0] + 1, 2, 5, 50, 0)
+        coded = [[int(code[min(c, 6)]) for c in lag] for lag in lags]
+        best = naive.online_match(reference.places.counts.tolist(), coded, 3)
+        names = ("place", "distance_sum", "second", "second_sum")
+        assert tuple(int(found[i][name]) for name in names) == best
+
+
+def test_drift_would_be_noticed():
+    reference = map_of(np.random.default_rng(0).integers(0, 4, (50, 5)), tau_us=100)
+    localiser = Localiser(reference)
+    localiser.update(EVERYWHERE)
+    localiser._s.sums[3] += 1
+    with pytest.raises(EdgeVprError, match="have drifted"):
+        localiser.verify()
+
+
+@pytest.mark.parametrize(
+    "events",
+    [make_events([5, 4], [0, 0], [0, 0]), make_events([5, 6], [0, 0], [0, 9])],
+    ids=["time", "sensor"],
+)
+def test_a_faulty_chunk_is_refused_and_changes_nothing(events):
+    reference = map_of(
+        np.random.default_rng(0).integers(0, 4, (50, 5)), tau_us=2, sequence_length=1
+    )
+    localiser = Localiser(reference)
+    localiser.update(EVERYWHERE[:4])
+    before = localiser.distance_sums
+    with pytest.raises(EventError):
+        localiser.update(events)
+    assert np.array_equal(localiser.distance_sums, before)
+    with pytest.raises(EventError, match="backwards"):
+        localiser.update(EVERYWHERE[:2])
+
+
+def test_a_clock_that_jumps_by_years_is_an_error_where_it_would_flood():
+    reference = map_of(np.zeros((50, 5)), tau_us=100)
+    localiser = Localiser(reference, every=Every(interval_us=10))
+    with pytest.raises(UsageError, match="check the recording's clock"):
+        localiser.update(make_events([2**60], [0], [0]))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: Every(),
+        lambda: Every(events=-1),
+        lambda: Localiser(map_of(np.zeros((3, 5)), sequence_length=5)),
+        lambda: Localiser(map_of(np.zeros((5, 5)), sequence_length=5), recent=1),
+        lambda: Localiser(map_of(np.zeros((9, 5))), code=np.array([1, 0])),
+    ],
+)
+def test_wrong_use_is_told(wrong):
+    with pytest.raises(UsageError):
+        wrong()
