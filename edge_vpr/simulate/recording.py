@@ -13,12 +13,13 @@ from edge_vpr.simulate.drive import QUERY, REFERENCE, Drive, drive_motion, looks
 from edge_vpr.simulate.lighting import illuminate
 from edge_vpr.simulate.noise import Noise
 from edge_vpr.simulate.pixel_model import PixelArray
+from edge_vpr.simulate.surface import COLUMN_M
 from edge_vpr.simulate.traffic import paint_traffic, traffic
 from edge_vpr.simulate.view import View, cut
 from edge_vpr.simulate.world import Scene, World, paint, park_cars
 from edge_vpr.tracks import Track
 
-STEP_PX = 2.0  # way of the fastest point of the image between two looks, in 128-wide pixels
+STEP_M = 0.8 * COLUMN_M  # way between two looks: no texel of the street is passed over
 STEP_US = 20_000  # time between two looks while the camera stands
 BLOCK = 64  # looks that are simulated together
 CHUNK = 1 << 16  # events in one array that is handed out
@@ -135,10 +136,9 @@ class SimulatedRecording:
     def _blocks(self) -> Iterator[Events]:
         """Simulate, a block of looks at a time."""
         view, camera, sensor = self.view(), self.camera, self.sensor
-        fine = sensor.width / 128
-        at = looks(self._motion, view.step_m * STEP_PX * fine, STEP_US)
+        at = looks(self._motion, STEP_M, STEP_US)
         times, places = at.time_us.tolist(), at.position_m.tolist()
-        shifts = (shake(self.drive, at.time_us, self.seed) * fine).tolist()
+        shifts = (shake(self.drive, at.time_us, self.seed) * (sensor.width / 128)).tolist()
         movers = traffic(self.drive, self._motion, self.seed)
         noise = Noise(camera, seed=self.seed, device=self.device, duration_us=self.duration_us)
         pixels = PixelArray(sensor, *camera.thresholds(self.device), camera.refractory_us)

@@ -56,8 +56,6 @@ class View:
         Width of that margin in pixels.
     fixed : ndarray of float32, shape (height, width)
         Light of what moves with the camera, its vehicle's bonnet; 0 where one sees past it.
-    step_m : float
-        Way in which the fastest point of the image moves by one pixel.
     """
 
     def __init__(self, camera: Camera, drive: Drive, textures: Textures) -> None:
@@ -119,7 +117,6 @@ class View:
         self._start = np.full((n, SURFACES), -1, np.int64)
         self._level = np.zeros((n, SURFACES), np.uint8)
         self._share = np.zeros((n, SURFACES), np.float32)
-        self.step_m = np.inf
         used = np.zeros(n, np.int64)
         seen = ~self._hidden.reshape(-1)
         right = (across > 0).astype(np.int64)
@@ -170,8 +167,6 @@ class View:
         self._level[i, slot] = level
         self._share[i, slot] = column % 1
         used[i] += 1
-        if i.size:
-            self.step_m = min(self.step_m, float(covers.min()))
 
     def _backdrop(self, camera: Camera) -> npt.NDArray[np.float32]:
         """Light from behind all surfaces: a sky with clouds, and haze at the horizon."""
