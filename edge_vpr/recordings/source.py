@@ -1,0 +1,86 @@
+"""What one reader gives: raw columns in the file's own clock, unchecked."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy.typing as npt
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+
+if TYPE_CHECKING:
+    from edge_vpr.recordings.faults import FaultLog
+
+#: Events in one chunk, about: 64 Ki events are 850 kB, which stay in a core's second-level cache.
+CHUNK_EVENTS = 1 << 16
+
+
+class Columns(NamedTuple):
+    """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
+
+    Times are whole microseconds of the file's own clock, wraps resolved; they may run backwards,
+    and coordinates may lie off the sensor (or be negative): :mod:`edge_vpr.recordings.faults`
+    decides. A column may be a view into a buffer that the next chunk overwrites.
+    """
+
+    t: npt.NDArray[Any]
+    x: npt.NDArray[Any]
+    y: npt.NDArray[Any]
+    p: npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What the caller knows and a file may not say."""
+
+    sensor: Sensor | None = None
+    frame_period: Fraction | None = None
+    chunk_events: int = CHUNK_EVENTS
+    topic: str | None = None
+    time_unit: str | None = None
+    columns: str | None = None
+
+
+class Source(ABC):
+    """One reader of one file.
+
+    Attributes
+    ----------
+    path : Path
+    sensor : Sensor or None
+        As the file says it, else as the caller says it; None where neither does.
+    start_us : int or None
+        Where the file itself says which moment is t = 0, that moment on the file's clock in
+        microseconds; None where the first event is the start.
+    relative : bool
+        True if the times already count from the start.
+    position : float or None
+        Share of the file that has been read, 0 to 1; None where it is not known.
+    """
+
+    start_us: int | None = None
+    relative: bool = False
+    position: float | None = None
+
+    def __init__(self, path: Path, options: ReadOptions, sensor: Sensor | None = None) -> None:
+        self.path = path
+        self.options = options
+        self.sensor = sensor if sensor is not None else options.sensor
+        if sensor is not None and options.sensor not in (None, sensor):
+            raise UsageError(
+                f"{path} was recorded by a {sensor} sensor, and {options.sensor} was named: "
+                "leave the sensor out"
+            )
+
+    @abstractmethod
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events from the first on, in file order, about ``chunk_events`` at a time.
+
+        What cannot be decoded at all is told to `log`, which raises or counts.
+        """

@@ -1,0 +1,284 @@
+"""Text, one event a line: ``t,x,y,p`` in any order, with a header or without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.table import match_columns
+
+_SEPARATORS = str.maketrans(",;\t", "   ")
+_DIGITS_TO_US = {"s": 6, "ms": 3, "us": 0, "ns": -3}
+_BYTES_A_LINE = 24  # typical; only sets how much is read at once
+_LONGEST_LINE = 1 << 16
+_FIELDS = "txyp"
+_TRUTH = {"true": 1, "on": 1, "false": 0, "off": 0}
+
+
+class TextSource(Source):
+    """Lines of numbers between commas, semicolons, tabs or spaces; ``#`` starts a comment.
+
+    A first line of two whole numbers is the sensor's size (the rpg data sets write it). Times
+    are read as decimal numbers, so that seconds become microseconds without passing a float.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        head = _first_lines(path)
+        self._skip, sensor = 0, None
+        while head and (head[0].startswith(b"#") or not head[0].strip()):
+            self._skip += len(head.pop(0))
+        if head and len(sizes := _split(head[0])) == 2 and all(s.isdigit() for s in sizes):
+            sensor = Sensor(int(sizes[0]), int(sizes[1]))
+            self._skip += len(head.pop(0))
+        self._order = list(options.columns or "txyp")
+        if head and any(
+            _number(word) is None and word.lower() not in _TRUTH for word in _split(head[0])
+        ):
+            self._order = self._named(path, _split(head[0]))
+            self._skip += len(head.pop(0))
+        elif head and options.columns is None and len(_split(head[0])) == 3:
+            self._order = list("txy")
+        self.unit = options.time_unit or self._unit(head)
+        super().__init__(path, options, sensor)
+        self.position = 0.0
+
+    @staticmethod
+    def _named(path: Path, names: list[str]) -> list[str]:
+        found = match_columns(names)
+        if found is None:
+            raise RecordingError(
+                f"{path} begins with {' '.join(names)!r}, which is no event and names no "
+                "columns: head them t,x,y,p or give numbers"
+            )
+        field = {name: column for column, name in found.items()}
+        return [field.get(name, "-") for name in names]
+
+    def _unit(self, lines: list[bytes]) -> str:
+        column = self._order.index("t")
+        times = [words[column] for line in lines if len(words := _split(line)) > column]
+        return "s" if any("." in time for time in times) else "us"
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        size = max(1, self.path.stat().st_size)
+        order = np.array([_FIELDS.find(name) for name in self._order], np.int64)
+        block = self.options.chunk_events * _BYTES_A_LINE
+        with self.path.open("rb") as file:
+            file.seek(self._skip)
+            entry, rest = 0, b""
+            while data := file.read(block):
+                data, newline, rest = (rest + data).rpartition(b"\n")
+                self.position = file.tell() / size
+                if len(rest) > _LONGEST_LINE:
+                    raise RecordingError(
+                        f"{self.path} has no line feed in {len(rest):,} bytes: this is no text "
+                        "with one event a line"
+                    )
+                if newline:
+                    columns, lines = self._parse(data + newline, order, log, entry)
+                    entry += lines
+                    yield columns
+            if rest.strip():
+                yield self._last_line(rest, order, log, entry)
+        self.position = 1.0
+
+    def _parse(
+        self, data: bytes, order: npt.NDArray[np.int64], log: FaultLog, entry: int
+    ) -> tuple[Columns, int]:
+        buffer = np.frombuffer(data, np.uint8)
+        n = data.count(b"\n")
+        out = np.ones((4, n), np.int64)
+        begins = np.empty(n, np.int64)
+        status = np.empty(n, np.uint8)
+        _parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, begins, status)
+        for i in np.flatnonzero(status == _STRANGE).tolist():
+            begin = int(begins[i])
+            line = data[begin : data.index(b"\n", begin)]
+            verdict = self._parse_slowly(line, out[:, i])
+            status[i] = verdict
+            if verdict == _STRANGE:
+                shown = line.strip()[:60].decode("ascii", "replace")
+                log.unreadable(1, f"line {entry + i:,} of the events is no event ({shown!r})")
+        if self.unit == "us" and not self.options.time_unit and (status == _FRACTION).any():
+            first = int(np.flatnonzero(status == _FRACTION)[0])
+            raise RecordingError(
+                f"{self.path}: event {entry + first:,}: the time has a fraction where those before "
+                "had none: pass --time-unit s, ms or us"
+            )
+        good = (status == _GOOD) | (status == _FRACTION)
+        t, x, y, p = out if good.all() else out[:, good]
+        return Columns(t, x, y, p > 0), n
+
+    def _parse_slowly(self, line: bytes, out: npt.NDArray[np.int64]) -> int:
+        """Read what the kernel does not know: exponents, ``true``; the status."""
+        words = _split(line)
+        if not words or words[0].startswith("#"):
+            return _BLANK
+        if len(words) != len(self._order):
+            return _STRANGE
+        for name, word in zip(self._order, words, strict=True):
+            value = _number(word)
+            if name == "p" and value is None:
+                value = _number(str(_TRUTH.get(word.lower(), word)))
+            if name == "-":
+                continue
+            if value is None or (name in "xy" and value != int(value)):
+                return _STRANGE
+            if name == "t":
+                value = (value * Decimal(10) ** _DIGITS_TO_US[self.unit]).to_integral_value()
+            if abs(value) >= 2**63:
+                return _STRANGE
+            out[_FIELDS.index(name)] = int(value)
+        return _GOOD
+
+    def _last_line(
+        self, rest: bytes, order: npt.NDArray[np.int64], log: FaultLog, entry: int
+    ) -> Columns:
+        """Read a last line without line feed, which may be cut off."""
+        slow = np.ones((4, 1), np.int64)
+        if self._parse_slowly(rest, slow[:, 0]) == _STRANGE:
+            log.truncated(len(rest), f"line {entry:,} of the events")
+            t, x, y, p = slow[:, :0]
+            return Columns(t, x, y, p > 0)
+        return self._parse(rest + b"\n", order, log, entry)[0]
+
+
+def _first_lines(path: Path) -> list[bytes]:
+    with path.open("rb") as file:
+        return file.read(1 << 16).splitlines(keepends=True)[:1000]
+
+
+def _split(line: bytes) -> list[str]:
+    return line.decode("utf-8-sig", "replace").translate(_SEPARATORS).split()
+
+
+def _number(word: str) -> Decimal | None:
+    try:
+        value = Decimal(word)
+    except InvalidOperation:
+        return None
+    return value if value.is_finite() else None
+
+
+_GOOD, _FRACTION, _BLANK, _STRANGE = range(4)
+
+
+@njit(cache=True, nogil=True)
+def _parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: ignore[no-untyped-def]
+    """Parse whole lines; ``out[field, line]``, and for each line where it begins and its status.
+
+    ``order[c]`` is the field of column ``c``: 0 to 3 for t, x, y, p; -1 to skip it.
+    """
+    line, i = 0, 0
+    while i < buffer.size:
+        begins[line] = i
+        column, state = 0, _GOOD
+        while buffer[i] != 10:
+            c = int(buffer[i])
+            if c == 32 or c == 9 or c == 44 or c == 59 or c == 13:  # blank tab , ; CR
+                i += 1
+                continue
+            negative = c == 45
+            if c == 45 or c == 43:
+                i += 1
+            value, digits, decimals = 0, 0, -1
+            seen = False  # a digit
+            residue = False  # digits beyond the 18th that are not 0
+            while True:
+                c = int(buffer[i])
+                if 48 <= c <= 57:
+                    if digits < 18:
+                        value = value * 10 + (c - 48)
+                        if decimals >= 0:
+                            decimals += 1
+                        if value > 0:
+                            digits += 1
+                    elif decimals < 0:
+                        state = _STRANGE
+                    elif c != 48:
+                        residue = True
+                    seen = True
+                elif c == 46 and decimals < 0:
+                    decimals = 0
+                else:
+                    break
+                i += 1
+            c = int(buffer[i])
+            if not seen or not (c == 10 or c == 32 or c == 9 or c == 44 or c == 59 or c == 13):
+                state = _STRANGE
+            if state == _STRANGE:
+                break
+            field = order[column] if column < order.size else -1
+            if column >= order.size:
+                state = _STRANGE
+                break
+            decimals = max(decimals, 0)
+            if field == 0:
+                shift = digits_to_us - decimals
+                if decimals > 0:
+                    state = _FRACTION
+                while shift > 0:
+                    if value > 922337203685477579:
+                        state = _STRANGE
+                        break
+                    value *= 10
+                    shift -= 1
+                if shift < 0:
+                    unit = 1
+                    while shift < 0 and unit < 1000000000000000000:
+                        unit *= 10
+                        shift += 1
+                    rest = value % unit
+                    value //= unit
+                    # to the nearest, ties to even, as Decimal does
+                    if 2 * rest > unit or (2 * rest == unit and (residue or value % 2)):
+                        value += 1
+            elif field > 0 and decimals > 0:
+                state = _STRANGE  # 12.0 as well: read slowly
+            if state == _STRANGE:
+                break
+            if field >= 0:
+                out[field, line] = -value if negative else value
+            column += 1
+        while buffer[i] != 10:
+            i += 1
+        if state != _STRANGE and column != order.size:
+            state = _STRANGE  # a blank line too: told apart slowly
+        status[line] = state
+        line += 1
+        i += 1
+
+
+def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
+    """Open a text file of events."""
+    return TextSource(path, options)
+
+
+class TextSink:
+    """Write ``t,x,y,p`` under that header, in microseconds; the sensor is not stored."""
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
+        self._file = path.open("w", encoding="ascii", newline="\n")
+        self._file.write("t,x,y,p\n")
+
+    def write(self, events: Events) -> None:
+        """Append events."""
+        columns = (events[name].tolist() for name in ("t", "x", "y"))
+        polarity = events["p"].astype(np.uint8).tolist()
+        self._file.writelines(map("{},{},{},{}\n".format, *columns, polarity))
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+
+open_sink = TextSink

@@ -1,0 +1,73 @@
+"""The flags by which every command opens a recording, and what it says of its faults."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from edge_vpr.recordings import Recording
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser, *, on_fault: bool = True) -> None:
+    """Add the flags that :func:`open_from` reads, in a group of their own."""
+    group = parser.add_argument_group("reading", "for files that do not say it themselves")
+    group.add_argument("--sensor", metavar="WxH", help="size of the sensor, for example 346x260")
+    if on_fault:
+        group.add_argument(
+            "--on-fault",
+            choices=("error", "drop"),
+            default="error",
+            help="stop at faulty events, or leave them out and count them (default: error)",
+        )
+    group.add_argument(
+        "--frame-period", metavar="S", help="seconds a count frame lasts, for example 1/30"
+    )
+    group.add_argument("--format", metavar="NAME", help="format, if name and content mislead")
+    group.add_argument("--topic", metavar="NAME", help="topic or stream, if there are several")
+    group.add_argument(
+        "--time-unit",
+        choices=("s", "ms", "us", "ns"),
+        help="unit of the times in a table (default: s if they have fractions, else us)",
+    )
+    group.add_argument(
+        "--columns", metavar="ORDER", help="order of unnamed columns, for example xytp"
+    )
+
+
+def open_from(
+    args: argparse.Namespace, path: str | Path, *, on_fault: str | None = None
+) -> Recording:
+    """Open `path` as the flags of :func:`add_reading_arguments` say.
+
+    Raises
+    ------
+    EdgeVprError
+        If a flag is wrong or the recording cannot be opened.
+    """
+    from edge_vpr.events import Sensor
+    from edge_vpr.recordings import open_recording, parse_period
+
+    return open_recording(
+        path,
+        format=args.format,
+        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+        on_fault=args.on_fault if on_fault is None else on_fault,
+        frame_period=None if args.frame_period is None else parse_period(args.frame_period),
+        topic=args.topic,
+        time_unit=args.time_unit,
+        columns=args.columns,
+    )
+
+
+def fault_counts(recording: Recording) -> dict[str, int]:
+    """Count what the newest pass over a recording dropped, by kind, for programs."""
+    from dataclasses import asdict
+
+    return asdict(recording.faults)
+
+
+def describe_faults(recording: Recording) -> str:
+    """Say what the newest pass dropped as the end of a sentence; empty if nothing."""
+    return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""
