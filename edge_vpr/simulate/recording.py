@@ -8,6 +8,7 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.faults import Faults
 from edge_vpr.simulate.camera import CAMERAS, Camera
 from edge_vpr.simulate.drive import QUERY, REFERENCE, Drive, drive_motion, looks, shake
 from edge_vpr.simulate.lighting import illuminate
@@ -92,7 +93,7 @@ class SimulatedRecording:
         self._motion = drive_motion(drive, world.length_m, seed)
         self.track = Track(self._motion.time_us, self._motion.position_m[:, None])
         self.position = 0.0
-        self.faults: dict[str, int] = {}
+        self.faults = Faults()
         self._scene = scene
         self._view: View | None = None
         self._kept: list[Events] | None = None

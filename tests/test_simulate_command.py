@@ -1,0 +1,84 @@
+"""The command `edge-vpr simulate`: what it writes can be read back and is the simulated pair."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from edge_vpr_tools import simulate as command
+
+from edge_vpr.errors import UsageError
+from edge_vpr.recordings import open_recording
+from edge_vpr.simulate import CAMERAS, simulate_pair
+from edge_vpr.track_files import load_track
+
+
+def run(*arguments):
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    command.run(parser.parse_args([str(argument) for argument in arguments]))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("simulate") / "pair"
+    run("-o", folder, "--sensor", "tiny", "--length", 10, "--seed", 4)
+    return folder
+
+
+def test_the_files_hold_the_events_and_the_ground_truth_of_the_pair(folder):
+    pair = simulate_pair(4, "tiny", length_m=10)
+    for name, simulated in zip(("reference", "query"), pair, strict=True):
+        recording = open_recording(folder / f"{name}.npz")
+        assert recording.sensor == simulated.sensor
+        assert np.array_equal(np.concatenate(list(recording)), np.concatenate(list(simulated)))
+        track = load_track(folder / f"{name}_track.csv")
+        assert np.array_equal(track.time_us, simulated.track.time_us)
+        assert np.abs(track.position - simulated.track.position).max() < 1e-4
+
+
+def test_what_was_simulated_is_noted_beside_it(folder):
+    settings = json.loads((folder / "run.json").read_text())["settings"]
+    assert settings["reference"]["drive"]["speed_range"] == 1.08
+    assert settings["query"]["drive"]["speed_range"] == 2.0
+    assert settings["query"]["camera"]["contrast_on"] == CAMERAS["tiny"].contrast_on
+    assert settings["query"]["world"] == {"length_m": 10, "seed": 4}
+
+
+def test_a_folder_that_exists_is_left_alone_unless_told(folder):
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    with pytest.raises(UsageError, match="exists: name another"):
+        run("-o", folder, "--sensor", "tiny", "--length", 10)
+    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "message"),
+    [
+        ("--seed", -3, "seed is -3"),
+        ("--length", 1, "length_m is 1"),
+        ("--speed-range", 0.5, "factor of 0.5"),
+        ("--stops", -1, "stops is -1"),
+    ],
+)
+def test_values_that_make_no_sense_leave_nothing_behind(tmp_path, flag, value, message):
+    with pytest.raises(UsageError, match=message):
+        run("-o", tmp_path / "pair", "--sensor", "tiny", flag, value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_sensors_offered_are_the_cameras_there_are():
+    assert set(command.SENSORS) == set(CAMERAS)
+
+
+def test_asking_for_help_loads_no_compiler():
+    program = (
+        "import sys, argparse, edge_vpr_tools.simulate as command\n"
+        "command.add_arguments(argparse.ArgumentParser())\n"
+        "assert not {'numba', 'numpy', 'matplotlib'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
