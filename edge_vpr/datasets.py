@@ -1,0 +1,287 @@
+"""The method's two data sets as `tonic.Dataset`s, with ground truth; needs the extra ``tonic``.
+
+Nothing is downloaded: the files are gigabytes, and their licences are for the user to accept.
+`edge_vpr.traverses` states the pages and the files' names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.events import EVENT_DTYPE, Events
+from edge_vpr.recordings import open_recording
+from edge_vpr.tracks import Track
+from edge_vpr.transforms import CountPixels
+from edge_vpr.traverses import (
+    BRISBANE_BAGS_PAGE,
+    BRISBANE_PAGE,
+    BRISBANE_TRAVERSES,
+    QCR_PAGE,
+    QCR_TRAVERSES,
+    SENSOR,
+    BrisbaneTraverse,
+    Files,
+    Landmarks,
+    QCRTraverse,
+)
+
+try:
+    from tonic import Dataset
+except ImportError as error:
+    raise MissingExtraError("a tonic dataset", "tonic", "tonic") from error
+
+__all__ = ["BrisbaneEventVPR", "CountPixels", "QCREventVPR", "Target"]
+
+Transform = Callable[[Any], Any]
+Traverse = TypeVar("Traverse", BrisbaneTraverse, QCRTraverse)
+
+
+class Target(NamedTuple):
+    """What belongs to the events of a traverse.
+
+    Attributes
+    ----------
+    traverse : str
+    track : Track
+        Positions over the time of the events.
+    """
+
+    traverse: str
+    track: Track
+
+
+class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has no types
+    """Events of each traverse from the moment its track begins to the moment it ends."""
+
+    sensor_size = (*SENSOR, 2)
+    dtype = EVENT_DTYPE
+    ordering = EVENT_DTYPE.names
+
+    _known: tuple[Traverse, ...]
+
+    def __init__(
+        self,
+        folder: str | Path,
+        traverses: Sequence[str] | None,
+        files: Files,
+        on_fault: str,
+        page: str,
+        transform: Transform | None,
+        target_transform: Transform | None,
+        transforms: Callable[[Any, Any], tuple[Any, Any]] | None,
+    ) -> None:
+        super().__init__(str(folder), transform, target_transform, transforms)
+        self._folder = Path(folder).expanduser()
+        # tonic would append the class name, but these files were put there by hand
+        self.location_on_system = str(self._folder)
+        if files not in ("parquet", "bag"):
+            raise UsageError(f"files={files!r} is unknown: use parquet or bag")
+        self._files: Files = files
+        self._on_fault = on_fault
+        known = {traverse.name: traverse for traverse in self._known}
+        for name in traverses or ():
+            if name not in known:
+                raise UsageError(f"traverse {name!r} is unknown: choose from {', '.join(known)}")
+            if not self._path(known[name]).is_file():
+                raise RecordingError(
+                    f"{self._folder} does not hold {self._path(known[name]).name}: "
+                    f"download it from {page}"
+                )
+        if traverses is None:
+            traverses = [name for name in known if self._path(known[name]).is_file()]
+        if not traverses:
+            raise RecordingError(
+                f"{self._folder} holds no recording such as {self._path(self._known[0]).name}: "
+                f"download one or more from {page}, or name another folder"
+            )
+        self.traverses = tuple(traverses)
+        self._chosen: list[Traverse] = [known[name] for name in traverses]
+
+    def _path(self, traverse: Traverse) -> Path:
+        return self._folder / traverse.file_name(self._files)
+
+    def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
+        """Return the track, and its time 0 after the recording's start, in microseconds."""
+        raise NotImplementedError
+
+    def __len__(self) -> int:
+        return len(self._chosen)
+
+    def __getitem__(self, index: int) -> tuple[Any, Any]:
+        chunks, target = self.stream(index)
+        # For a moment this needs twice the 13 bytes an event; `stream` needs the bytes of a chunk.
+        events: Any = np.concatenate([np.empty(0, EVENT_DTYPE), *chunks])
+        found: Any = target
+        if self.transform is not None:
+            events = self.transform(events)
+        if self.target_transform is not None:
+            found = self.target_transform(found)
+        if self.transforms is not None:
+            events, found = self.transforms(events, found)
+        return events, found
+
+    def stream(self, index: int) -> tuple[Iterator[Events], Target]:
+        """Read a traverse in bounded memory, without the transforms.
+
+        Parameters
+        ----------
+        index : int
+
+        Returns
+        -------
+        chunks : iterator of ndarray of EVENT_DTYPE
+            Time 0 is the track's; events before it and after the track's end are left out.
+        target : Target
+
+        Raises
+        ------
+        IndexError
+            If there is no such traverse.
+        RecordingError
+            If the recording cannot be read, or ends before the track begins.
+        GroundTruthError
+            If the track cannot be read.
+        """
+        path = self._path(self._chosen[index])
+        recording = open_recording(
+            path,
+            sensor=SENSOR,
+            on_fault=self._on_fault,
+            time_unit="us" if self._files == "parquet" else None,
+        )
+        track, zero_us = self._track(index, recording.start_us)
+        target = Target(self._chosen[index].name, track)
+        return _between(recording, zero_us, int(track.time_us[-1]), path), target
+
+
+def _between(recording: Iterable[Events], zero: int, end: int, path: Path) -> Iterator[Events]:
+    """Keep ``zero <= t < zero + end`` and let time begin there."""
+    found = False
+    for events in recording:
+        first, last = np.searchsorted(events["t"], (zero, zero + end))
+        if last > first:
+            found = True
+            events = events[first:last].copy()
+            events["t"] -= zero
+            yield events
+        if last < len(events):
+            break
+    if not found:
+        raise RecordingError(
+            f"{path} has no event in the {end / 1e6:g} s of the traverse, which begins "
+            f"{zero / 1e6:g} s after the recording: download both anew, and do not rename files"
+        )
+
+
+class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
+    """Brisbane-Event-VPR: six drives of an 8 km route, with GPS.
+
+    Fischer and Milford, "Event-Based Visual Place Recognition With Ensembles of Temporal Windows",
+    RA-L 5(4), 2020. Right within 70 m (see `edge_vpr.ground_truth.from_tracks`).
+
+    Parameters
+    ----------
+    folder : str or Path
+        Holds recordings and GPS logs under their published names (`edge_vpr.traverses`): parquet
+        files and logs from Hugging Face, or bags and logs from Zenodo.
+    traverses : sequence of str, optional
+        Of sunset1, sunset2, daytime, night, morning, sunrise; all that the folder holds if absent.
+    files : {"parquet", "bag"}
+        The parquet files are without hot pixels, bursts and noise, the bags as recorded.
+    on_fault : {"error", "drop"}
+        What to do about faulty events, see `edge_vpr.open_recording`.
+    transform, target_transform, transforms : callable, optional
+        As of every tonic dataset.
+
+    Raises
+    ------
+    UsageError
+        If a traverse is unknown.
+    RecordingError
+        If a recording is missing.
+
+    Examples
+    --------
+    An item is the event array of a traverse, and a `Target` with its name and GPS track::
+
+        events, target = BrisbaneEventVPR("downloads", ["sunset1"])[0]
+    """
+
+    _known = BRISBANE_TRAVERSES
+
+    def __init__(
+        self,
+        folder: str | Path,
+        traverses: Sequence[str] | None = None,
+        *,
+        files: Files = "parquet",
+        on_fault: str = "error",
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
+    ) -> None:
+        page = BRISBANE_PAGE if files == "parquet" else BRISBANE_BAGS_PAGE
+        super().__init__(
+            folder, traverses, files, on_fault, page, transform, target_transform, transforms
+        )
+
+    def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
+        track, beginning_us = self._chosen[index].track(self._folder)
+        return track, beginning_us - recording_start_us
+
+
+class QCREventVPR(_Traverses[QCRTraverse]):
+    """QCR-Event-VPR: seven traverses of a 160 m indoor route at three speeds, with landmarks.
+
+    Fischer and Milford, "How Many Events Do You Need?", RA-L 7(4), 2022. Right within 3 m. The
+    data set has 16 traverses; landmarks were published for these seven.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Holds recordings under their published names (`edge_vpr.traverses`).
+    traverses : sequence of str, optional
+        Of normal1 to normal4, fast1, fast2, slow1; all that the folder holds if absent.
+    files : {"parquet", "bag"}
+        The parquet files are without noise, the bags as recorded.
+    on_fault : {"error", "drop"}
+        What to do about faulty events, see `edge_vpr.open_recording`.
+    landmarks : {"common", "released-code"}
+        What makes the ground truth, see `edge_vpr.traverses.QCRTraverse.track`.
+    transform, target_transform, transforms : callable, optional
+        As of every tonic dataset.
+
+    Raises
+    ------
+    UsageError
+        If a traverse or `landmarks` is unknown.
+    RecordingError
+        If a recording is missing.
+    """
+
+    _known = QCR_TRAVERSES
+
+    def __init__(
+        self,
+        folder: str | Path,
+        traverses: Sequence[str] | None = None,
+        *,
+        files: Files = "parquet",
+        on_fault: str = "error",
+        landmarks: Landmarks = "common",
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
+    ) -> None:
+        super().__init__(
+            folder, traverses, files, on_fault, QCR_PAGE, transform, target_transform, transforms
+        )
+        self._tracks = [traverse.track(landmarks) for traverse in self._chosen]
+
+    def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
+        return self._tracks[index], round(self._chosen[index].start_s * 1e6)
