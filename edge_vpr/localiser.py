@@ -21,7 +21,17 @@ from edge_vpr.pipeline import window_of
 from edge_vpr.pixels import PixelMap
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
-from edge_vpr.sliding import BASE, RING_EVENTS, Sliding, advance, apply_steps, push
+from edge_vpr.sliding import (
+    BASE,
+    MAX_MOVES,
+    MOVES,
+    RING_EVENTS,
+    Sliding,
+    advance,
+    age,
+    settle,
+    take_moves,
+)
 from edge_vpr.windows import MAX_WINDOWS, Descriptors, FixedTime, narrow
 
 #: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
@@ -98,7 +108,7 @@ class Localiser:
         places while it drives.
     code : ndarray of int, shape (c,), optional
         Code of each event count, not decreasing, for a map of coded counts; the last code stands
-        for all larger counts. By default counts are compared as they are, clipped as in the settings.
+        for all larger counts. By default counts are compared as they are, clipped as set.
     check_every : int
         For debugging: after so many selected events, recompute everything and compare.
 
@@ -146,6 +156,7 @@ class Localiser:
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Events in each window, newest first, shape (L, J); a copy."""
+        settle(self._s)
         return self._s.counts.copy()
 
     @property
@@ -154,7 +165,7 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        apply_steps(self._s)
+        settle(self._s)
         sums = self._s.sums[: len(self._places) - self._length + 1].astype(np.int64)
         return sums + self._s.number[BASE]
 
@@ -249,6 +260,7 @@ class Localiser:
             )
         wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
         self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
+        settle(self._s)
         self._s = self._with_distances(self._s)
         return len(self._places) - 1
 
@@ -367,7 +379,7 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        apply_steps(self._s)
+        settle(self._s)
         fresh = self._with_distances(self._s)
         same = (
             np.array_equal(self._recount(), self._s.counts)
@@ -397,6 +409,7 @@ class Localiser:
             slot=np.zeros(RING_EVENTS, dtype=np.int32),
             time=np.zeros(RING_EVENTS, dtype=np.int64),
             bound=np.zeros(self._length + 1, dtype=np.int64),
+            moves=np.zeros((MAX_MOVES, 2), dtype=np.int32),
             counts=np.zeros((self._length, counters), dtype=np.int64),
             tau=self._window.tau_us if isinstance(self._window, FixedTime) else 0,
             n=0 if isinstance(self._window, FixedTime) else self._window.events,
@@ -408,7 +421,7 @@ class Localiser:
             block_least=no_sums,
             offset=np.zeros(MAX_STEPS, dtype=np.int64),
             level=np.empty(0, dtype=np.uint8),
-            number=np.zeros(3, dtype=np.int64),
+            number=np.zeros(2, dtype=np.int64),
             shape=np.zeros(2, dtype=np.int64),
         )
         return self._with_distances(empty)
@@ -443,7 +456,7 @@ class Localiser:
             sums=padded,
             block_least=blocks.min(axis=1) if len(blocks) else np.zeros(1, dtype=dtype),
             level=np.zeros(MAX_STEPS, dtype=places.dtype),
-            number=np.array([base, 0, 0], dtype=np.int64),
+            number=np.array([base, 0], dtype=np.int64),
             shape=np.array([stride, count], dtype=np.int64),
         )
 
@@ -493,62 +506,83 @@ def _localise(  # type: ignore[no-untyped-def]
     s, slots, times, until, every, interval, change, exclusion, places, policy, out
 ):
     """Feed selected events, then let time pass to `until`; stop where a buffer is full."""
-    given = 0
-    for i in range(slots.size + 1):
-        time = times[i] if i < slots.size else until
-        while interval > 0 and policy[_NEXT_TICK] <= time:
-            if given == out.size:
-                return i, given, _MATCHES_FULL
-            tick = policy[_NEXT_TICK]
-            policy[_NEXT_TICK] += interval
-            advance(s, tick)
-            given += _say(s, tick, tick, change, exclusion, places, policy, out, given)
-        if i == slots.size:
-            break
+    ring_slot, ring_time, bound, moves, number = s.slot, s.time, s.bound, s.moves, s.number
+    counts, code, low, high, columns = s.counts, s.code, s.low, s.high, s.columns
+    sums, block_least, offset, level, shape = s.sums, s.block_least, s.offset, s.level, s.shape
+    tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
+    given, i = 0, 0
+    # one turn is a tick, or the next event, until both have come to an end
+    while True:
+        now = times[i] if i < slots.size else until
+        tick = interval > 0 and policy[_NEXT_TICK] <= now
+        if not tick and i == slots.size:
+            return i, given, _DONE
         if given == out.size:
             return i, given, _MATCHES_FULL
-        if not push(s, slots[i], time):
-            return i, given, _RING_FULL
-        if every > 0 and s.bound[0] % every == 0:
-            given += _say(s, time, time + 1, change, exclusion, places, policy, out, given)
-    return slots.size, given, _DONE
+        now = policy[_NEXT_TICK] if tick else now
+        seen_until = now if tick else now + 1
+        while not age(
+            ring_time, ring_slot, bound, moves, number, tau, 0 if tick else n, seen_until
+        ):
+            take_moves(
+                moves, counts, code, low, high, columns, sums, block_least, offset, level, number,
+                shape,
+            )  # fmt: skip
+        if tick:
+            policy[_NEXT_TICK] += interval
+        else:
+            if bound[0] - bound[length] > mask:
+                return i, given, _RING_FULL
+            if number[MOVES] == len(moves):
+                take_moves(
+                    moves, counts, code, low, high, columns, sums, block_least, offset, level,
+                    number, shape,
+                )  # fmt: skip
+            ring_slot[bound[0] & mask] = slots[i]
+            ring_time[bound[0] & mask] = now
+            bound[0] += 1
+            moves[number[MOVES], 0] = slots[i]
+            moves[number[MOVES], 1] = -1
+            number[MOVES] += 1
+            i += 1
+            if every == 0 or bound[0] % every != 0:
+                continue
+        complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
+        if not complete:
+            continue
+        take_moves(
+            moves, counts, code, low, high, columns, sums, block_least, offset, level, number,
+            shape,
+        )  # fmt: skip
+        best, least = least_in(sums, block_least, 0, places)
+        if change and best == policy[_LAST_PLACE]:
+            continue
+        policy[_LAST_PLACE] = best
+        match = out[given]
+        match["t"] = now
+        match["events"] = bound[0] - bound[1]
+        _describe(match, sums, block_least, best, least, number[BASE], length, exclusion, places)
+        given += 1
 
 
 @njit(cache=True, nogil=True)
-def _say(s, time, until, change, exclusion, places, policy, out, given):  # type: ignore[no-untyped-def]
-    """Write the match at T = `until`; 0 if there is none to say."""
-    length = s.counts.shape[0]
-    if s.tau > 0:
-        if until < length * s.tau:
-            return 0
-    elif s.bound[0] < length * s.n:
-        return 0
-    apply_steps(s)
-    best, least = least_in(s.sums, s.block_least, 0, places)
-    place = best + length - 1
-    if change and place == policy[_LAST_PLACE]:
-        return 0
-    policy[_LAST_PLACE] = place
-
+def _describe(match, sums, block_least, best, least, base, length, exclusion, places):  # type: ignore[no-untyped-def]
+    """Write the best place, and look for the second best outside the exclusion zone."""
     second, second_least = -1, least
     if best - exclusion > 0:
-        second, second_least = least_in(s.sums, s.block_least, 0, best - exclusion)
+        second, second_least = least_in(sums, block_least, 0, best - exclusion)
     if best + exclusion + 1 < places:
-        after, after_least = least_in(s.sums, s.block_least, best + exclusion + 1, places)
+        after, after_least = least_in(sums, block_least, best + exclusion + 1, places)
         if second < 0 or after_least < second_least:
             second, second_least = after, after_least
-    match = out[given]
-    match["t"] = time
-    match["place"] = place
-    match["distance_sum"] = np.int64(least) + s.number[BASE]
+    distance = np.int64(least) + base
+    match["place"] = best + length - 1
+    match["distance_sum"] = distance
     match["second"] = -1
     match["second_sum"] = -1
     match["ratio"] = np.nan
     if second >= 0:
+        second_distance = np.int64(second_least) + base
         match["second"] = second + length - 1
-        match["second_sum"] = np.int64(second_least) + s.number[BASE]
-        match["ratio"] = 1.0
-        if match["second_sum"] > 0:
-            match["ratio"] = match["distance_sum"] / match["second_sum"]
-    match["events"] = s.bound[0] - s.bound[1]
-    return 1
+        match["second_sum"] = second_distance
+        match["ratio"] = distance / second_distance if second_distance > 0 else 1.0

@@ -23,9 +23,11 @@ from edge_vpr.incremental import MAX_STEPS, update_blocks
 
 #: events that the ring holds before it first grows
 RING_EVENTS = 4096
+#: moves that are noted before the counters must take them
+MAX_MOVES = 256
 
-# indices into `Sliding.number`
-BASE, ARRIVALS, EXPIRIES = range(3)
+# indices into `Sliding.number`: what all distances have in common, and moves not yet taken
+BASE, MOVES = range(2)
 
 
 class Sliding(NamedTuple):
@@ -35,9 +37,12 @@ class Sliding(NamedTuple):
     ----------
     slot : ndarray of int32, shape (capacity,)
     time : ndarray of int64, shape (capacity,)
-        Ring of selected events: event number n is at ``n % capacity``, a power of two.
+        Ring of selected events: event number i is at ``i % capacity``, a power of two.
     bound : ndarray of int64, shape (L + 1,)
         Lag i holds the events numbered from ``bound[i + 1]`` up to ``bound[i]``.
+    moves : ndarray of int32, shape (MAX_MOVES, 2)
+        Events that have moved since the counters were last brought up to date: slot, and the lag
+        that it left (-1: it is new).
     counts : ndarray of int64, shape (L, J)
         Events in each lag, by slot.
     tau, n : int
@@ -49,14 +54,14 @@ class Sliding(NamedTuple):
     low, high : ndarray of int64, shape (J,)
         Smallest and largest count of each pixel in the map.
     sums : ndarray of uint16 or uint32
-        ``sums[m]``: distance of the sequence that ends at place m + L - 1, less `BASE`.
+        ``sums[m]``: distance of the sequence that ends at place m + L - 1, less the common base.
     block_least : ndarray of the same dtype
         See `least_in`.
     offset : ndarray of int64, shape (MAX_STEPS,)
     level : ndarray of the map's dtype, shape (MAX_STEPS,)
-        Steps that are not yet in the sums: arrivals from the front, expiries from the back.
-    number : ndarray of int64, shape (3,)
-        `BASE`, what all places have in common; numbers of `ARRIVALS` and `EXPIRIES`.
+        Scratch for the steps of `update_blocks`.
+    number : ndarray of int64, shape (2,)
+        See `BASE` and `MOVES`.
     shape : ndarray of int64, shape (2,)
         Stride of `columns`, and number of sums in use.
     """
@@ -64,6 +69,7 @@ class Sliding(NamedTuple):
     slot: npt.NDArray[np.int32]
     time: npt.NDArray[np.int64]
     bound: npt.NDArray[np.int64]
+    moves: npt.NDArray[np.int32]
     counts: npt.NDArray[np.int64]
     tau: int
     n: int
@@ -79,91 +85,101 @@ class Sliding(NamedTuple):
     shape: npt.NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
-def apply_steps(s):  # type: ignore[no-untyped-def]
-    """Bring the sums up to date with the counters."""
-    if s.number[ARRIVALS] + s.number[EXPIRIES] > 0:
-        update_blocks(
-            s.sums,
-            s.block_least,
-            s.columns,
-            s.offset,
-            s.level,
-            s.number[ARRIVALS],
-            s.number[EXPIRIES],
-            s.shape[1],
-        )
-        s.number[ARRIVALS] = 0
-        s.number[EXPIRIES] = 0
+# The kernels take arrays one by one: reading one out of a tuple counts a reference, and an event
+# would spend more time on that than on its distances.
 
 
 @njit(cache=True, nogil=True)
-def _code_of(s, count):  # type: ignore[no-untyped-def]
-    return count if s.code.size == 0 else s.code[min(count, s.code.size - 1)]
+def age(time, slot, bound, moves, number, tau, n, until):  # type: ignore[no-untyped-def]
+    """Note the moves of events that grow too old for their lag by T = `until`.
+
+    Windows of a number of events make room for one more instead.
+
+    Returns
+    -------
+    bool
+        False if there is no room for more moves: take them, and call again.
+    """
+    mask = time.size - 1
+    for lag in range(bound.size - 1):
+        oldest = until - (lag + 1) * tau
+        while (
+            tau > 0 and bound[lag + 1] < bound[lag] and time[bound[lag + 1] & mask] < oldest
+        ) or (n > 0 and bound[0] - bound[lag + 1] >= (lag + 1) * n):
+            if number[MOVES] == len(moves):
+                return False
+            moves[number[MOVES], 0] = slot[bound[lag + 1] & mask]
+            moves[number[MOVES], 1] = lag
+            number[MOVES] += 1
+            bound[lag + 1] += 1
+    return True
 
 
 @njit(cache=True, nogil=True)
-def _change(s, lag, slot, up):  # type: ignore[no-untyped-def]
-    """Count one event more (`up` = 1) or less (-1), and note the steps of its code."""
-    before = s.counts[lag, slot]
-    s.counts[lag, slot] = before + up
-    first = _code_of(s, min(before, before + up))
-    last = _code_of(s, max(before, before + up))
-    for level in range(first, last):
-        # where the whole map lies on one side, every place changes by the same
-        if level >= s.high[slot]:
-            s.number[BASE] += up
-        elif level < s.low[slot]:
-            s.number[BASE] -= up
-        else:
-            if s.number[ARRIVALS] + s.number[EXPIRIES] == MAX_STEPS:
-                apply_steps(s)
-            if up > 0:
-                at = s.number[ARRIVALS]
-                s.number[ARRIVALS] += 1
-            else:
-                s.number[EXPIRIES] += 1
-                at = MAX_STEPS - s.number[EXPIRIES]
-            s.offset[at] = slot * s.shape[0] + s.counts.shape[0] - 1 - lag
-            s.level[at] = level
+def take_moves(  # type: ignore[no-untyped-def]
+    moves, counts, code, low, high, columns, sums, block_least, offset, level, number, shape
+):
+    """Bring counters and distances up to date with the moves noted."""
+    lags = counts.shape[0]
+    arrivals = expiries = 0
+    for m in range(number[MOVES]):
+        slot, left = moves[m, 0], moves[m, 1]
+        for lag in range(max(left, 0), min(left + 2, lags)):
+            up = -1 if lag == left else 1
+            less = counts[lag, slot] + min(up, 0)
+            counts[lag, slot] += up
+            first, last = less, less + 1
+            if code.size > 0:
+                first = code[min(first, code.size - 1)]
+                last = code[min(last, code.size - 1)]
+            for step in range(first, last):
+                # where the whole map lies on one side, every place changes by the same
+                if step >= high[slot]:
+                    number[BASE] += up
+                    continue
+                if step < low[slot]:
+                    number[BASE] -= up
+                    continue
+                if arrivals + expiries == MAX_STEPS:
+                    update_blocks(
+                        sums, block_least, columns, offset, level, arrivals, expiries, shape[1]
+                    )
+                    arrivals = expiries = 0
+                if up > 0:
+                    at = arrivals
+                    arrivals += 1
+                else:
+                    expiries += 1
+                    at = MAX_STEPS - expiries
+                offset[at] = slot * shape[0] + lags - 1 - lag
+                level[at] = step
+    number[MOVES] = 0
+    if arrivals + expiries > 0:
+        update_blocks(sums, block_least, columns, offset, level, arrivals, expiries, shape[1])
 
 
 @njit(cache=True, nogil=True)
-def _age(s, lag):  # type: ignore[no-untyped-def]
-    """Move the oldest event of a lag to the next, or out of the window."""
-    slot = s.slot[s.bound[lag + 1] & (s.slot.size - 1)]
-    s.bound[lag + 1] += 1
-    _change(s, lag, slot, -1)
-    if lag + 1 < s.counts.shape[0]:
-        _change(s, lag + 1, slot, 1)
+def settle(s):  # type: ignore[no-untyped-def]
+    """Bring counters and distances up to date, as `take_moves` does."""
+    take_moves(
+        s.moves,
+        s.counts,
+        s.code,
+        s.low,
+        s.high,
+        s.columns,
+        s.sums,
+        s.block_least,
+        s.offset,
+        s.level,
+        s.number,
+        s.shape,
+    )
 
 
 @njit(cache=True, nogil=True)
 def advance(s, until):  # type: ignore[no-untyped-def]
     """Let time pass to T = `until`; windows of a number of events do not notice."""
     if s.tau > 0:
-        for lag in range(s.counts.shape[0]):
-            oldest = until - (lag + 1) * s.tau
-            while (
-                s.bound[lag + 1] < s.bound[lag]
-                and s.time[s.bound[lag + 1] & (s.time.size - 1)] < oldest
-            ):
-                _age(s, lag)
-
-
-@njit(cache=True, nogil=True)
-def push(s, slot, time):  # type: ignore[no-untyped-def]
-    """Take the next selected event; False if the ring is full, and nothing is then changed."""
-    advance(s, time + 1)
-    if s.n > 0:
-        for lag in range(s.counts.shape[0]):
-            if s.bound[0] + 1 - s.bound[lag + 1] > (lag + 1) * s.n:
-                _age(s, lag)
-    if s.bound[0] - s.bound[-1] == s.slot.size:
-        return False
-    at = s.bound[0] & (s.slot.size - 1)
-    s.slot[at] = slot
-    s.time[at] = time
-    s.bound[0] += 1
-    _change(s, 0, slot, 1)
-    return True
+        while not age(s.time, s.slot, s.bound, s.moves, s.number, s.tau, 0, until):
+            settle(s)
