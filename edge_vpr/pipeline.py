@@ -105,10 +105,14 @@ def map_traverse(
             first.add(window)
         if first.windows == 0:
             raise _too_short(FixedTime(settings.tau_us))
-        if hot is None and settings.remove_hot_pixels:
+        counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
+        if isinstance(recording, WindowSource):
+            counted = recording.counted
+        # among pixels that were not counted, every other one would stand out
+        if hot is None and settings.remove_hot_pixels and counted.all():
             hot = find_hot_pixels(first.totals)
         elif hot is None:
-            hot = np.zeros((sensor.height, sensor.width), dtype=np.bool_)
+            hot = np.zeros_like(counted)
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         pixel_map = select_pixels(
             saliency,
@@ -116,7 +120,7 @@ def map_traverse(
             strategy=settings.strategy,
             sigma=settings.sigma,
             rng=np.random.default_rng(settings.seed),
-            exclude=hot | ~recording.counted if isinstance(recording, WindowSource) else hot,
+            exclude=hot | ~counted,
         )
         needs_events = settings.window == "count" or settings.polarity
         places = None if needs_events else first.descriptors(pixel_map)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.reading import add_reading_arguments
+from edge_vpr_tools.reading import add_reading_arguments, add_window_argument
 from edge_vpr_tools.setting_flags import add_map_flags
 
 HELP = "make a reference map of one drive"
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", metavar="REFERENCE", help="recording of the reference drive")
     parser.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
     parser.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
-    add_reading_arguments(parser)
+    add_window_argument(add_reading_arguments(parser))
     add_map_flags(parser)
 
 
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.errors import UsageError
     from edge_vpr.pipeline import map_traverse
     from edge_vpr_tools.progress import tracked
-    from edge_vpr_tools.reading import describe_faults, open_from
+    from edge_vpr_tools.reading import describe_faults, open_source
     from edge_vpr_tools.setting_flags import map_settings
 
     output = Path(args.output)
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     if not output.absolute().parent.is_dir():
         raise UsageError(f"{output.absolute().parent} is not a folder: make it first")
     settings = map_settings(args)
-    recording = open_from(args, args.recording)
+    recording = open_source(args, args.recording)
     listed = args.hot_pixels not in (None, "find", "keep")
     hot = load_hot_pixels(args.hot_pixels, recording.sensor) if listed else None
 

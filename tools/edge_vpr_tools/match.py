@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.reading import add_reading_arguments
+from edge_vpr_tools.reading import add_reading_arguments, add_window_argument
 from edge_vpr_tools.setting_flags import add_match_flags
 
 HELP = "match a query drive against a map"
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     parser.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     parser.add_argument("--no-figures", action="store_true", help="write no figures and no report")
-    add_reading_arguments(parser)
+    add_window_argument(add_reading_arguments(parser))
     add_match_flags(parser.add_argument_group("settings (over the map's)"))
 
 
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools import results
     from edge_vpr_tools.progress import tracked
     from edge_vpr_tools.provenance import run_record, write_json
-    from edge_vpr_tools.reading import describe_faults, fault_counts, open_from
+    from edge_vpr_tools.reading import describe_faults, fault_counts, open_source
     from edge_vpr_tools.setting_flags import match_flags
 
     output = Path(args.output)
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
     reference = ReferenceMap.load(args.map)
     given = {name: value for name, value in match_flags(args).items() if value is not None}
     settings = reference.settings.replaced(given, "the command line")
-    recording = open_from(args, args.recording)
+    recording = open_source(args, args.recording)
 
     start = time.perf_counter()
     queries = describe(tracked(recording, "counting"), reference.pixel_map, settings)

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from edge_vpr.published import PublishedWindows
     from edge_vpr.recordings import Recording
 
 
-def add_reading_arguments(parser: argparse.ArgumentParser, *, on_fault: bool = True) -> None:
-    """Add the flags that :func:`open_from` reads, in a group of their own."""
+def add_reading_arguments(
+    parser: argparse.ArgumentParser, *, on_fault: bool = True
+) -> argparse._ArgumentGroup:
+    """Add the flags that :func:`open_from` reads, in a group of their own, and return it."""
     group = parser.add_argument_group("reading", "for files that do not say it themselves")
     group.add_argument("--sensor", metavar="WxH", help="size of the sensor, for example 346x260")
     if on_fault:
@@ -33,6 +36,16 @@ def add_reading_arguments(parser: argparse.ArgumentParser, *, on_fault: bool = T
     )
     group.add_argument(
         "--columns", metavar="ORDER", help="order of unnamed columns, for example xytp"
+    )
+    return group
+
+
+def add_window_argument(group: argparse._ArgumentGroup) -> None:
+    """Add the flag that :func:`open_source` reads besides."""
+    group.add_argument(
+        "--frames-as-windows",
+        action="store_true",
+        help="take each count frame as one window, instead of expanding it to events",
     )
 
 
@@ -61,13 +74,34 @@ def open_from(
     )
 
 
-def fault_counts(recording: Recording) -> dict[str, int]:
+def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:
+    """Open `path` as events, or as published windows where ``--frames-as-windows`` asks for it.
+
+    Raises
+    ------
+    EdgeVprError
+        If a flag is wrong or the file cannot be opened.
+    """
+    if not args.frames_as_windows:
+        return open_from(args, path)
+    from edge_vpr.events import Sensor
+    from edge_vpr.published import PublishedWindows
+    from edge_vpr.recordings import parse_period
+
+    return PublishedWindows(
+        path,
+        period=None if args.frame_period is None else parse_period(args.frame_period),
+        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+    )
+
+
+def fault_counts(recording: Recording | PublishedWindows) -> dict[str, int]:
     """Count what the newest pass over a recording dropped, by kind, for programs."""
     from dataclasses import asdict
 
     return asdict(recording.faults)
 
 
-def describe_faults(recording: Recording) -> str:
+def describe_faults(recording: Recording | PublishedWindows) -> str:
     """Say what the newest pass dropped as the end of a sentence; empty if nothing."""
     return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from edge_vpr.ground_truth import (
     load_matrix,
     load_track,
 )
+from edge_vpr.recordings import parse_period
 
 Times = npt.NDArray[np.int64]
 
@@ -74,7 +74,7 @@ def load_truth(
         reference, query = (load_track(file) for file in files)
         return from_tracks(reference, query, places_us, queries_us, tolerance)
     alignment = load_alignment(files[0])
-    period = None if frame_period is None else float(_period(frame_period) * 1_000_000)
+    period = None if frame_period is None else float(parse_period(frame_period) * 1_000_000)
     return from_alignment(
         alignment.pairs,
         alignment.coordinate(queries_us, period),
@@ -82,13 +82,3 @@ def load_truth(
         tolerance,
         alignment.unit,
     )
-
-
-def _period(text: str) -> Fraction:
-    try:
-        period = Fraction(text)
-    except (ValueError, ZeroDivisionError) as error:
-        raise UsageError(f"frame period {text!r}: expected seconds such as 1/30") from error
-    if period <= 0:
-        raise UsageError(f"frame period {text!r}: expected more than 0 seconds")
-    return period

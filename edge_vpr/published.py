@@ -1,0 +1,89 @@
+"""Windows that somebody has counted already: each count frame is taken as one window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import Faults, read_count_frames
+from edge_vpr.windows import WindowCounts
+
+T = TypeVar("T")
+
+
+class PublishedWindows:
+    """Count frames as the windows themselves, in place of a recording of events.
+
+    Parameters
+    ----------
+    path : path
+        Count frames, see `read_count_frames`.
+    period : Fraction, optional
+        Seconds a frame, if the file does not say.
+    sensor : Sensor, optional
+        If the file does not say.
+
+    Attributes
+    ----------
+    sensor : Sensor
+    counted : ndarray of bool, shape (height, width)
+        Which pixels the frames count.
+    start_us : int
+        0: time starts with the first frame.
+    faults : Faults
+        None: damaged frames are errors.
+
+    Raises
+    ------
+    UsageError
+        If the period, the sensor or the pixels are not known.
+    RecordingError
+        If the file cannot be read.
+    """
+
+    start_us = 0
+
+    def __init__(
+        self, path: str | Path, *, period: Fraction | None = None, sensor: Sensor | None = None
+    ) -> None:
+        frames = read_count_frames(path)
+        self._frames = frames
+        self._period_us = _known(
+            frames.period or period, path, "how long a frame lasts: pass --frame-period"
+        ) * Fraction(1_000_000)
+        self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass --sensor WxH")
+        x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
+        y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")
+        if x.max() >= self.sensor.width or y.max() >= self.sensor.height:
+            raise UsageError(
+                f"{path} counts pixels up to column {x.max()} and row {y.max()}, off the "
+                f"{self.sensor} sensor: name the right sensor"
+            )
+        self._flat = y.astype(np.int64) * self.sensor.width + x
+        self.counted = np.zeros((self.sensor.height, self.sensor.width), dtype=np.bool_)
+        self.counted[y, x] = True
+        self.faults = Faults()
+
+    def windows(self) -> Iterator[WindowCounts]:
+        """Start anew and yield one window a frame, over all pixels, row by row."""
+        k = 0
+        for block in self._frames.blocks():
+            for row in block:
+                counts = np.zeros(self.sensor.pixels, dtype=np.int64)
+                counts[self._flat] = row
+                start, end = (math.floor(i * self._period_us) for i in (k, k + 1))
+                yield WindowCounts(counts, start, end, int(counts.sum()))
+                k += 1
+
+
+def _known(value: T | None, path: str | Path, what: str) -> T:
+    if value is None:
+        raise UsageError(f"{path} does not say {what}")
+    return value
