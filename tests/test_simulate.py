@@ -91,6 +91,18 @@ def test_another_seed_is_another_drive_and_another_device_another_camera():
     assert not np.array_equal(joined(short(device=1)), events)
 
 
+def test_the_noise_of_a_camera_is_another_in_each_drive():
+    """Two drives alike in motion, seen by pixels that no light can move."""
+    camera = Camera(
+        sensor=Sensor(16, 16), contrast_on=50, contrast_off=50, noise_hz=5, hot_pixels=0
+    )
+    drive = replace(STILL_IMAGE, speed_range=1)
+    one, other = (joined(short(seed=seed, drive=drive, camera=camera)) for seed in (1, 2))
+    assert min(len(one), len(other)) > 1000
+    same = min(len(one), len(other))
+    assert (one["x"][:same] == other["x"][:same]).mean() < 0.2
+
+
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="compares with the compiled code")
 def test_compiled_and_plain_python_make_the_same_events():
     program = (
@@ -283,6 +295,22 @@ def test_a_mounting_turned_to_the_right_moves_the_image_to_the_left():
                                                                          rel=0.01)  # fmt: skip
 
 
+def test_light_changes_without_jumps_on_the_way():
+    """Ground that brightens evenly along the route: each pixel shows what lies at its distance."""
+    scene = empty_scene()
+    scene.ground.reflectance[:] = np.linspace(0, 1, scene.ground.cover.shape[1])
+    places = 10 + 0.037 * np.arange(60)
+    drive = replace(STILL_IMAGE, light=Light(sun=0, ambient=1))
+    view = View(QUIET, drive, illuminate(scene, drive.light))
+    frames = np.zeros((60, *view.shape), np.float32)
+    view.render(places, frames)
+    row, column = view.shape[0] // 2 + 25, view.shape[1] // 2
+    ahead = CAMERA_M / view.down[row, column]
+    at = (places + ahead) / COLUMN_M - 0.5  # texels have their value in their middle
+    expected = at / (scene.ground.cover.shape[1] - 1)
+    assert frames[:, row, column] == pytest.approx(expected, abs=0.0025)  # 8 bit
+
+
 def test_the_sun_on_the_right_throws_the_shadow_of_a_wall_to_its_left():
     """At 45 degrees a wall throws a shadow as long as it is high; the rest lies in the sun."""
     scene = empty_scene(20)
@@ -318,6 +346,20 @@ def test_a_passing_figure_covers_what_is_behind_it_at_its_place():
     )
     paint_traffic([mover], view, 9_000_000, 10.0, bare)  # behind the camera by now
     assert np.array_equal(bare, seen_from(empty_scene(), 10)[1])
+
+
+def test_of_two_figures_the_nearer_is_seen():
+    black, white = (np.zeros((12, 12, 2), np.float32) for _ in range(2))
+    for picture, light in ((black, 0), (white, 1)):
+        picture[1:-1, 1:-1] = light, 1
+    near = Mover(black, 1.0, 1.5, 16.0, 0.0, 0.0, 0.0)
+    far = Mover(white, 1.0, 1.5, 20.0, 0.0, 0.9, 0.0)  # in line with the near one
+    for order in ([near, far], [far, near]):
+        view, frame = seen_from(empty_scene(), 10)
+        paint_traffic(order, view, 0, 10.0, frame)
+        column = round((view.shape[1] - 1) / 2 - view.focal * view.lane_m / 6)
+        row = round((view.shape[0] - 1) / 2 + view.focal * (CAMERA_M - 0.75) / 6)
+        assert frame[row, column] == 0
 
 
 def test_the_image_is_cut_out_at_a_fraction_of_a_pixel():
