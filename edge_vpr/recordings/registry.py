@@ -186,7 +186,7 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
     ):
         if head.startswith(magic):
             return name
-    if head.startswith((b"% ", b"%:")):
+    if head.startswith(b"% "):
         from edge_vpr.recordings.prophesee import encoding_of
 
         return encoding_of(head)

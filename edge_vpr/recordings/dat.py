@@ -1,0 +1,108 @@
+"""Prophesee DAT, version 2: 32 bits of time, 14 of column, 14 of row, polarity.
+
+An own decoder: eventcv loads these files whole and does not resolve the wrap of their 32 bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.clock import Unwrapper
+from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.prophesee import header_lines, read_header
+from edge_vpr.recordings.source import Columns, ReadOptions, Source
+
+_EVENT = np.dtype([("t", "<u4"), ("pixel", "<u4")])
+_KINDS = (0, 12)  # Event2d of version 2, EventCD
+
+
+class DatSource(Source):
+    """Header lines, a byte each for kind and size of the events, then the events."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        header = read_header(path)
+        super().__init__(path, options, header.sensor)
+        self._skip = header.n_bytes + 2
+        with path.open("rb") as file:
+            file.seek(header.n_bytes)
+            kind = file.read(2)
+        if len(kind) < 2 or kind[0] not in _KINDS or kind[1] != _EVENT.itemsize:
+            raise RecordingError(
+                f"{path} holds events of kind {kind.hex() or 'none'}, and not change detection "
+                "events (00 or 0c) of 8 bytes: convert it"
+            )
+        if header.start_us is not None:
+            self.start_us, self.relative = header.start_us, True
+        self.position = 0.0
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        size = max(1, self.path.stat().st_size)
+        clock = Unwrapper(32)
+        with self.path.open("rb") as file:
+            file.seek(self._skip)
+            while data := file.read(self.options.chunk_events * _EVENT.itemsize):
+                self.position = file.tell() / size
+                events = np.frombuffer(data, _EVENT, len(data) // _EVENT.itemsize)
+                pixel = events["pixel"]
+                yield Columns(
+                    clock.unwrap(events["t"]),
+                    (pixel & 0x3FFF).astype(np.uint16),
+                    (pixel >> 14 & 0x3FFF).astype(np.uint16),
+                    (pixel & 1 << 28) != 0,
+                )
+                if leftover := len(data) % _EVENT.itemsize:
+                    log.truncated(leftover, f"byte {size - leftover:,}, within an event")
+
+
+def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
+    """Open a DAT file."""
+    return DatSource(path, options)
+
+
+class DatSink:
+    """Write DAT version 2, the clock wrapping at 32 bits as the format has it."""
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
+        if max(sensor) > 1 << 14:
+            raise RecordingError(f"DAT holds up to 16384x16384 pixels, and not {sensor}: use .h5")
+        self._file = path.open("wb")
+        self._file.write(header_lines("dat", sensor, start_us) + bytes((12, _EVENT.itemsize)))
+        self._last = 0
+
+    def write(self, events: Events) -> None:
+        """Append events.
+
+        Raises
+        ------
+        RecordingError
+            If there is a gap of more than 35 minutes, which looks like a wrapped clock.
+        """
+        t = events["t"]
+        gap = int(np.diff(t, prepend=self._last).max())
+        if t[0] < 0 or gap >= 1 << 31:
+            raise RecordingError(
+                f"a gap of {gap / 6e7:.1f} minutes, or a negative time, cannot be told from a "
+                "wrapped clock in DAT: use .npz"
+            )
+        rows = np.empty(events.size, _EVENT)
+        rows["t"] = t & 0xFFFFFFFF
+        rows["pixel"] = (
+            events["x"].astype(np.uint32)
+            | events["y"].astype(np.uint32) << 14
+            | events["p"].astype(np.uint32) << 28
+        )
+        self._file.write(rows.tobytes())
+        self._last = int(t[-1])
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+
+open_sink = DatSink

@@ -1,0 +1,295 @@
+"""Prophesee RAW: EVT 2.0, 2.1 and 3.0 (docs.prophesee.ai, "Data encoding formats").
+
+Own decoders, for three reasons that `docs/recordings.md` measures: eventcv loads EVT 2.0 whole
+and guesses its sensor from the events; expelliarmus loses the time base of EVT 3.0 files; and
+these, compiled, decode in bounded memory as fast as either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.prophesee import header_lines, read_header
+from edge_vpr.recordings.source import Columns, ReadOptions, Source
+
+Words = npt.NDArray[Any]
+
+# The state between two calls: time base, its last raw value, row, vector's first column, its
+# polarity, low bits of the time, and how many events came before the first time word.
+_BASE, _HIGH, _Y, _X, _P, _LOW, _UNDATED, _STATE = range(8)
+
+
+@njit(cache=True, nogil=True)
+def _advance(state, high, bits):  # type: ignore[no-untyped-def]
+    """Take a new value of the wrapping counter of high time bits; the counter never wraps.
+
+    The nearer way round decides between a wrap and a step back, which stays one.
+    """
+    if state[_HIGH] < 0:
+        state[_BASE] = high
+    else:
+        half = 1 << (bits - 1)
+        state[_BASE] += ((high - state[_HIGH] + half) & ((1 << bits) - 1)) - half
+    state[_HIGH] = high
+
+
+@njit(cache=True, nogil=True)
+def _decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
+    """32-bit words: 4 bits type, 6 bits time, 11 bits column, 11 bits row."""
+    n = 0
+    for word32 in words:
+        word = np.int64(word32)
+        kind = word >> 28
+        if kind < 2:
+            if state[_HIGH] < 0:
+                state[_UNDATED] += 1
+                continue
+            t[n] = (state[_BASE] << 6) | ((word >> 22) & 63)
+            x[n] = (word >> 11) & 2047
+            y[n] = word & 2047
+            p[n] = kind == 1
+            n += 1
+        elif kind == 8:
+            _advance(state, word & 0xFFFFFFF, 28)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
+    """64-bit words: 4 bits type, 6 time, 11 column, 11 row, 32 bits one for each next column."""
+    n = 0
+    for word64 in words:
+        top = np.int64(word64 >> np.uint64(32))
+        kind = top >> 28
+        if kind < 2:
+            valid = np.int64(word64 & np.uint64(0xFFFFFFFF))
+            first = (top >> 11) & 2047
+            time = (state[_BASE] << 6) | ((top >> 22) & 63)
+            while valid:
+                bit = valid & -valid
+                if state[_HIGH] < 0:
+                    state[_UNDATED] += 1
+                else:
+                    t[n] = time
+                    column = first
+                    while bit > 1:
+                        bit >>= 1
+                        column += 1
+                    x[n] = column
+                    y[n] = top & 2047
+                    p[n] = kind == 1
+                    n += 1
+                valid &= valid - 1
+        elif kind == 8:
+            _advance(state, top & 0xFFFFFFF, 28)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
+    """16-bit words that each change a part of the state, or are events.
+
+    A new value of the high time bits sets the low ones to 0: the sensor's next low word follows.
+    """
+    n = 0
+    base, low, row, first, polarity = (
+        state[_BASE],
+        state[_LOW],
+        state[_Y],
+        state[_X],
+        state[_P],
+    )
+    time = (base << 12) | low
+    dated = state[_HIGH] >= 0
+    for word16 in words:
+        word = np.int64(word16)
+        kind = word >> 12
+        if kind == 2:  # one event
+            if dated:
+                t[n] = time
+                x[n] = word & 2047
+                y[n] = row
+                p[n] = word & 2048 != 0
+                n += 1
+            else:
+                state[_UNDATED] += 1
+        elif kind == 6:  # low time bits
+            low = word & 4095
+            time = (base << 12) | low
+        elif kind == 0:  # row
+            row = word & 2047
+        elif kind == 4 or kind == 5:  # 12 or 8 columns, one bit each
+            width = 12 if kind == 4 else 8
+            valid = word & ((1 << width) - 1)
+            column = first
+            while valid:
+                if valid & 1:
+                    if dated:
+                        t[n] = time
+                        x[n] = column
+                        y[n] = row
+                        p[n] = polarity != 0
+                        n += 1
+                    else:
+                        state[_UNDATED] += 1
+                valid >>= 1
+                column += 1
+            first += width
+        elif kind == 8:  # high time bits
+            high = word & 4095
+            if high != state[_HIGH]:
+                _advance(state, high, 12)
+                base, low, dated = state[_BASE], 0, True
+                time = base << 12
+        elif kind == 3:  # first column of the vectors that follow
+            first = word & 2047
+            polarity = word & 2048
+    state[_LOW], state[_Y], state[_X], state[_P] = low, row, first, polarity
+    return n
+
+
+#: Word type, most events a word, decoder.
+_DECODERS: dict[str, tuple[np.dtype[Any], int, Callable[..., int]]] = {
+    "evt2": (np.dtype("<u4"), 1, _decode_evt2),
+    "evt21": (np.dtype("<u8"), 32, _decode_evt21),
+    "evt3": (np.dtype("<u2"), 12, _decode_evt3),
+}
+
+
+class Decoder:
+    """Decode words of one encoding, chunk by chunk, with the state carried over.
+
+    Parameters
+    ----------
+    encoding : {"evt2", "evt21", "evt3"}
+    capacity : int
+        Words that one call takes at most.
+    big_endian : bool
+
+    Attributes
+    ----------
+    dtype : dtype
+        Of the words.
+    undated : int
+        Events so far that came before the first time word, and were dropped.
+    """
+
+    def __init__(self, encoding: str, capacity: int, big_endian: bool = False) -> None:
+        dtype, self._per_word, self._kernel = _DECODERS[encoding]
+        self.dtype = dtype.newbyteorder(">") if big_endian else dtype
+        self._state = np.zeros(_STATE, np.int64)
+        self._state[_HIGH] = -1
+        self._reserve(capacity)
+
+    def _reserve(self, words: int) -> None:
+        n = words * self._per_word
+        self._t = np.empty(n, np.int64)
+        self._x, self._y = np.empty(n, np.uint16), np.empty(n, np.uint16)
+        self._p = np.empty(n, np.bool_)
+
+    @property
+    def undated(self) -> int:
+        """Events before the first time word."""
+        return int(self._state[_UNDATED])
+
+    def decode(self, words: Words) -> Columns:
+        """Decode; the columns are valid until the next call."""
+        if words.size * self._per_word > self._t.size:
+            self._reserve(words.size)
+        native = words.astype(words.dtype.newbyteorder("="), copy=False)
+        n = self._kernel(native, self._state, self._t, self._x, self._y, self._p)
+        return Columns(self._t[:n], self._x[:n], self._y[:n], self._p[:n])
+
+
+class EvtSource(Source):
+    """A RAW file: header lines, then words."""
+
+    def __init__(self, path: Path, options: ReadOptions, encoding: str) -> None:
+        header = read_header(path)
+        super().__init__(path, options, header.sensor)
+        self._encoding = encoding
+        self._skip, self._big = header.n_bytes, header.big_endian
+        if header.start_us is not None:
+            self.start_us, self.relative = header.start_us, True
+        self.position = 0.0
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        size = max(1, self.path.stat().st_size)
+        capacity = max(1, self.options.chunk_events)
+        decoder = Decoder(self._encoding, capacity, self._big)
+        undated = 0
+        with self.path.open("rb") as file:
+            file.seek(self._skip)
+            while data := file.read(capacity * decoder.dtype.itemsize):
+                self.position = file.tell() / size
+                words = np.frombuffer(data, decoder.dtype, len(data) // decoder.dtype.itemsize)
+                yield decoder.decode(words)
+                log.undated(decoder.undated - undated)
+                undated = decoder.undated
+                if leftover := len(data) % decoder.dtype.itemsize:
+                    log.truncated(leftover, f"byte {size - leftover:,}, within a word")
+
+
+def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
+    """Open a RAW file."""
+    return EvtSource(path, options, format_name)
+
+
+class Evt2Sink:
+    """Write EVT 2.0: a time word where the time's high bits change, and a word an event."""
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
+        if max(sensor) > 2048:
+            raise RecordingError(f"EVT 2.0 holds up to 2048x2048 pixels, and not {sensor}: use .h5")
+        self._file = path.open("wb")
+        self._file.write(header_lines("evt2", sensor, start_us))
+        self._high = -1
+
+    def write(self, events: Events) -> None:
+        """Append events.
+
+        Raises
+        ------
+        RecordingError
+            If there is a gap of more than 2.4 hours, which looks like a wrapped clock.
+        """
+        if events["t"][0] < 0:
+            raise RecordingError(
+                f"time {events['t'][0]} us is negative, which .raw cannot hold: use .npz"
+            )
+        high = events["t"] >> 6
+        steps = np.diff(high, prepend=self._high)
+        if steps.max() >= 1 << 27:
+            raise RecordingError(
+                f"a gap of {int(steps.max()) * 64 / 3.6e9:.1f} hours between two events cannot be "
+                "told from a wrapped clock in EVT 2.0: use .npz"
+            )
+        new = steps != 0
+        at = np.arange(events.size) + np.cumsum(new)
+        words = np.empty(events.size + int(new.sum()), "<u4")
+        words[at] = (
+            events["p"].astype(np.uint32) << 28
+            | (events["t"] & 63).astype(np.uint32) << 22
+            | events["x"].astype(np.uint32) << 11
+            | events["y"]
+        )
+        words[at[new] - 1] = 8 << 28 | (high[new] & 0xFFFFFFF)
+        self._file.write(words.tobytes())
+        self._high = int(high[-1])
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+
+open_sink = Evt2Sink
