@@ -296,19 +296,20 @@ def test_a_mounting_turned_to_the_right_moves_the_image_to_the_left():
 
 
 def test_light_changes_without_jumps_on_the_way():
-    """Ground that brightens evenly along the route: each pixel shows what lies at its distance."""
+    """On striped ground a pixel shows what lies at its distance, linear between two texels."""
     scene = empty_scene()
-    scene.ground.reflectance[:] = np.linspace(0, 1, scene.ground.cover.shape[1])
-    places = 10 + 0.037 * np.arange(60)
+    texel = np.arange(scene.ground.cover.shape[1])
+    stripes = np.abs(texel % 20 - 10) / 10  # from black to white in a metre
+    scene.ground.reflectance[:] = stripes
+    places = 10 + 0.037 * np.arange(80)
     drive = replace(STILL_IMAGE, light=Light(sun=0, ambient=1))
     view = View(QUIET, drive, illuminate(scene, drive.light))
-    frames = np.zeros((60, *view.shape), np.float32)
+    frames = np.zeros((80, *view.shape), np.float32)
     view.render(places, frames)
-    row, column = view.shape[0] // 2 + 25, view.shape[1] // 2
-    ahead = CAMERA_M / view.down[row, column]
-    at = (places + ahead) / COLUMN_M - 0.5  # texels have their value in their middle
-    expected = at / (scene.ground.cover.shape[1] - 1)
-    assert frames[:, row, column] == pytest.approx(expected, abs=0.0025)  # 8 bit
+    row, column = view.shape[0] // 2 + 36, view.shape[1] // 2  # where a pixel covers one texel
+    at = (places + CAMERA_M / view.down[row, column]) / COLUMN_M - 0.5
+    expected = np.interp(at, texel, stripes)  # texels have their value in their middle
+    assert frames[:, row, column] == pytest.approx(expected, abs=0.003)  # 8 bit
 
 
 def test_the_sun_on_the_right_throws_the_shadow_of_a_wall_to_its_left():
