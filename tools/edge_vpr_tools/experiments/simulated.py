@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 
 from edge_vpr.ground_truth import GroundTruth, from_tracks
+from edge_vpr.localiser import Every
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
+from edge_vpr_tools.experiments.latency import Latency, measure_latency
 from edge_vpr_tools.experiments.trial import (
     Summary,
     Times,
     Trial,
+    TruthOf,
     Variant,
     markdown_table,
     run_trial,
@@ -20,46 +22,73 @@ from edge_vpr_tools.experiments.trial import (
 #: a match is right within this distance along the route, in metres
 TOLERANCE_M = 10.0
 SETTINGS = PRESETS["paper"]
+BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
+FEW, FEW_RANDOM = "25 varying pixels, fixed N", "25 random pixels, fixed N"
+DENSE = "all pixels, fixed N"
 VARIANTS = (
-    Variant("150 varying pixels, fixed N", {"window": "count"}),
-    Variant("150 varying pixels, fixed tau"),
+    Variant(BEST, {"window": "count"}),
+    Variant(BY_TIME),
     Variant("150 random pixels, fixed N", {"window": "count", "strategy": "random"}),
-    Variant("25 varying pixels, fixed N", {"window": "count", "pixels": 25}),
-    Variant("25 random pixels, fixed N", {"window": "count", "pixels": 25, "strategy": "random"}),
-    Variant("all pixels, fixed N", {"window": "count"}, all_pixels=True),
+    Variant(FEW, {"window": "count", "pixels": 25}),
+    Variant(FEW_RANDOM, {"window": "count", "pixels": 25, "strategy": "random"}),
+    Variant(DENSE, {"window": "count"}, all_pixels=True),
     Variant("all pixels, fixed tau", all_pixels=True),
 )
 
 
-def truth_of_pair(
-    reference: SimulatedRecording, query: SimulatedRecording
-) -> Callable[[Times, Times], GroundTruth]:
+def truth_of_pair(reference: SimulatedRecording, query: SimulatedRecording) -> TruthOf:
     """Give the ground truth of a simulated pair, by the positions along the route."""
-    return functools.partial(_truth, reference, query)
+
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return from_tracks(reference.track, query.track, places_us, queries_us, TOLERANCE_M)
+
+    return truth_of
 
 
-def _truth(
-    reference: SimulatedRecording, query: SimulatedRecording, places: Times, queries: Times
-) -> GroundTruth:
-    return from_tracks(reference.track, query.track, places, queries, TOLERANCE_M)
-
-
-def run_pair(seed: int, sensor: str = "default") -> dict[str, Trial]:
-    """Simulate one pair and try every variant on it.
+def run_variants(
+    reference: SimulatedRecording,
+    query: SimulatedRecording,
+    seed: int,
+    on_start: Callable[[str], None] = lambda name: None,
+) -> dict[str, Trial]:
+    """Try every variant on one pair.
 
     Parameters
     ----------
+    reference, query : SimulatedRecording
     seed : int
-        Of the world, the drives, and the draw of pixels.
-    sensor : str
-        A camera of the simulator.
+        Of the draw of pixels.
+    on_start : callable, optional
+        Told the name of each variant as it begins.
     """
-    reference, query = (drive.keep() for drive in simulate_pair(seed, sensor))
     settings = SETTINGS.replaced({"seed": seed}, "seed")
     truth_of = truth_of_pair(reference, query)
+    trials = {}
+    for variant in VARIANTS:
+        on_start(variant.name)
+        trials[variant.name] = run_trial(reference, query, truth_of, settings, variant)
+    return trials
+
+
+def run_pair(seed: int) -> dict[str, Trial]:
+    """Simulate the pair of this seed and try every variant on it."""
+    reference, query = (drive.keep() for drive in simulate_pair(seed))
+    return run_variants(reference, query, seed)
+
+
+def compare_latencies(
+    reference: SimulatedRecording, query: SimulatedRecording, trial: Trial
+) -> dict[str, Latency]:
+    """Time the recognition of places with a match after every event, and after every window."""
+    policies = {
+        "event by event": Every(events=1),
+        "window by window": Every.window(trial.reference.settings),
+    }
     return {
-        variant.name: run_trial(reference, query, truth_of, settings, variant)
-        for variant in VARIANTS
+        name: measure_latency(
+            trial.reference, query, reference.track, query.track, every, TOLERANCE_M
+        )
+        for name, every in policies.items()
     }
 
 

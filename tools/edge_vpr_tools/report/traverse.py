@@ -43,7 +43,7 @@ def write_report(
     arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
     queries = Descriptors.from_arrays(arrays)
     drives = [("reference", reference.places), ("query", queries)]
-    distances, stride = _shown_distances(reference.places, queries, matches)
+    distances, stride = shown_distances(reference.places, queries, matches)
 
     page = Page("edge-vpr: matches of a drive")
     settings = matches.settings
@@ -98,10 +98,16 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
     ]  # fmt: skip
 
 
-def _shown_distances(
+def shown_distances(
     places: Descriptors, queries: Descriptors, matches: Matches
 ) -> tuple[npt.NDArray[np.float64], int]:
-    """D_seq at every stride-th place and query, so that a long drive still fits a picture."""
+    """Compute D_seq at every stride-th place and query, so that a long drive fits a picture.
+
+    Returns
+    -------
+    distances : ndarray of float64, shape (rows, columns)
+    stride : int
+    """
     length = matches.settings.sequence_length
     stride = 1 + max(len(places), len(queries)) // _SIDE
     index = ReferenceIndex(places.counts)
