@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from edge_vpr.errors import RecordingError, UsageError
@@ -58,25 +59,30 @@ class Recording:
     def __repr__(self) -> str:
         return f"<Recording {self.path} ({self.format}, {self.sensor})>"
 
-    def _walk(self, log: FaultLog) -> Iterator[Events]:
-        for columns in self._source.chunks(log):
-            events = log.admit(columns)
-            if events.size:
-                yield events
+    def _walk(self, log: FaultLog) -> Generator[Events, None, None]:
+        try:
+            for columns in self._source.chunks(log):
+                events = log.admit(columns)
+                if events.size:
+                    yield events
+        except OSError as error:
+            raise RecordingError(
+                f"{self.path} cannot be read: {error.strerror or error}: check the disk"
+            ) from error
 
     def _find_start(self) -> tuple[int, int]:
         """Read up to the first good event, so that an empty file is known at once."""
         log = FaultLog(
             self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
         )
-        chunks = self._walk(log)
-        if next(chunks, None) is None:
+        with contextlib.closing(self._walk(log)) as chunks:
+            found = next(chunks, None) is not None
+        if not found:
             lost = f" (dropped: {log.faults})" if log.faults.total else ""
             raise RecordingError(
                 f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
                 "check the file, its format and its sensor"
             )
-        chunks.close()  # type: ignore[attr-defined]
         self._source.position = 0.0 if self._source.position is not None else None
         assert log.origin_us is not None
         start = self._source.start_us

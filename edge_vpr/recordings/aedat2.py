@@ -1,0 +1,110 @@
+"""AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
+
+The address layout depends on the chip (docs.inivation.com, "AEDAT 2.0"). An own decoder: eventcv
+loads these files whole, refuses DVS128, and reads it as a DAVIS if it is told a sensor size.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.events import Sensor
+from edge_vpr.recordings.clock import Unwrapper
+from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.source import Columns, ReadOptions, Source
+
+_EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
+
+
+class _Layout(NamedTuple):
+    """Where column, row and polarity stand in the address, and which bits mark other events."""
+
+    x_shift: int
+    x_mask: int
+    y_shift: int
+    y_mask: int
+    p_bit: int
+    other: int
+
+
+# bit 31 marks frames and IMU samples, bit 10 external edges; DVS128 has bit 15 for those
+_DAVIS = _Layout(12, 0x3FF, 22, 0x1FF, 11, 1 << 31 | 1 << 10)
+_DVS128 = _Layout(1, 0x7F, 8, 0x7F, 0, 1 << 15)
+
+_CHIPS = (
+    (r"dvs128", Sensor(128, 128), _DVS128),
+    (r"davis240", Sensor(240, 180), _DAVIS),
+    (r"davis(rgb)?346", Sensor(346, 260), _DAVIS),
+    (r"davis(rgb)?640", Sensor(640, 480), _DAVIS),
+    (r"davis208", Sensor(208, 192), _DAVIS),
+    (r"davis128", Sensor(128, 128), _DAVIS),
+)
+
+
+class Aedat2Source(Source):
+    """Header lines that begin with ``#``, then pairs.
+
+    jAER's row 0 is the lowest; rows are turned so that row 0 is the highest, as everywhere else.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._skip, chip = _read_header(path)
+        for name, size, layout in _CHIPS:
+            if chip is not None and re.search(name, chip.lower()):
+                self._sensor, self._layout = size, layout
+                break
+        else:
+            raise RecordingError(
+                f"{path} was recorded by the chip {chip or '(its header does not say)'}, whose "
+                "addresses are not known here: convert it with jAER or DV to AEDAT 4"
+            )
+        super().__init__(path, options, self._sensor)
+        self.position = 0.0
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        layout = self._layout
+        top = self._sensor.height - 1
+        size = max(1, self.path.stat().st_size)
+        clock = Unwrapper(32)
+        with self.path.open("rb") as file:
+            file.seek(self._skip)
+            while data := file.read(self.options.chunk_events * _EVENT.itemsize):
+                self.position = file.tell() / size
+                pairs = np.frombuffer(data, _EVENT, len(data) // _EVENT.itemsize)
+                t = clock.unwrap(pairs["t"])
+                address = pairs["address"].astype(np.int64)
+                change = address & layout.other == 0
+                address, t = address[change], t[change]
+                yield Columns(
+                    t,
+                    address >> layout.x_shift & layout.x_mask,
+                    top - (address >> layout.y_shift & layout.y_mask),
+                    (address >> layout.p_bit & 1) == 1,
+                )
+                if leftover := len(data) % _EVENT.itemsize:
+                    log.truncated(leftover, f"byte {size - leftover:,}, within an event")
+
+
+def _read_header(path: Path) -> tuple[int, str | None]:
+    """Length of the header, and the chip that it names."""
+    n, chip = 0, None
+    with path.open("rb") as file:
+        while (line := file.readline(1 << 16)).startswith(b"#"):
+            n += len(line)
+            if match := re.match(rb"#\s*AEChip:\s*(\S+)", line):
+                chip = match[1].decode("ascii", "replace")
+            if line.startswith((b"# End Of ASCII", b"#End Of ASCII")):
+                break
+    return n, chip
+
+
+def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
+    """Open an AEDAT 2 file."""
+    return Aedat2Source(path, options)

@@ -1,0 +1,109 @@
+"""Event Stream (``.es``), with faery's decoder and encoder.
+
+The format's row 0 is the lowest: rows are turned, as faery's own streams turn them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_vpr.errors import MissingExtraError, RecordingError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.source import Columns, ReadOptions, Source
+
+_FAERY = np.dtype(
+    [("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")],
+)
+
+
+def _es() -> Any:
+    try:
+        from faery.extension import es
+    except ImportError as error:
+        raise MissingExtraError("an .es file", "faery", "es") from error
+    return es
+
+
+class EsSource(Source):
+    """DVS and ATIS events. The format begins at time 0 and says its size."""
+
+    relative = True
+    start_us = 0
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        with self._decoder(path) as decoder:
+            if decoder.event_type not in ("dvs", "atis"):
+                raise RecordingError(
+                    f"{path} holds {decoder.event_type} events, which have no pixel and polarity: "
+                    "record DVS or ATIS events"
+                )
+            sensor = Sensor(*decoder.dimensions)
+        super().__init__(path, options, sensor)
+        self._top = sensor.height - 1
+
+    def _decoder(self, path: Path) -> Any:
+        try:
+            return _es().Decoder(path, 0)
+        except (RuntimeError, ValueError, OSError) as error:
+            raise RecordingError(f"{path} is damaged or no .es file ({error})") from error
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        with self._decoder(self.path) as decoder:
+            atis = decoder.event_type == "atis"
+            while True:
+                try:
+                    packet = next(decoder, None)
+                except (RuntimeError, ValueError, OSError) as error:
+                    raise RecordingError(
+                        f"{self.path} is damaged after event {log.entries:,} ({error}): "
+                        "copy it again"
+                    ) from error
+                if packet is None:
+                    return
+                if atis:  # an exposure measurement is no change
+                    packet = packet[~packet["exposure"]]
+                on = packet["polarity"] if atis else packet["on"]
+                for i in range(0, packet.size, self.options.chunk_events):
+                    part = slice(i, i + self.options.chunk_events)
+                    t = packet["t"][part].astype(np.int64)
+                    y = self._top - packet["y"][part].astype(np.int64)
+                    yield Columns(t, packet["x"][part], y, on[part])
+
+
+def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
+    """Open an Event Stream file."""
+    return EsSource(path, options)
+
+
+class EsSink:
+    """Write DVS events; the start is not kept, the times are."""
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
+        self._encoder = _es().Encoder(path, "dvs", False, tuple(sensor))
+        self._encoder.__enter__()
+        self._top = sensor.height - 1
+
+    def write(self, events: Events) -> None:
+        """Append events."""
+        if events["t"][0] < 0:
+            raise RecordingError(
+                f"time {events['t'][0]} us is negative, which .es cannot hold: use .npz"
+            )
+        packet = np.empty(events.size, _FAERY)
+        packet["t"], packet["x"] = events["t"], events["x"]
+        packet["y"] = self._top - events["y"]
+        packet["on"] = events["p"]
+        self._encoder.write(packet)
+
+    def close(self) -> None:
+        """End the file."""
+        self._encoder.__exit__(None, None, None)
+
+
+open_sink = EsSink

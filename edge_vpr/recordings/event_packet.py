@@ -1,0 +1,157 @@
+"""The ROS messages that carry events, decoded from their serialised bytes.
+
+``dvs_msgs/EventArray`` (ROS 1 and 2): one structure an event. ``event_camera_msgs/EventPacket``:
+the camera's own words, of which the encodings ``evt3`` (Prophesee) and ``libcaer`` (iniVation)
+are decoded. Neither eventcv nor rosbags decodes those.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.recordings.clock import Unwrapper
+from edge_vpr.recordings.evt import Decoder
+from edge_vpr.recordings.source import Columns
+
+
+class Cursor:
+    """Read the fields of one serialised message, one after another.
+
+    Parameters
+    ----------
+    data : bytes
+    ros : {1, 2}
+        ROS 1 packs fields without gaps, ROS 2 (CDR) aligns each to its size.
+    """
+
+    def __init__(self, data: bytes, ros: int) -> None:
+        self._data = memoryview(data)
+        self._aligned = ros == 2
+        self._at = 0
+        self.order = "<"
+        if self._aligned:
+            self.order = "<" if data[1] & 1 else ">"
+            self._data = self._data[4:]
+
+    def number(self, kind: str) -> int:
+        """Read one integer, `kind` as in :mod:`struct`."""
+        size = struct.calcsize(kind)
+        if self._aligned:
+            self._at += -self._at % size
+        (value,) = struct.unpack_from(self.order + kind, self._data, self._at)
+        self._at += size
+        return int(value)
+
+    def text(self) -> str:
+        """Read a string."""
+        return bytes(self.octets()).rstrip(b"\0").decode("utf-8", "replace")
+
+    def octets(self) -> memoryview:
+        """Read a sequence of bytes."""
+        length = self.number("I")
+        octets = self._data[self._at : self._at + length]
+        if len(octets) < length:
+            raise struct.error(f"{length:,} bytes announced, {len(octets):,} there")
+        self._at += length
+        return octets
+
+    def rest(self) -> memoryview:
+        """Give all bytes that are left."""
+        return self._data[self._at :]
+
+
+class Preamble(NamedTuple):
+    """What every message of events begins with."""
+
+    stamp_us: int
+    height: int
+    width: int
+
+
+def read_preamble(cursor: Cursor, ros: int) -> Preamble:
+    """Read header, height and width."""
+    if ros == 1:
+        cursor.number("I")  # sequence number
+    seconds, nanoseconds = cursor.number("I"), cursor.number("I")
+    cursor.text()  # frame
+    height, width = cursor.number("I"), cursor.number("I")
+    return Preamble(seconds * 1_000_000 + nanoseconds // 1_000, height, width)
+
+
+def read_event_array(cursor: Cursor, ros: int) -> Columns:
+    """Read the events of ``dvs_msgs/EventArray``; times are wall-clock microseconds.
+
+    In CDR an event of 13 bytes is followed at once by the next one's column (2-byte aligned), so
+    that event i + 1 has its column in the last 2 bytes of a stride of 16, its row in the first 2
+    of the next, and the rest where event 0 has it.
+    """
+    n = cursor.number("I")
+    stride = 13 if ros == 1 else 16
+    data = bytes(cursor.rest())
+    needed = stride * (n - 1) + 13 if n else 0
+    if len(data) < needed:
+        raise struct.error(f"{n:,} events announced in {len(data):,} bytes")
+    rows = np.frombuffer(data[:needed].ljust(stride * n, b"\0"), np.uint8).reshape(n, stride)
+
+    def column(offset: int, kind: str) -> npt.NDArray[np.int64]:
+        size = struct.calcsize(kind)
+        octets = np.ascontiguousarray(rows[:, offset : offset + size])
+        values = octets.view(np.dtype(cursor.order + kind)).reshape(n)
+        return values.astype(np.int64)
+
+    t = column(4, "I") * 1_000_000 + column(8, "I") // 1_000
+    if ros == 1 or n == 0:
+        return Columns(t, column(0, "H"), column(2, "H"), rows[:, 12] > 0)
+    x, y = column(0, "H"), column(0, "H")
+    y[0] = column(2, "H")[0]
+    x[1:] = column(14, "H")[:-1]
+    return Columns(t, x, y, rows[:, 12] > 0)
+
+
+class PacketDecoder:
+    """Decode the packets of one camera; clock and decoder state carry over between packets."""
+
+    def __init__(self) -> None:
+        self._evt3 = Decoder("evt3", 1 << 14)
+        self._clock = Unwrapper(31)
+
+    @property
+    def undated(self) -> int:
+        """Events before the first time word."""
+        return self._evt3.undated
+
+    def read(self, cursor: Cursor) -> Columns:
+        """Read the rest of ``event_camera_msgs/EventPacket``; times are the camera's clock.
+
+        Raises
+        ------
+        RecordingError
+            If its encoding is not decoded here.
+        """
+        cursor.number("Q")  # sequence number
+        cursor.number("Q")  # time base, ROS time of the sensor's time 0
+        encoding = cursor.text()
+        big = bool(cursor.number("B"))
+        payload = cursor.octets()
+        if encoding == "evt3" and not big:
+            return self._evt3.decode(np.frombuffer(payload, "<u2", len(payload) // 2))
+        if encoding == "libcaer" and not big:
+            return self._libcaer(np.frombuffer(payload, "<u4", len(payload) // 8 * 2))
+        raise RecordingError(
+            f"event packets of encoding {encoding!r}{' (big endian)' if big else ''} are not "
+            "decoded: known are evt3 and libcaer; convert the bag with event_camera_tools"
+        )
+
+    def _libcaer(self, words: npt.NDArray[np.uint32]) -> Columns:
+        """Decode pairs: column, row, polarity, validity in 15, 15, 1, 1 bits, then 31 bits time."""
+        pairs = words.reshape(-1, 2)
+        data = pairs[:, 0]
+        t = self._clock.unwrap(pairs[:, 1])
+        valid = (data & 1) == 1
+        data, t = data[valid], t[valid]
+        return Columns(t, data >> 17, data >> 2 & 0x7FFF, (data & 2) == 2)
