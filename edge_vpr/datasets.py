@@ -38,7 +38,7 @@ except ImportError as error:
 __all__ = ["BrisbaneEventVPR", "CountPixels", "QCREventVPR", "Target"]
 
 Transform = Callable[[Any], Any]
-Traverse = TypeVar("Traverse", BrisbaneTraverse, QCRTraverse)
+Traverse = TypeVar("Traverse", bound=BrisbaneTraverse | QCRTraverse)
 
 
 class Target(NamedTuple):

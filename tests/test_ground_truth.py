@@ -53,9 +53,11 @@ def test_interpolation_is_the_oracles_to_the_bit(times, wanted, max_gap, data):
 
 
 def test_a_track_is_unknown_before_it_after_it_and_inside_long_gaps():
-    track = Track([0, 2 * SECOND, 9 * SECOND], [[0.0], [4.0], [18.0]], max_gap_us=5 * SECOND)
-    at = track.at(np.array([-1, 0, 1 * SECOND, 2 * SECOND, 3 * SECOND, 9 * SECOND, 9 * SECOND + 1]))
-    np.testing.assert_array_equal(at[:, 0], [np.nan, 0, 2, 4, np.nan, 18, np.nan])
+    # one gap as long as allowed, one a microsecond longer
+    times = [0, 5 * SECOND, 10 * SECOND + 1]
+    track = Track(times, [[0.0], [10.0], [20.0]], max_gap_us=5 * SECOND)
+    at = track.at([-1, 0, SECOND, times[1], 7 * SECOND, times[2], times[2] + 1])
+    np.testing.assert_array_equal(at[:, 0], [np.nan, 0, 2, 10, np.nan, 20, np.nan])
 
 
 def test_a_track_of_one_point_is_known_there_alone():
