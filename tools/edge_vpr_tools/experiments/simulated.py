@@ -92,6 +92,25 @@ def compare_latencies(
     }
 
 
+def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
+    """Simulate several pairs and set the figures of every variant as a Markdown table.
+
+    Parameters
+    ----------
+    data : object
+        Not used: nothing is read.
+    seeds : int
+        Number of pairs: each has a street, a camera, drives, and a draw of pixels of its own.
+    on_start : callable
+        Told which pair begins.
+    """
+    pairs = []
+    for seed in range(seeds):
+        on_start(f"pair {seed + 1} of {seeds}")
+        pairs.append(run_pair(seed))
+    return summary(pairs)
+
+
 def summary(pairs: Sequence[dict[str, Trial]]) -> str:
     """Set the figures of several pairs as a Markdown table, with their spread."""
     rows = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from edge_vpr.baselines import map_all_pixels
 from edge_vpr.evaluation import Evaluation, evaluate
+from edge_vpr.events import Events, Sensor
 from edge_vpr.ground_truth import GroundTruth
 from edge_vpr.matches import Matches, match_descriptors
 from edge_vpr.pipeline import EventSource, describe, map_traverse
@@ -22,6 +23,17 @@ from edge_vpr.windows import Descriptors
 Times = npt.NDArray[np.int64]
 #: ground truth of the windows centred at these times: (places, queries) -> truth
 TruthOf = Callable[[Times, Times], GroundTruth]
+
+
+class Kept:
+    """A recording whose events are held in memory, for the many passes of an experiment."""
+
+    def __init__(self, recording: EventSource) -> None:
+        self.sensor: Sensor = recording.sensor
+        self._chunks = list(recording)
+
+    def __iter__(self) -> Iterator[Events]:
+        return iter(self._chunks)
 
 
 @dataclass(frozen=True)

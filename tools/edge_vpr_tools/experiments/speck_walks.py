@@ -1,0 +1,100 @@
+"""Two walks with a Speck through one building: real events, cut into short count frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+from edge_vpr.ground_truth import GroundTruth, from_alignment, load_alignment
+from edge_vpr.recordings import open_recording
+from edge_vpr.settings import PRESETS
+from edge_vpr_tools.experiments.trial import (
+    Kept,
+    Summary,
+    Times,
+    TruthOf,
+    Variant,
+    markdown_table,
+    run_trial,
+)
+
+FOLDER = "speck_walks"
+#: not published with the data; the windows are 30 frames in any case
+FRAME_PERIOD = Fraction(1, 30)
+TOLERANCE_FRAMES = 60.0
+SETTINGS = PRESETS["paper"].replaced({"sequence_length": 10}, "speck walks")
+VARIANTS = (
+    *(
+        Variant(f"150 pixels, {strategy}, L = 10", {"strategy": strategy})
+        for strategy in ("variance", "seed-code", "random", "random-upper", "top")
+    ),
+    Variant("all pixels, L = 10", all_pixels=True),
+    *(
+        Variant(
+            f"25 pixels, {strategy}, L = {length}",
+            {"pixels": 25, "strategy": strategy, "sequence_length": length},
+        )
+        for length in (10, 1)
+        for strategy in ("variance", "random")
+    ),
+    Variant("all pixels, L = 1", {"sequence_length": 1}, all_pixels=True),
+)
+
+
+def truth_of_walks(folder: Path) -> TruthOf:
+    """Give the published alignment of the two walks as ground truth."""
+    alignment = load_alignment(folder / "ground_truth.csv")
+    period_us = float(FRAME_PERIOD * 1_000_000)
+
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return from_alignment(
+            alignment.pairs,
+            alignment.coordinate(queries_us, period_us),
+            alignment.coordinate(places_us, period_us),
+            TOLERANCE_FRAMES,
+            "frames",
+        )
+
+    return truth_of
+
+
+def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
+    """Try every variant with several draws of pixels, as a Markdown table.
+
+    Parameters
+    ----------
+    data : path
+        Folder that holds ``speck_walks``.
+    seeds : int
+        Number of draws.
+    on_start : callable
+        Told the name of each variant as it begins.
+    """
+    folder = data / FOLDER
+    on_start("reading the walks")
+    reference, query = (
+        Kept(open_recording(folder / f"{name}.npz", frame_period=FRAME_PERIOD))
+        for name in ("reference", "query")
+    )
+    truth_of = truth_of_walks(folder)
+    rows = []
+    for variant in VARIANTS:
+        on_start(variant.name)
+        # without a draw, every trial would be the same
+        drawn = not variant.all_pixels and variant.changes.get("strategy") != "top"
+        found = [
+            run_trial(
+                reference, query, truth_of, SETTINGS.replaced({"seed": seed}, "seed"), variant
+            ).evaluation
+            for seed in range(seeds if drawn else 1)
+        ]
+        rows.append(
+            [
+                variant.name,
+                str(Summary([f.precision_at_100_recall for f in found])),
+                str(Summary([f.recall_at_99_precision for f in found])),
+                str(Summary([f.recall_at[5] for f in found])),
+            ]
+        )
+    return markdown_table(("variant", "P@100R", "R@99P", "Recall@5"), rows)
