@@ -18,6 +18,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     parser.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     parser.add_argument("--no-figures", action="store_true", help="write no figures and no report")
+    parser.add_argument(
+        "--online", action="store_true", help="match event by event, as on the board"
+    )
+    parser.add_argument(
+        "--every",
+        metavar="WHEN",
+        default="event",
+        help="with --online, when to give a match: event (at a selected pixel), N events, "
+        "a time such as 10ms, window, or change (of the best place)",
+    )
     add_window_argument(add_reading_arguments(parser))
     add_match_flags(parser.add_argument_group("settings (over the map's)"))
 
@@ -30,6 +40,7 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong or the recording cannot be matched.
     """
+    import dataclasses
     import time
 
     from edge_vpr.archive import write_archive
@@ -37,6 +48,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.pipeline import describe
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools import results
+    from edge_vpr_tools.online import match_online
     from edge_vpr_tools.progress import tracked
     from edge_vpr_tools.provenance import run_record, write_json
     from edge_vpr_tools.reading import describe_faults, fault_counts, open_source
@@ -47,6 +59,9 @@ def run(args: argparse.Namespace) -> None:
     reference = ReferenceMap.load(args.map)
     given = {name: value for name, value in match_flags(args).items() if value is not None}
     settings = reference.settings.replaced(given, "the command line")
+    if args.online:
+        match_online(args, dataclasses.replace(reference, settings=settings))
+        return
     recording = open_source(args, args.recording)
 
     start = time.perf_counter()

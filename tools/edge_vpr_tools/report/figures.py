@@ -170,6 +170,24 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     return drawing
 
 
+def online_places(matches: npt.NDArray[np.void], places: int) -> Figure:
+    """Draw which place was said when; sure matches (a small ratio) are dark."""
+    with figure(7.5, 5.0) as (drawing, axes):
+        # a picture shows no more than some ten thousand points
+        shown = matches[:: 1 + matches.size // 20_000]
+        points = axes.scatter(
+            shown["t"] / 1e6, shown["place"], c=shown["ratio"], s=3, cmap="cividis", rasterized=True
+        )
+        drawing.colorbar(points, ax=axes).set_label("best over second-best distance")
+        axes.set(
+            title=f"Best place over time, {matches.size:,} matches",
+            xlabel="time (s)",
+            ylabel="reference place",
+            ylim=(-0.5, places - 0.5),
+        )
+    return drawing
+
+
 def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-def]
     places, queries = truth.correct.shape
     band = np.ma.masked_equal(truth.correct[:: 1 + places // 2000, :: 1 + queries // 2000], False)

@@ -1,0 +1,269 @@
+"""The commands, as their users call them: what they print, leave behind, and say to bad use."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from streams import random_events
+
+from edge_vpr.archive import write_archive
+from edge_vpr.events import Sensor
+from edge_vpr.matches import Matches
+from edge_vpr.recordings import write_recording
+from edge_vpr.reference_map import ReferenceMap
+
+SENSOR = Sensor(16, 12)
+SMALL = ["--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A folder with two drives, a map and matches."""
+    folder = tmp_path_factory.mktemp("drive")
+    rng = np.random.default_rng(0)
+    for name in ("reference", "query"):
+        events = random_events(rng, 4_000, SENSOR, 2_000_000)
+        write_recording(folder / f"{name}.npz", [events], sensor=SENSOR)
+    assert main(["map", str(folder / "reference.npz"), "-o", str(folder / "map.npz"), *SMALL]) == 0
+    match = ["match", str(folder / "map.npz"), str(folder / "query.npz")]
+    assert main([*match, "-o", str(folder / "results")]) == 0
+    return folder
+
+
+def call(capsys, *arguments):
+    """Exit code and the lines on standard error."""
+    code = main([str(argument) for argument in arguments])
+    return code, capsys.readouterr().err.strip().splitlines()
+
+
+def refused(capsys, *arguments, code, says):
+    """Check for one line on standard error that says what is wrong."""
+    found, lines = call(capsys, *arguments)
+    assert found == code, lines
+    assert len(lines) == 1
+    assert says in lines[0]
+    assert lines[0].startswith("edge-vpr: error: ")
+
+
+def test_match_leaves_a_folder_that_explains_itself(drive):
+    results = drive / "results"
+    assert {path.name for path in results.iterdir()} == {
+        "map.npz",
+        "matches.npz",
+        "matches.csv",
+        "queries.npz",
+        "run.json",
+        "metrics.json",
+        "report.html",
+        "distance_matrix.png",
+        "pixels.png",
+        "event_rate.png",
+        "window_lengths.png",
+    }
+    run = json.loads((results / "run.json").read_text())
+    assert run["settings"]["pixels"] == 5
+    assert [len(file["sha256"]) for file in run["inputs"]] == [64, 64]
+    page = (results / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 4
+    assert 'src="http' not in page
+    assert "href=" not in page
+
+
+def test_settings_lie_flags_over_file_over_preset(drive, tmp_path):
+    config = tmp_path / "settings.toml"
+    config.write_text('preset = "tiny"\nsigma = 1.0\ntau_us = 100000\nseed = 3\n')
+    output = tmp_path / "map.npz"
+    source = str(drive / "reference.npz")
+    flags = ["--config", str(config), "--seed", "4", "--strategy", "random"]
+    assert main(["map", source, "-o", str(output), *flags]) == 0
+    settings = ReferenceMap.load(output).settings
+    assert (settings.pixels, settings.seed, settings.strategy) == (25, 4, "random")
+
+
+def test_evaluate_adds_figures_and_metrics(drive, tmp_path, capsys):
+    matrix = np.eye(19, 19, dtype=np.uint8)
+    np.save(tmp_path / "truth.npy", matrix)
+    arguments = ["evaluate", drive / "results", "--ground-truth", tmp_path / "truth.npy"]
+    assert main([*map(str, arguments), "--rows", "reference"]) == 0
+    assert "P@100R" in capsys.readouterr().out
+    metrics = json.loads((drive / "results" / "metrics.json").read_text())
+    assert metrics["evaluation"]["queries"] == 18
+    assert (drive / "results" / "precision_recall.png").is_file()
+
+
+@pytest.mark.parametrize("every", ["event", "7", "30ms", "window", "change"])
+def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
+    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "--online"]
+    output = tmp_path / "results"
+    assert main([*arguments, "--every", every, "-o", str(output)]) == 0
+    assert {path.name for path in output.iterdir()} == {
+        "map.npz",
+        "online.npz",
+        "online.csv",
+        "online.png",
+        "run.json",
+        "metrics.json",
+    }
+    with np.load(output / "online.npz") as saved:
+        place = saved["place"]
+    lines = (output / "online.csv").read_text().splitlines()
+    assert [int(line.split(",")[1]) for line in lines[1:]] == place.tolist()
+    if every == "window":
+        batch = Matches.load(drive / "results" / "matches.npz")
+        assert place.tolist() == (batch.place + 1 - 2 // 2).tolist()
+
+
+def test_an_unknown_time_to_match(drive, capsys, tmp_path):
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, "--online", "--every", "day", code=2, says="expected a time")
+
+
+def test_a_missing_recording(drive, capsys, tmp_path):
+    arguments = ("map", tmp_path / "none.npz", "-o", tmp_path / "map.npz")
+    refused(capsys, *arguments, code=1, says="none.npz")
+    assert not (tmp_path / "map.npz").exists()
+
+
+def test_an_unreadable_recording_and_an_unknown_format(capsys, tmp_path):
+    (tmp_path / "broken.npz").write_bytes(b"PK broken")
+    (tmp_path / "drive.xyz").write_bytes(b"what is this?")
+    for name in ("broken.npz", "drive.xyz"):
+        arguments = ("map", tmp_path / name, "-o", tmp_path / "map.npz")
+        code, lines = call(capsys, *arguments)
+        assert code in (1, 2)
+        assert len(lines) == 1
+        assert name in lines[0]
+
+
+def test_a_recording_of_another_camera(drive, capsys, tmp_path):
+    events = random_events(np.random.default_rng(0), 2_000, Sensor(20, 12), 2_000_000)
+    write_recording(tmp_path / "other.npz", [events], sensor=Sensor(20, 12))
+    arguments = ("match", drive / "map.npz", tmp_path / "other.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, code=1, says="of a 20x12 sensor and the map of a 16x12 one")
+    assert not (tmp_path / "results").exists()
+
+
+def test_more_pixels_than_can_be_drawn(drive, capsys, tmp_path):
+    arguments = ("map", drive / "reference.npz", "-o", tmp_path / "map.npz", "--pixels", "999")
+    says = "pixels can be drawn and 999 were asked for"
+    refused(capsys, *arguments, "--tau", "100ms", code=2, says=says)
+
+
+def test_a_window_longer_than_the_recording(drive, capsys, tmp_path):
+    arguments = ("map", drive / "reference.npz", "-o", tmp_path / "map.npz", "--tau", "1h")
+    refused(capsys, *arguments, code=2, says="expected a time such as 1s")
+    arguments = (*arguments[:-1], "60s")
+    refused(capsys, *arguments, code=2, says="shorter than one window of 60 s")
+
+
+def test_a_sequence_longer_than_the_traverse(drive, capsys, tmp_path):
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, "-L", "99", code=2, says="sequence length 99 is longer than the")
+
+
+def test_an_unknown_setting_value(drive, capsys, tmp_path):
+    arguments = ("map", drive / "reference.npz", "-o", tmp_path / "map.npz", "--strategy", "best")
+    refused(capsys, *arguments, code=2, says="choose from variance")
+
+
+def test_an_output_that_exists(drive, capsys):
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", drive / "results")
+    refused(capsys, *arguments, code=2, says="exists: name another one")
+    arguments = ("map", drive / "reference.npz", "-o", drive / "map.npz")
+    refused(capsys, *arguments, code=2, says="exists: name another")
+
+
+def test_a_folder_that_is_not_ours_is_never_replaced(drive, capsys, tmp_path):
+    (tmp_path / "holiday.jpg").write_text("precious")
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path, "--overwrite")
+    refused(capsys, *arguments, code=2, says="is not a folder of edge-vpr's results")
+    assert (tmp_path / "holiday.jpg").read_text() == "precious"
+
+
+def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
+    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o"]
+    arguments += [str(tmp_path / "results"), "--no-figures"]
+    assert main(arguments) == 0
+    (tmp_path / "results" / "stale").write_text("")
+    assert main([*arguments, "--overwrite"]) == 0
+    assert not (tmp_path / "results" / "stale").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+def test_a_map_from_a_newer_version(drive, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("edge_vpr.archive.SCHEMA_VERSION", 99)
+    write_archive(tmp_path / "map.npz", "reference map", {}, {})
+    monkeypatch.undo()
+    arguments = ("match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, code=1, says="schema version 99 and this edge-vpr reads up to 1")
+
+
+def test_a_file_that_is_no_map(drive, capsys, tmp_path):
+    arguments = ("match", drive / "query.npz", drive / "query.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, code=1, says="reference map")
+
+
+def test_gps_without_a_fix(drive, capsys, tmp_path):
+    body = "GPRMC,120000.00,V,,,,,,,210426,,,N"
+    checksum = 0
+    for character in body:
+        checksum ^= ord(character)
+    (tmp_path / "gps.nmea").write_text(f"${body}*{checksum:02X}\n")
+    gps = tmp_path / "gps.nmea"
+    arguments = ("evaluate", drive / "results", "--ground-truth", gps, gps, "--tolerance", "70")
+    refused(capsys, *arguments, code=1, says="fix")
+
+
+@pytest.mark.parametrize(
+    ("matrix", "says"),
+    [(np.zeros((19, 19)), "zero"), (np.eye(18, 19), "shape"), (2 * np.eye(19), "2")],
+)
+def test_a_wrong_ground_truth_matrix(drive, capsys, tmp_path, matrix, says):
+    np.save(tmp_path / "truth.npy", matrix)
+    arguments = ("evaluate", drive / "results", "--ground-truth", tmp_path / "truth.npy")
+    refused(capsys, *arguments, "--rows", "query", code=1, says=says)
+    refused(capsys, *arguments, code=2, says="--rows reference or --rows query")
+
+
+def test_an_evaluation_of_nothing(capsys, tmp_path):
+    arguments = ("evaluate", tmp_path / "none", "--ground-truth", "x.npy", "--rows", "query")
+    refused(capsys, *arguments, code=1, says="run edge-vpr match first")
+
+
+def test_an_experiment_without_its_data(capsys, tmp_path):
+    arguments = ("experiment", "speck-walks", "--data", tmp_path)
+    refused(capsys, *arguments, code=2, says="--data")
+
+
+def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monkeypatch):
+    def interrupt(*unused):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("edge_vpr.matches.Matches.save_csv", interrupt)
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
+    code, lines = call(capsys, *arguments)
+    assert code == 130
+    assert "interrupted" in lines[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_fault_of_ours_is_one_line_and_debug_shows_the_trace(
+    drive, capsys, tmp_path, monkeypatch
+):
+    def fail(*unused):
+        raise ZeroDivisionError("oh")
+
+    monkeypatch.setattr("edge_vpr.matches.Matches.save_csv", fail)
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, code=1, says="internal error, ZeroDivisionError: oh")
+    _, lines = call(capsys, "--debug", *arguments)
+    assert any("Traceback" in line for line in lines)
+
+
+def test_wrong_words_are_wrong_use(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["drive"])
+    assert stop.value.code == 2

@@ -1,0 +1,117 @@
+"""The method on real drives, equal to the oracle and as good as it must be."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import naive
+import numpy as np
+import pytest
+from edge_vpr_tools.experiments import brisbane, speck_walks
+from edge_vpr_tools.experiments.trial import Kept, Variant, run_trial
+
+from edge_vpr.ground_truth import from_tracks, load_nmea
+from edge_vpr.localiser import Every, Localiser
+from edge_vpr.pipeline import map_traverse, match_traverse
+from edge_vpr.published import PublishedWindows
+from edge_vpr.recordings import open_recording
+from edge_vpr.settings import PRESETS
+
+
+@pytest.fixture(scope="module")
+def walks(shared_data):
+    folder = shared_data / "speck_walks"
+    return [
+        Kept(open_recording(folder / f"{name}.npz", frame_period=Fraction(1, 30)))
+        for name in ("reference", "query")
+    ]
+
+
+def figures_of_the_oracle(places, queries, truth, length, offset):
+    """P@100R, R@99P and Recall@N by the oracle, from counts and the ground truth."""
+    sums = naive.sequence_sums(naive.distance_matrix(places, queries), length)
+    columns = [j for j in range(len(sums[0])) if truth.known[j + offset]]
+    best = [naive.best_and_second([row[j] for row in sums], 3)[0] for j in columns]
+    right = [
+        bool(truth.correct[k + offset, j + offset]) for k, j in zip(best, columns, strict=True)
+    ]
+    scores = [sums[k][j] / length for k, j in zip(best, columns, strict=True)]
+    has_place = [bool(truth.correct[:, j + offset].any()) for j in columns]
+    points = naive.precision_recall(scores, right, has_place, "rejected-correct")
+    strict = [tp / (tp + fn) for tp, fp, fn in points if tp and 100 * tp >= 99 * (tp + fp)]
+    placed = [j for j in columns if truth.correct[:, j + offset].any()]
+    hits = naive.recall_at(
+        [[row[j] for j in placed] for row in sums],
+        [[bool(truth.correct[k + offset, j + offset]) for j in placed] for k in range(len(sums))],
+        25,
+    )[0]
+    return sum(right) / len(right), max(strict, default=0.0), hits / len(placed)
+
+
+def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, shared_data):
+    """P@100R of at least 0.90 over five draws of pixels; each equal to the oracle's."""
+    truth_of = speck_walks.truth_of_walks(shared_data / "speck_walks")
+    shares = []
+    for seed in range(5):
+        settings = speck_walks.SETTINGS.replaced({"seed": seed}, "seed")
+        trial = run_trial(*walks, truth_of, settings, Variant("paper"))
+        shares.append(trial.evaluation.precision_at_100_recall)
+        if seed == 0:
+            expected = figures_of_the_oracle(
+                trial.reference.places.counts.tolist(),
+                trial.queries.counts.tolist(),
+                trial.truth,
+                settings.sequence_length,
+                settings.sequence_length // 2,
+            )
+            found = trial.evaluation
+            assert expected == (
+                found.precision_at_100_recall,
+                found.recall_at_99_precision,
+                found.recall_at[25],
+            )
+    assert np.mean(shares) >= 0.90
+
+
+def test_the_table_of_the_brisbane_drives_is_the_oracles(shared_data):
+    folder = shared_data / "brisbane_sparse49"
+    found = brisbane.evaluate_lengths(shared_data)
+    counts = [np.load(folder / f"{name}.npz")["counts"] for name in ("sunset2", "sunset1")]
+    centres = [1_000_000 * np.arange(len(c)) + 500_000 for c in counts]
+    tracks = [load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
+    truth = from_tracks(*tracks, *centres, 70.0)
+    for length in (1, 20):
+        expected = figures_of_the_oracle(
+            counts[0].tolist(), counts[1].tolist(), truth, length, length // 2
+        )
+        figures = found[length]
+        assert expected == (
+            figures.precision_at_100_recall,
+            figures.recall_at_99_precision,
+            figures.recall_at[25],
+        )
+
+
+def test_the_online_matches_of_a_walk_are_the_offline_ones_and_never_drift(walks):
+    """Every window's end: the localiser says what the main job says; every event: it is exact."""
+    settings = PRESETS["paper"].replaced(
+        {"sequence_length": 3, "anchor": "end", "remove_bursts": False, "window": "count"}, "test"
+    )
+    reference = map_traverse(walks[0], settings)
+    batch, _ = match_traverse(reference, walks[1])
+    online = Localiser(reference, every=Every.window(settings))
+    found = np.concatenate([online.update(events) for events in walks[1]])
+    for name in ("place", "distance_sum", "second", "second_sum"):
+        assert np.array_equal(found[name], getattr(batch, name)), name
+
+    every_event = Localiser(reference, check_every=1_000)
+    for events in list(walks[1])[:5]:
+        every_event.update(events)
+    every_event.verify()
+
+
+def test_published_windows_need_the_pixels_of_the_map(shared_data):
+    folder = shared_data / "brisbane_sparse49"
+    windows = PublishedWindows(folder / "sunset2.npz")
+    assert windows.counted.sum() == 49
+    assert sum(1 for _ in windows.windows()) == 641
