@@ -10,8 +10,6 @@ they would be widened to 32 bits or more. With Numba's compiler off, the same st
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from llvmlite import ir
 from numba import config, njit, types
@@ -27,7 +25,7 @@ BLOCK = 4096
 _I8, _I32, _I64 = ir.IntType(8), ir.IntType(32), ir.IntType(64)
 
 
-def _splat(builder: Any, value: Any) -> Any:
+def _splat(builder, value):
     vector = ir.VectorType(value.type, LANES)
     nothing = ir.Constant(vector, ir.Undefined)
     first = builder.insert_element(nothing, value, ir.Constant(_I32, 0))
@@ -35,12 +33,12 @@ def _splat(builder: Any, value: Any) -> Any:
     return builder.shuffle_vector(first, nothing, zeros)
 
 
-def _load(builder: Any, data: Any, index: Any, vector: Any) -> Any:
+def _load(builder, data, index, vector):
     pointer = builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
     return builder.load(pointer, align=1)
 
 
-def _loop(builder: Any, start: Any, stop: Any, step: int, carried: Any, body: Any) -> Any:
+def _loop(builder, start, stop, step, carried, body):
     """``for i in range(start, stop, step): carried = body(i, carried)``."""
     before = builder.block
     head, inside, after = (builder.append_basic_block(name) for name in ("head", "body", "end"))
@@ -64,11 +62,11 @@ def _loop(builder: Any, start: Any, stop: Any, step: int, carried: Any, body: An
 
 
 @intrinsic
-def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expiries, start, stop):  # type: ignore[no-untyped-def]
+def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expiries, start, stop):
     """Apply the first `arrivals` and the last `expiries` steps to the sums of whole vectors."""
     signature = types.void(sums, columns, offsets, levels, arrivals, expiries, start, stop)
 
-    def codegen(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, arguments):
         sums_a, columns_a, offsets_a, levels_a = (
             context.make_array(signature.args[i])(context, builder, arguments[i]).data
             for i in range(4)
@@ -82,9 +80,9 @@ def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expir
         change = builder.sub(arrivals, expiries)
         base = _splat(builder, builder.trunc(change, sum_vector.element))
 
-        def one_vector(place, _):  # type: ignore[no-untyped-def]
-            def add_above(sign):  # type: ignore[no-untyped-def]
-                def one_step(o, total):  # type: ignore[no-untyped-def]
+        def one_vector(place, _):
+            def add_above(sign):
+                def one_step(o, total):
                     offset = builder.load(builder.gep(offsets_a, [o]))
                     counts = _load(
                         builder,
@@ -115,15 +113,15 @@ def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expir
 
 
 @intrinsic
-def _vector_least(typing_context, sums, start, stop):  # type: ignore[no-untyped-def]
+def _vector_least(typing_context, sums, start, stop):
     """Smallest of ``sums[start:stop]``, at least one vector long."""
 
-    def codegen(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         start, stop = arguments[1:]
         vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
 
-        def smaller(a, b):  # type: ignore[no-untyped-def]
+        def smaller(a, b):
             return builder.select(builder.icmp_unsigned("<", a, b), a, b)
 
         # the last vector may overlap the one before it
@@ -154,10 +152,10 @@ def _vector_least(typing_context, sums, start, stop):  # type: ignore[no-untyped
 
 
 @intrinsic
-def _vector_find(typing_context, sums, start, value):  # type: ignore[no-untyped-def]
+def _vector_find(typing_context, sums, start, value):
     """First i with ``sums[start + i] == value`` in one vector, LANES if there is none."""
 
-    def codegen(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
         equal = builder.icmp_unsigned(
@@ -171,23 +169,23 @@ def _vector_find(typing_context, sums, start, value):  # type: ignore[no-untyped
 
 if config.DISABLE_JIT:
 
-    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):  # type: ignore[no-untyped-def]
+    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):
         """Apply +-1 steps to ``sums[start:stop]``, as the compiled kernel below does."""
         for o in (*range(arrivals), *range(MAX_STEPS - expiries, MAX_STEPS)):
             column = columns[offsets[o] + start : offsets[o] + stop]
             change = np.where(column > levels[o], -1, 1) * (1 if o < arrivals else -1)
             sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as it must
 
-    def _least(sums, start, stop):  # type: ignore[no-untyped-def]
+    def _least(sums, start, stop):
         return sums[start:stop].min()
 
-    def _first_equal(sums, start, stop, value):  # type: ignore[no-untyped-def]
+    def _first_equal(sums, start, stop, value):
         return start + int(np.argmax(sums[start:stop] == value))
 
 else:
 
     @njit(cache=True, nogil=True)
-    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):  # type: ignore[no-untyped-def]
+    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):
         """Apply +-1 steps to ``sums[start:stop]``; spare elements after `stop` may change too.
 
         Parameters
@@ -208,7 +206,7 @@ else:
         _vector_step(sums, columns, offsets, levels, arrivals, expiries, start, stop)
 
     @njit(cache=True, nogil=True)
-    def _least(sums, start, stop):  # type: ignore[no-untyped-def]
+    def _least(sums, start, stop):
         if stop - start >= LANES:
             return _vector_least(sums, start, stop)
         least = sums[start]
@@ -217,7 +215,7 @@ else:
         return least
 
     @njit(cache=True, nogil=True)
-    def _first_equal(sums, start, stop, value):  # type: ignore[no-untyped-def]
+    def _first_equal(sums, start, stop, value):
         i = start
         while True:
             # elements after `stop` cannot matter: the value is there before
@@ -228,7 +226,7 @@ else:
 
 
 @njit(cache=True, nogil=True)
-def least_in(sums, block_least, start, stop):  # type: ignore[no-untyped-def]
+def least_in(sums, block_least, start, stop):
     """Find the smallest of ``sums[start:stop]``, the first of equals.
 
     Parameters
@@ -257,7 +255,7 @@ def least_in(sums, block_least, start, stop):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def update_blocks(sums, block_least, columns, offsets, levels, arrivals, expiries, places):  # type: ignore[no-untyped-def]
+def update_blocks(sums, block_least, columns, offsets, levels, arrivals, expiries, places):
     """Apply steps to all places, keeping the smallest of each whole block while it is in cache."""
     for start in range(0, places, BLOCK):
         stop = min(start + BLOCK, places)

@@ -444,9 +444,11 @@ class Localiser:
             sums += index.distances(codes[lag])[end : end + count]
         base = int(np.abs(codes - np.clip(codes, low, high)).sum())
         largest = length * int((high - low).sum())
-        dtype = np.uint16 if largest <= np.iinfo(np.uint16).max else np.uint32
+        dtype: type[np.unsignedinteger] = (
+            np.uint16 if largest <= np.iinfo(np.uint16).max else np.uint32
+        )
 
-        padded = np.zeros(count + LANES, dtype=dtype)
+        padded: npt.NDArray[np.unsignedinteger] = np.zeros(count + LANES, dtype=dtype)
         padded[:count] = sums - base
         blocks = padded[: count - count % BLOCK].reshape(-1, BLOCK)
         return s._replace(
@@ -495,10 +497,10 @@ def _grown(s: Sliding) -> Sliding:
 def _checked_code(code: npt.NDArray[np.integer] | None, clip: int) -> npt.NDArray[np.int64]:
     if code is None:
         return np.arange(clip + 1 if clip else 0, dtype=np.int64)
-    code = np.asarray(code, dtype=np.int64)
-    if code.ndim != 1 or (code.size and code[0] < 0) or np.any(np.diff(code) < 0):
+    codes = np.asarray(code, dtype=np.int64)
+    if codes.ndim != 1 or (codes.size and codes[0] < 0) or np.any(np.diff(codes) < 0):
         raise UsageError("a counter code decreases or is negative: expected codes that grow")
-    return code
+    return codes
 
 
 @njit(cache=True, nogil=True)

@@ -161,7 +161,7 @@ def describe(
     if isinstance(recording, WindowSource):
         _check_counted(recording, pixel_map, settings)
         flat = pixel_map.y.astype(np.int64) * pixel_map.sensor.width + pixel_map.x
-        windows = (
+        windows: Iterator[WindowCounts] = (
             window._replace(counts=window.counts[flat])
             for window in _published_windows(recording, settings)
         )

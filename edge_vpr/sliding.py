@@ -90,7 +90,7 @@ class Sliding(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def age(time, slot, bound, moves, number, tau, n, until):  # type: ignore[no-untyped-def]
+def age(time, slot, bound, moves, number, tau, n, until):
     """Note the moves of events that grow too old for their lag by T = `until`.
 
     Windows of a number of events make room for one more instead.
@@ -116,7 +116,7 @@ def age(time, slot, bound, moves, number, tau, n, until):  # type: ignore[no-unt
 
 
 @njit(cache=True, nogil=True)
-def take_moves(  # type: ignore[no-untyped-def]
+def take_moves(
     moves, counts, code, low, high, columns, sums, block_least, offset, level, number, shape
 ):
     """Bring counters and distances up to date with the moves noted."""
@@ -159,7 +159,7 @@ def take_moves(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def settle(s):  # type: ignore[no-untyped-def]
+def settle(s):
     """Bring counters and distances up to date, as `take_moves` does."""
     take_moves(
         s.moves,
@@ -178,7 +178,7 @@ def settle(s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def advance(s, until):  # type: ignore[no-untyped-def]
+def advance(s, until):
     """Let time pass to T = `until`; windows of a number of events do not notice."""
     if s.tau > 0:
         while not age(s.time, s.slot, s.bound, s.moves, s.number, s.tau, 0, until):

@@ -56,8 +56,10 @@ class Tracked:
                 )
 
 
-def tracked(recording: Iterable[Events], label: str) -> Any:
+def tracked(recording: Any, label: str) -> Any:
     """Wrap a recording so that each pass over it shows its progress under `label`.
+
+    Published windows, which are not iterated, pass through as they are.
 
     Returns
     -------

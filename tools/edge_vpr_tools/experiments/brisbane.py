@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_vpr.evaluation import RECALL_AT, Evaluation, evaluate
 from edge_vpr.ground_truth import from_tracks, load_nmea
@@ -24,14 +25,22 @@ def evaluate_lengths(data: Path) -> dict[int, Evaluation]:
     """Match sunset 1 against sunset 2 with sequences of each length."""
     folder = data / FOLDER
     reference = map_traverse(PublishedWindows(folder / "sunset2.npz"), SETTINGS)
-    tracks = [load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
+    reference_track, query_track = (
+        load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")
+    )
     found = {}
     for length in LENGTHS:
         settings = SETTINGS.replaced({"sequence_length": length}, "L")
         query = PublishedWindows(folder / "sunset1.npz")
         matches, queries = match_traverse(reference, query, settings)
-        centres = reference.places.centre_us, queries.centre_us
-        found[length] = evaluate(matches, from_tracks(*tracks, *centres, TOLERANCE_M))
+        truth = from_tracks(
+            reference_track,
+            query_track,
+            reference.places.centre_us,
+            queries.centre_us,
+            TOLERANCE_M,
+        )
+        found[length] = evaluate(matches, truth)
     return found
 
 
@@ -74,5 +83,5 @@ def _faults(data: Path) -> str:
     )
 
 
-def _jumps(counts: np.ndarray) -> int:  # type: ignore[type-arg]
+def _jumps(counts: npt.NDArray[np.uint8]) -> int:
     return int(np.count_nonzero(np.abs(np.diff(counts.astype(np.int64), axis=0)) > 200))
