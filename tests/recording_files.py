@@ -1,0 +1,132 @@
+"""Small files of camera formats, written for tests word by word, and plain decoders of them.
+
+Nothing here is imported from the readers: the two state the formats independently.
+"""
+
+from __future__ import annotations
+
+import struct
+
+Event = tuple[int, int, int, bool]
+
+
+def decode_evt2(data: bytes) -> list[Event]:
+    """Events of EVT 2.0 words; its clock does not wrap within 4 hours."""
+    events, high = [], None
+    for (word,) in struct.iter_unpack("<I", data):
+        kind, low, x, y = word >> 28, word >> 22 & 63, word >> 11 & 2047, word & 2047
+        if kind == 8:
+            high = word & 0xFFFFFFF
+        elif kind in (0, 1) and high is not None:
+            events.append((high * 64 + low, x, y, kind == 1))
+    return events
+
+
+def decode_evt3(data: bytes) -> list[Event]:
+    """Events of EVT 3.0 words; the clock wraps every 16.8 s."""
+    events: list[Event] = []
+    high = low = y = base = polarity = wraps = 0
+    dated = False
+    for (word,) in struct.iter_unpack("<H", data):
+        kind, value = word >> 12, word & 0xFFF
+        if kind == 0:
+            y = value & 2047
+        elif kind == 3:
+            base, polarity = value & 2047, value >> 11
+        elif kind == 6:
+            low = value
+        elif kind == 8:
+            if dated and high - value > 2048:
+                wraps += 1
+            high, dated = value, True
+        t = (wraps * 4096 + high) * 4096 + low
+        if kind == 2 and dated:
+            events.append((t, value & 2047, y, value >> 11 == 1))
+        elif kind in (4, 5):
+            for bit in range(12 if kind == 4 else 8):
+                if value >> bit & 1 and dated:
+                    events.append((t, base + bit, y, polarity == 1))
+            base += 12 if kind == 4 else 8
+    return events
+
+
+def encode_evt3(events: list[Event], vectors: bool = False) -> bytes:
+    """Words for events; with `vectors`, each event is a vector of one column."""
+    words, high, low, row = [], None, None, None
+    for t, x, y, p in events:
+        if t >> 12 & 4095 != high:
+            high, low = t >> 12 & 4095, None
+            words.append(8 << 12 | high)
+        if t & 4095 != low:
+            low = t & 4095
+            words.append(6 << 12 | low)
+        if y != row:
+            row = y
+            words.append(y)
+        if vectors:
+            words += [3 << 12 | p << 11 | x, 4 << 12 | 1]
+        else:
+            words.append(2 << 12 | p << 11 | x)
+    return struct.pack(f"<{len(words)}H", *words)
+
+
+def encode_evt21(events: list[Event], order: str = "<") -> bytes:
+    """Words of one event each."""
+    words, high = [], None
+    for t, x, y, p in events:
+        if t >> 6 != high:
+            high = t >> 6
+            words.append(8 << 60 | (high & 0xFFFFFFF) << 32)
+        words.append(p << 60 | (t & 63) << 54 | (x // 32 * 32) << 43 | y << 32 | 1 << x % 32)
+    return struct.pack(f"{order}{len(words)}Q", *words)
+
+
+def raw_header(version: str, width: int, height: int, *more: str) -> bytes:
+    """Header of a RAW file."""
+    lines = (f"evt {version}", f"geometry {width}x{height}", *more, "end")
+    return "".join(f"% {line}\n" for line in lines).encode()
+
+
+def aedat2(chip: str, addresses: list[tuple[int, int]]) -> bytes:
+    """AEDAT 2 file of pairs (address, time)."""
+    header = f"#!AER-DAT2.0\r\n# raw AE data\r\n# AEChip: {chip}\r\n".encode()
+    return header + b"".join(struct.pack(">II", address, t) for address, t in addresses)
+
+
+def event_array(events: list[Event], width: int, height: int, ros: int) -> bytes:
+    """`dvs_msgs/EventArray`, serialised; the events' times are microseconds since 1970."""
+    out = bytearray()
+
+    def put(kind: str, value: int) -> None:
+        size = struct.calcsize(kind)
+        if ros == 2:
+            out.extend(bytes(-len(out) % size))
+        out.extend(struct.pack("<" + kind, value))
+
+    if ros == 1:
+        put("I", 7)
+    put("I", 1_600_000_000)
+    put("I", 5_000)
+    frame = b"cam\0" if ros == 2 else b"cam"
+    put("I", len(frame))
+    out.extend(frame)
+    for number in (height, width, len(events)):
+        put("I", number)
+    for t, x, y, p in events:
+        put("H", x)
+        put("H", y)
+        put("I", t // 1_000_000)
+        put("I", t % 1_000_000 * 1_000 + 999)  # below the microsecond: cut off
+        put("B", p)
+    return (b"\0\1\0\0" if ros == 2 else b"") + bytes(out)
+
+
+def event_packet(encoding: str, payload: bytes, width: int, height: int) -> bytes:
+    """`event_camera_msgs/EventPacket` of ROS 2, serialised."""
+    head = struct.pack("<III", 1_600_000_000, 123_456_000, 4) + b"cam\0"
+    head += struct.pack("<II", height, width)
+    head += bytes(-len(head) % 8) + struct.pack("<QQ", 1, 0)
+    name = encoding.encode() + b"\0"
+    head += struct.pack("<I", len(name)) + name + b"\0"
+    head += bytes(-len(head) % 4) + struct.pack("<I", len(payload)) + payload
+    return b"\0\1\0\0" + head
