@@ -1,0 +1,206 @@
+"""Counting equals the oracle for any chunking and layout, and reaches no memory but its tables."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from no_compiler import run_without_compiler
+from streams import as_tuples, cut_up, random_events
+
+from edge_vpr.counters import _BLOCK, count_events, count_frame, count_until, select_events
+from edge_vpr.errors import EventError, UsageError
+from edge_vpr.events import Sensor, make_events
+
+SEEDS = st.integers(0, 2**32)
+
+
+def random_table(rng, sensor: Sensor, J: int, dtype=np.int16):
+    """Table of J different pixels, and the pixels in the order of their slots."""
+    flat = rng.choice(sensor.pixels, J, replace=False)
+    table = np.full((sensor.height, sensor.width), -1, dtype=dtype)
+    table.flat[flat] = np.arange(J)
+    return table, [(int(i) % sensor.width, int(i) // sensor.width) for i in flat]
+
+
+def columns(events, contiguous: bool):
+    views = events["x"], events["y"], events["p"]
+    return tuple(np.ascontiguousarray(view) for view in views) if contiguous else views
+
+
+@given(
+    seed=SEEDS,
+    n=st.integers(0, 400),
+    J=st.integers(1, 35),
+    dtype=st.sampled_from([np.int16, np.int32]),
+    counter=st.sampled_from([np.int32, np.int64]),
+    contiguous=st.booleans(),
+    polarity=st.booleans(),
+    pieces=st.integers(1, 9),
+)
+def test_counts_equal_the_oracle_however_the_stream_is_cut(
+    seed, n, J, dtype, counter, contiguous, polarity, pieces
+):
+    rng = np.random.default_rng(seed)
+    sensor = Sensor(7, 5)
+    table, pixels = random_table(rng, sensor, J, dtype)
+    events = random_events(rng, n, sensor, 1000)
+    counts = np.zeros(J * (1 + polarity), dtype=counter)
+    counted = 0
+    for chunk in cut_up(rng, events, pieces):
+        x, y, p = columns(chunk, contiguous)
+        counted += count_events(table, x, y, counts, p if polarity else None)
+    assert counts.tolist() == naive.count(as_tuples(events), pixels, polarity)
+    assert counted == counts.sum()
+
+
+@pytest.mark.parametrize("contiguous", [True, False])
+@pytest.mark.parametrize("polarity", [True, False])
+@pytest.mark.parametrize("n", [_BLOCK - 1, _BLOCK, 2 * _BLOCK + 17])
+def test_counts_equal_the_oracle_across_blocks(contiguous, polarity, n):
+    """The kernel works through blocks and groups; their ends lose no event and double none."""
+    rng = np.random.default_rng(n)
+    sensor = Sensor(40, 30)
+    table, pixels = random_table(rng, sensor, 25)
+    events = random_events(rng, n, sensor, 1000)
+    counts = np.zeros(25 * (1 + polarity), dtype=np.int32)
+    x, y, p = columns(events, contiguous)
+    count_events(table, x, y, counts, p if polarity else None)
+    assert counts.tolist() == naive.count(as_tuples(events), pixels, polarity)
+
+
+@given(seed=SEEDS, n=st.integers(0, 300), budget=st.integers(0, 40), polarity=st.booleans())
+def test_a_budget_ends_the_count_right_after_the_event_that_spends_it(seed, n, budget, polarity):
+    rng = np.random.default_rng(seed)
+    sensor = Sensor(7, 5)
+    table, pixels = random_table(rng, sensor, 6)
+    events = random_events(rng, n, sensor, 1000)
+    x, y, p = columns(events, contiguous=False)
+    counts = np.zeros(6 * (1 + polarity), dtype=np.int32)
+    consumed, counted = count_until(table, x, y, counts, budget, p if polarity else None)
+
+    tuples = as_tuples(events)
+    selected = [i for i, event in enumerate(tuples) if event[1:3] in pixels]
+    if budget == 0:
+        assert (consumed, counted) == (0, 0)
+    elif len(selected) < budget:
+        assert (consumed, counted) == (n, len(selected))
+    else:
+        assert (consumed, counted) == (selected[budget - 1] + 1, budget)
+    assert counts.tolist() == naive.count(tuples[:consumed], pixels, polarity)
+
+
+def test_a_budget_is_found_in_a_later_block():
+    """Position `consumed` counts from the chunk's start, not from the block's."""
+    n = _BLOCK + 100
+    x = np.zeros(n, dtype=np.uint16)
+    x[[10, _BLOCK + 50, _BLOCK + 60]] = 3
+    table = np.array([[-1, -1, -1, 0]], dtype=np.int16)
+    counts = np.zeros(1, dtype=np.int32)
+    assert count_until(table, x, np.zeros_like(x), counts, 2) == (_BLOCK + 51, 2)
+    assert counts.tolist() == [2]
+
+
+@given(seed=SEEDS, n=st.integers(0, 300), polarity=st.booleans(), contiguous=st.booleans())
+def test_selected_events_are_those_that_count(seed, n, polarity, contiguous):
+    rng = np.random.default_rng(seed)
+    sensor = Sensor(7, 5)
+    table, pixels = random_table(rng, sensor, 6)
+    events = random_events(rng, n, sensor, 1000)
+    x, y, p = columns(events, contiguous)
+    index, slots = select_events(table, x, y, p if polarity else None)
+    expected = [
+        (i, pixels.index((x, y)) + (6 if polarity and not p else 0))
+        for i, (_, x, y, p) in enumerate(as_tuples(events))
+        if (x, y) in pixels
+    ]
+    assert list(zip(index.tolist(), slots.tolist(), strict=True)) == expected
+
+
+def test_selected_events_are_numbered_through_all_blocks():
+    x = np.arange(3 * _BLOCK, dtype=np.uint16) % 100
+    table = np.full((1, 100), -1, dtype=np.int16)
+    table[0, 7] = 0
+    index, slots = select_events(table, x, np.zeros_like(x))
+    assert np.array_equal(index, np.flatnonzero(x == 7))
+    assert not slots.any()
+
+
+@given(seed=SEEDS, n=st.integers(0, 300), contiguous=st.booleans(), pieces=st.integers(1, 5))
+def test_a_count_image_holds_every_event(seed, n, contiguous, pieces):
+    rng = np.random.default_rng(seed)
+    sensor = Sensor(6, 4)
+    events = random_events(rng, n, sensor, 1000)
+    frame = np.zeros((4, 6), dtype=np.int32)
+    for chunk in cut_up(rng, events, pieces):
+        count_frame(*columns(chunk, contiguous)[:2], frame)
+    pixels = [(x, y) for y in range(4) for x in range(6)]
+    assert frame.reshape(-1).tolist() == naive.count(as_tuples(events), pixels)
+
+
+@pytest.mark.parametrize("pixel", [(7, 0), (0, 5), (65535, 65535), (8, 4)])
+@pytest.mark.parametrize("position", [0, 15, 16, 399, _BLOCK, 2 * _BLOCK + 4])
+@pytest.mark.parametrize("contiguous", [True, False])
+def test_an_event_off_the_sensor_is_an_error_and_not_another_pixel(pixel, position, contiguous):
+    """(8, 4) would be another pixel's address in a flat table, and is refused all the same."""
+    n = 2 * _BLOCK + 5
+    events = make_events(np.arange(n), np.zeros(n), np.zeros(n))
+    events["x"][position], events["y"][position] = pixel
+    x, y, _ = columns(events, contiguous)
+    table = np.full((5, 7), -1, dtype=np.int16)
+    with pytest.raises(EventError, match="lies off the 7x5 sensor"):
+        count_events(table, x, y, np.zeros(1, dtype=np.int32))
+    with pytest.raises(EventError, match="lies off the 7x5 sensor"):
+        select_events(table, x, y)
+    with pytest.raises(EventError, match="lies off the 7x5 sensor"):
+        count_frame(x, y, np.zeros((5, 7), dtype=np.int32))
+
+
+@pytest.mark.parametrize("polarity", [True, False])
+def test_a_slot_without_a_counter_is_an_error_and_not_a_stray_write(polarity):
+    table = np.array([[0, 3]], dtype=np.int16)
+    x, y = np.array([0, 1], dtype=np.uint16), np.zeros(2, dtype=np.uint16)
+    p = np.array([True, True]) if polarity else None
+    memory = np.zeros(8, dtype=np.int32)
+    counts = memory[: 4 if polarity else 3]
+    with pytest.raises(UsageError, match="names slot 3"):
+        count_events(table, x, y, counts, p)
+    assert memory.tolist() == [1, 0, 0, 0, 0, 0, 0, 0]
+
+
+X = np.zeros(3, dtype=np.uint16)
+TABLE = np.zeros((2, 2), dtype=np.int16)
+COUNTS = np.zeros(2, dtype=np.int32)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((TABLE.astype(np.int64), X, X, COUNTS), "table is int64"),
+        ((TABLE[0], X, X, COUNTS), "table is int16 of shape"),
+        ((TABLE[:, ::-1], X, X, COUNTS), "give a contiguous"),
+        ((TABLE[:0], X, X, COUNTS), "give a contiguous"),
+        ((TABLE, X.astype(np.int64), X, COUNTS), "column x is int64"),
+        ((TABLE, X, X.astype(np.int16), COUNTS), "column y is int16"),
+        ((TABLE, X, X[:2], COUNTS), "one value per event"),
+        ((TABLE, X[:, None], X[:, None], COUNTS), "one value per event"),
+        ((TABLE, X, X, COUNTS.astype(np.uint8)), "counters are uint8"),
+        ((TABLE, X, X, COUNTS, X), "column p is uint16"),
+        ((TABLE, X, X, COUNTS[:1], X > 0), "as many ON as OFF"),
+        ((TABLE, X, X, COUNTS, (X > 0)[:1]), "one value per event"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(arguments, message):
+    with pytest.raises(UsageError, match=message):
+        count_events(*arguments)
+
+
+def test_a_negative_budget_is_refused():
+    with pytest.raises(UsageError, match="budget of -1"):
+        count_until(TABLE, X, X, COUNTS, -1)
+
+
+def test_all_of_this_holds_without_the_compiler():
+    run_without_compiler(__file__)
