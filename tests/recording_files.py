@@ -70,7 +70,7 @@ def encode_evt3(events: list[Event], vectors: bool = False) -> bytes:
     return struct.pack(f"<{len(words)}H", *words)
 
 
-def encode_evt21(events: list[Event], order: str = "<") -> bytes:
+def encode_evt21(events: list[Event], endianness: str) -> bytes:
     """Words of one event each."""
     words, high = [], None
     for t, x, y, p in events:
@@ -78,7 +78,9 @@ def encode_evt21(events: list[Event], order: str = "<") -> bytes:
             high = t >> 6
             words.append(8 << 60 | (high & 0xFFFFFFF) << 32)
         words.append(p << 60 | (t & 63) << 54 | (x // 32 * 32) << 43 | y << 32 | 1 << x % 32)
-    return struct.pack(f"{order}{len(words)}Q", *words)
+    if endianness == "legacy":
+        words = [word >> 32 | (word & 0xFFFFFFFF) << 32 for word in words]
+    return struct.pack(f"{'>' if endianness == 'big' else '<'}{len(words)}Q", *words)
 
 
 def raw_header(version: str, width: int, height: int, *more: str) -> bytes:

@@ -1,8 +1,8 @@
 """Prophesee RAW: EVT 2.0, 2.1 and 3.0 (docs.prophesee.ai, "Data encoding formats").
 
-Own decoders, for three reasons that `docs/recordings.md` measures: eventcv loads EVT 2.0 whole
-and guesses its sensor from the events; expelliarmus loses the time base of EVT 3.0 files; and
-these, compiled, decode in bounded memory as fast as either.
+Own decoders, for reasons that `docs/recordings.md` measures: eventcv loads EVT 2.0 whole, guesses
+its sensor from the events, and reads EVT 2.1 as if it were 2.0; expelliarmus lets the clock of
+EVT 3.0 run away; and these, compiled, decode in bounded memory as fast as either.
 """
 
 from __future__ import annotations
@@ -173,7 +173,8 @@ class Decoder:
     encoding : {"evt2", "evt21", "evt3"}
     capacity : int
         Words that one call takes at most.
-    big_endian : bool
+    endianness : {"little", "big", "legacy"}
+        Legacy is EVT 2.1 as Gen4.1 and IMX636 send it: little endian, but the upper half first.
 
     Attributes
     ----------
@@ -183,9 +184,10 @@ class Decoder:
         Events so far that came before the first time word, and were dropped.
     """
 
-    def __init__(self, encoding: str, capacity: int, big_endian: bool = False) -> None:
+    def __init__(self, encoding: str, capacity: int, endianness: str = "little") -> None:
         dtype, self._per_word, self._kernel = _DECODERS[encoding]
-        self.dtype = dtype.newbyteorder(">") if big_endian else dtype
+        self.dtype = dtype.newbyteorder(">") if endianness == "big" else dtype
+        self._swap = endianness == "legacy" and encoding == "evt21"
         self._state = np.zeros(_STATE, np.int64)
         self._state[_HIGH] = -1
         self._reserve(capacity)
@@ -206,6 +208,8 @@ class Decoder:
         if words.size * self._per_word > self._t.size:
             self._reserve(words.size)
         native = words.astype(words.dtype.newbyteorder("="), copy=False)
+        if self._swap:
+            native = native << np.uint64(32) | native >> np.uint64(32)
         n = self._kernel(native, self._state, self._t, self._x, self._y, self._p)
         return Columns(self._t[:n], self._x[:n], self._y[:n], self._p[:n])
 
@@ -217,7 +221,12 @@ class EvtSource(Source):
         header = read_header(path)
         super().__init__(path, options, header.sensor)
         self._encoding = encoding
-        self._skip, self._big = header.n_bytes, header.big_endian
+        self._skip, self._endianness = header.n_bytes, header.endianness
+        if self._endianness not in ("little", "big", "legacy"):
+            raise RecordingError(
+                f"{path} has the unknown endianness {self._endianness!r}: known are little, big "
+                "and legacy; convert it with Prophesee's tools"
+            )
         if header.start_us is not None:
             self.start_us, self.relative = header.start_us, True
         self.position = 0.0
@@ -226,7 +235,7 @@ class EvtSource(Source):
         """Yield the events; see :class:`Source`."""
         size = max(1, self.path.stat().st_size)
         capacity = max(1, self.options.chunk_events)
-        decoder = Decoder(self._encoding, capacity, self._big)
+        decoder = Decoder(self._encoding, capacity, self._endianness)
         undated = 0
         with self.path.open("rb") as file:
             file.seek(self._skip)

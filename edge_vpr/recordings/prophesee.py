@@ -44,9 +44,7 @@ class Header(NamedTuple):
     @property
     def sensor(self) -> Sensor | None:
         """Size of the sensor; None if no line says."""
-        options = dict(
-            part.split("=", 1) for part in self.fields.get("format", "").split(";") if "=" in part
-        )
+        options = self._options
         width = options.get("width") or self.fields.get("Width")
         height = options.get("height") or self.fields.get("Height")
         if width and height and width.isdigit() and height.isdigit():
@@ -57,16 +55,20 @@ class Header(NamedTuple):
         return next((size for name, size in _PLUGINS if re.search(name, plugin)), None)
 
     @property
-    def big_endian(self) -> bool:
-        """Whether words are stored most significant byte first."""
-        options = self.fields.get("format", "")
-        return "endianness=big" in options or self.fields.get("endianness") == "big"
+    def endianness(self) -> str:
+        """``little``, ``big``, or ``legacy``: EVT 2.1 of Gen4.1 and IMX636, upper half first."""
+        return self._options.get("endianness") or self.fields.get("endianness", "little")
 
     @property
     def start_us(self) -> int | None:
         """Where t = 0 lies on an outer clock, if edge-vpr wrote the file."""
         text = self.fields.get(START_FIELD, "")
         return int(text) if re.fullmatch(r"-?\d+", text) else None
+
+    @property
+    def _options(self) -> dict[str, str]:
+        parts = self.fields.get("format", "").split(";")
+        return dict(part.split("=", 1) for part in parts if "=" in part)
 
     def _is_dat(self) -> bool:
         return "Version" in self.fields or {"Width", "Height"} <= self.fields.keys()

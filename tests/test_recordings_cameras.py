@@ -1,0 +1,374 @@
+"""Cameras' own formats: against plain decoders, against other readers, on real files."""
+
+from __future__ import annotations
+
+import struct
+import sys
+
+import numpy as np
+import pytest
+import recording_files as files
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.recordings import open_recording, write_recording
+
+SENSOR = Sensor(640, 480)
+
+
+def absolute(path, **options):
+    """Events of a recording with times on the file's own clock, and the recording."""
+    recording = open_recording(path, **options)
+    events = np.concatenate(list(recording))
+    events["t"] += recording.start_us
+    return events, recording
+
+
+def body(path):
+    """A RAW file without its header lines."""
+    data = path.read_bytes()
+    while data.startswith(b"% "):
+        line, _, data = data.partition(b"\n")
+        if line == b"% end":
+            break
+    return data
+
+
+@pytest.fixture
+def real(shared_data):
+    return shared_data / "recordings"
+
+
+# --- real files -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("chunk", [1000, 1 << 16])
+def test_a_real_evt2_file_is_what_a_plain_decoder_makes_of_it(real, chunk):
+    path = real / "evt2_gen3_640x480.raw"
+    events, recording = absolute(path, chunk_events=chunk)
+    assert events.tolist() == files.decode_evt2(body(path))
+    # the header has no size; the name of the camera's driver stands for it
+    assert (events.size, recording.sensor) == (539_481, Sensor(640, 480))
+    assert recording.faults.total == 0
+
+
+@pytest.mark.parametrize("chunk", [1000, 1 << 16])
+def test_a_real_evt3_file_is_what_a_plain_decoder_makes_of_it(real, chunk):
+    path = real / "evt3_gen41_1280x720_driving.raw"
+    events, recording = absolute(path, chunk_events=chunk)
+    assert events.tolist() == files.decode_evt3(body(path))
+    assert (events.size, recording.sensor) == (219_596, Sensor(1280, 720))
+    assert events["t"][-1] == 11_727_457
+
+
+@pytest.mark.parametrize(
+    "name", ["evt2_gen3_640x480.raw", "evt3_gen41_1280x720_driving.raw", "dat_ncars.dat"]
+)
+def test_real_files_are_what_eventcv_reads(real, name):
+    eventcv = pytest.importorskip("eventcv")
+    size = {"sensor_size": (304, 240)} if name.endswith("dat") else {}
+    x, y, t, p = eventcv.load(str(real / name), **size).numpy().T
+    events, _ = absolute(real / name, sensor=Sensor(304, 240) if size else None)
+    assert np.array_equal(make_events(t, x, y, p), events)
+
+
+@pytest.mark.parametrize(
+    ("name", "encoding"), [("evt2_gen3_640x480.raw", "evt2"), ("dat_ncars.dat", "dat")]
+)
+def test_real_files_are_what_expelliarmus_reads(real, name, encoding):
+    """Not EVT 3.0: there its clock runs away, by up to 45 ms in this 9 ms recording."""
+    expelliarmus = pytest.importorskip("expelliarmus")
+    other = expelliarmus.Wizard(encoding=encoding).read(str(real / name))
+    events, _ = absolute(real / name, sensor=Sensor(304, 240) if encoding == "dat" else None)
+    assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["p"]), events)
+
+
+def test_a_real_aedat4_file_is_what_faery_reads(real):
+    faery = pytest.importorskip("faery")
+    path = real / "aedat4_davis346.aedat4"
+    other = faery.events_stream_from_file(path).to_array()
+    events, recording = absolute(path)
+    assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["on"]), events)
+    assert (events.size, recording.sensor) == (6_676, Sensor(346, 260))
+
+
+def test_an_aedat4_file_that_is_cut_off_keeps_its_whole_packets(real, tmp_path):
+    pytest.importorskip("lz4")
+    data = (real / "aedat4_davis346.aedat4").read_bytes()
+    path = tmp_path / "cut.aedat4"
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(RecordingError, match=r"cut off: .* within a packet"):
+        absolute(path)
+    some, recording = absolute(path, on_fault="drop")
+    whole, _ = absolute(real / "aedat4_davis346.aedat4")
+    assert recording.faults.truncated > 0
+    assert 0 < some.size < whole.size
+    assert np.array_equal(some, whole[: some.size])
+    frame = b"\x04\x22\x4d\x18"  # LZ4's; number and size of the stream stand before it
+    at = data.index(frame) - 8
+    while data[at : at + 4] != bytes(4):  # the first packet of stream 0, the events
+        at = data.index(frame, at + 12) - 8
+    flipped = bytearray(data)
+    flipped[at + 8 : at + 12] = bytes(4)
+    path.write_bytes(flipped)
+    with pytest.raises(RecordingError, match=r"damaged in the packet at byte"):
+        absolute(path)
+
+
+# --- files of our own making -----------------------------------------------------------------
+
+events_strategy = st.lists(
+    st.tuples(
+        st.one_of(st.integers(0, 9), st.integers(0, 8_000_000)),
+        st.integers(0, SENSOR.width - 1),
+        st.integers(0, SENSOR.height - 1),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=50,
+)
+
+
+def timed(rows, start=0):
+    events, t = [], start
+    for step, x, y, p in rows:
+        t += step
+        events.append((t, x, y, p))
+    return events
+
+
+@given(
+    rows=events_strategy,
+    start=st.integers(0, 1 << 24),
+    vectors=st.booleans(),
+    chunk=st.integers(1, 99),
+)
+def test_evt3_is_decoded_beyond_the_wraps_of_its_clock(
+    rows, start, vectors, chunk, tmp_path_factory
+):
+    events = timed(rows, start)
+    path = tmp_path_factory.mktemp("evt3") / "a.raw"
+    path.write_bytes(files.raw_header("3.0", *SENSOR) + files.encode_evt3(events, vectors))
+    again, recording = absolute(path, chunk_events=chunk)
+    # the file knows its times modulo 2**24 only
+    shift = start + rows[0][0] - recording.start_us
+    assert shift % (1 << 24) == 0
+    assert [(t + shift, x, y, p) for t, x, y, p in again.tolist()] == events
+    assert recording.sensor == SENSOR
+
+
+@pytest.mark.parametrize("endianness", ["little", "big", "legacy"])
+@given(rows=events_strategy, chunk=st.integers(1, 99))
+def test_evt21_is_decoded_in_each_byte_order(endianness, rows, chunk, tmp_path_factory):
+    events = timed(rows, (1 << 34) - 10_000_000)  # wraps on the way
+    path = tmp_path_factory.mktemp("evt21") / "a.raw"
+    fields = f"format EVT21;height=480;width=640;endianness={endianness}"
+    path.write_bytes(
+        files.raw_header("2.1", *SENSOR, fields) + files.encode_evt21(events, endianness)
+    )
+    again, recording = absolute(path, chunk_events=chunk)
+    shift = events[0][0] - recording.start_us
+    assert shift in (0, 1 << 34)
+    assert [(t + shift, x, y, p) for t, x, y, p in again.tolist()] == events
+
+
+def test_evt21_vectors_give_an_event_for_each_bit_from_the_left(tmp_path):
+    """The word of Prophesee's description; eventcv 1.0.8 makes one event of each."""
+    high = 8 << 60 | 5 << 32
+    vector = 1 << 60 | 7 << 54 | 64 << 43 | 9 << 32 | 0x80000005
+    full = 96 << 43 | 8 << 54 | 1 << 32 | 0xFFFFFFFF
+    path = tmp_path / "a.raw"
+    path.write_bytes(files.raw_header("2.1", *SENSOR) + struct.pack("<3Q", high, vector, full))
+    events, _ = absolute(path)
+    assert events.tolist()[:3] == [(327, x, 9, True) for x in (64, 66, 95)]
+    assert events.tolist()[3:] == [(328, x, 1, False) for x in range(96, 128)]
+
+
+def test_evt3_vectors_go_on_where_the_last_one_ended(tmp_path):
+    words = [0x8001, 0x6002, 100, 3 << 12 | 1 << 11 | 20, 4 << 12 | 0x801, 5 << 12 | 0xFF]
+    path = tmp_path / "a.raw"
+    data = struct.pack("<6H", *words)
+    path.write_bytes(files.raw_header("3.0", *SENSOR) + data)
+    events, _ = absolute(path)
+    columns = [20, 31, *range(32, 40)]
+    assert events.tolist() == [(4098, x, 100, True) for x in columns]
+    assert events.tolist() == files.decode_evt3(data)
+
+
+def test_events_before_the_first_time_are_dropped_and_counted_but_no_error(tmp_path):
+    words = [10, 0x2005, 0x2006, 0x8001, 0x6002, 0x2007]
+    path = tmp_path / "a.raw"
+    path.write_bytes(files.raw_header("3.0", *SENSOR) + struct.pack("<6H", *words))
+    events, recording = absolute(path)
+    assert events.tolist() == [(4098, 7, 10, False)]
+    assert recording.faults.undated == 2
+    assert str(recording.faults) == "2 undated"
+
+
+@pytest.mark.parametrize(("suffix", "size"), [(".raw", 4), (".dat", 8)])
+def test_a_file_that_ends_within_an_event_says_at_which_byte(suffix, size, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    write_recording(path, make_events([0, 1, 2], [1, 2, 3], [1, 2, 3]), sensor=SENSOR)
+    data = path.read_bytes()
+    path.write_bytes(data[:-1])
+    where = f"{len(data) - size:,}"
+    with pytest.raises(RecordingError, match=f"cut off: {size - 1} bytes .* at byte {where}"):
+        absolute(path)
+    events, recording = absolute(path, on_fault="drop")
+    assert events.size == 2
+    assert recording.faults.truncated == size - 1
+
+
+def test_time_running_backwards_in_a_camera_file_is_no_wrap(tmp_path):
+    events = [(9_000_000, 1, 1, True), (8_990_000, 2, 2, True), (9_000_001, 3, 3, True)]
+    path = tmp_path / "a.raw"
+    path.write_bytes(files.raw_header("3.0", *SENSOR) + files.encode_evt3(events))
+    with pytest.raises(RecordingError, match="event 1: time runs backwards, from 9000000 to"):
+        absolute(path)
+    kept, recording = absolute(path, on_fault="drop")
+    assert kept["x"].tolist() == [1, 3]
+    assert recording.faults.backwards == 1
+
+
+def test_dat_is_read_beyond_the_wrap_of_its_32_bits(tmp_path):
+    pixel = 3 | 4 << 14 | 1 << 28
+    path = tmp_path / "a.dat"
+    head = b"% Data file containing CD events.\n% Version 2\n% Height 480\n% Width 640\n"
+    times = [(1 << 32) - 10, (1 << 32) - 1, 0, 5]
+    path.write_bytes(head + bytes((12, 8)) + b"".join(struct.pack("<II", t, pixel) for t in times))
+    events, recording = absolute(path, chunk_events=1)
+    assert (events["t"] - events["t"][0]).tolist() == [0, 9, 10, 15]
+    assert events[0].tolist() == ((1 << 32) - 10, 3, 4, True)
+    assert recording.sensor == SENSOR
+
+
+def test_what_we_write_other_readers_read(tmp_path):
+    expelliarmus = pytest.importorskip("expelliarmus")
+    faery = pytest.importorskip("faery")
+    rng = np.random.default_rng(0)
+    n = 3000
+    events = make_events(
+        np.sort(rng.integers(0, 10**7, n)),
+        rng.integers(0, 640, n),
+        rng.integers(0, 480, n),
+        rng.integers(0, 2, n),
+    )
+    for suffix, encoding in ((".raw", "evt2"), (".dat", "dat")):
+        write_recording(tmp_path / f"a{suffix}", events, sensor=SENSOR)
+        other = expelliarmus.Wizard(encoding=encoding).read(str(tmp_path / f"a{suffix}"))
+        assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["p"]), events)
+    write_recording(tmp_path / "a.es", events, sensor=SENSOR)
+    stream = faery.events_stream_from_file(tmp_path / "a.es")
+    other = stream.to_array()
+    assert stream.dimensions() == SENSOR
+    assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["on"]), events)
+
+
+def test_aedat2_of_a_davis_is_what_eventcv_reads(tmp_path):
+    eventcv = pytest.importorskip("eventcv")
+    rng = np.random.default_rng(0)
+    pairs = []
+    for t in range(0, 9000, 3):
+        x, y, p = rng.integers(240), rng.integers(180), rng.integers(2)
+        pairs.append((int(y << 22 | x << 12 | p << 11), t))
+        if t % 90 == 0:
+            pairs.append((1 << 31 | 12345, t))  # a sample of a frame
+    path = tmp_path / "a.aedat"
+    path.write_bytes(files.aedat2("eu.seebetter.ini.chips.davis.DAVIS240C", pairs))
+    x, y, t, p = eventcv.load(str(path)).numpy().T
+    events, recording = absolute(path)
+    assert events.size == 3000
+    assert np.array_equal(make_events(t, x, y, p), events)
+    assert recording.sensor == Sensor(240, 180)
+
+
+def test_aedat2_of_a_dvs128_is_read_beyond_the_wrap_with_its_rows_turned(tmp_path):
+    pairs = [(20 << 8 | 10 << 1 | 1, (1 << 32) - 5), (127 << 8 | 127 << 1, 3), (1 << 15, 4)]
+    path = tmp_path / "a.aedat"
+    path.write_bytes(files.aedat2("ch.unizh.ini.jaer.chip.retina.DVS128", pairs))
+    recording = open_recording(path)
+    assert np.concatenate(list(recording)).tolist() == [(0, 10, 107, True), (8, 127, 0, False)]
+    assert recording.sensor == Sensor(128, 128)
+
+
+def aedat4_streams(*streams):
+    """A header of AEDAT 4 with uncompressed streams (number, name, sizes) and no packets."""
+    nodes = "".join(
+        f'<node name="{n}"><attr key="originalOutputName">{name}</attr>'
+        '<attr key="typeIdentifier">EVTS</attr><node name="info">'
+        f'<attr key="sizeX">{w}</attr><attr key="sizeY">{h}</attr></node></node>'
+        for n, name, w, h in streams
+    )
+    text = f'<dv version="2.0"><node name="outInfo">{nodes}</node></dv>'.encode()
+    # a FlatBuffer: root offset, vtable (size, table size, 3 fields), table, string
+    vtable = struct.pack("<5H2x", 10, 8, 0, 0, 4)
+    table = struct.pack("<iI", len(vtable), 4)
+    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
+    buffer += struct.pack("<I", len(text)) + text
+    return b"#!AER-DAT4.0\r\n" + struct.pack("<I", len(buffer)) + buffer
+
+
+def aedat4_packet(stream, events):
+    """An uncompressed packet of events."""
+    vtable = struct.pack("<3H2x", 6, 8, 4)
+    table = struct.pack("<iI", len(vtable), 4)
+    rows = b"".join(struct.pack("<qhh?3x", *event) for event in events)
+    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
+    buffer += struct.pack("<I", len(events)) + rows
+    buffer = struct.pack("<I", len(buffer)) + buffer
+    return struct.pack("<ii", stream, len(buffer)) + buffer
+
+
+def test_aedat4_with_two_cameras_asks_which(tmp_path):
+    left, right = (0, "left", 346, 260), (3, "right", 640, 480)
+    path = tmp_path / "a.aedat4"
+    path.write_bytes(
+        aedat4_streams(left, right)
+        + aedat4_packet(0, [(5, 1, 2, True)])
+        + aedat4_packet(3, [(6, 600, 400, False), (9, 1, 1, True)])
+        + aedat4_packet(3, [])
+        + aedat4_packet(0, [(7, 3, 4, True)])
+    )
+    with pytest.raises(UsageError, match=r"0 \(left\), 3 \(right\): choose with --topic"):
+        open_recording(path)
+    with pytest.raises(RecordingError, match="no stream of events 'up'"):
+        open_recording(path, topic="up")
+    events, recording = absolute(path, topic="left")
+    assert events.tolist() == [(5, 1, 2, True), (7, 3, 4, True)]
+    assert recording.sensor == Sensor(346, 260)
+    events, recording = absolute(path, topic="3")
+    assert events.tolist() == [(6, 600, 400, False), (9, 1, 1, True)]
+    assert recording.sensor == Sensor(640, 480)
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "module", "extra"),
+    [
+        ("a.parquet", b"PAR1", "pyarrow", "parquet"),
+        ("a.h5", b"\x89HDF\r\n\x1a\n", "h5py", "hdf5"),
+        ("a.bag", b"#ROSBAG V2.0\n", "rosbags.rosbag1", "ros"),
+        ("a.es", b"Event Stream", "faery.extension", "es"),
+    ],
+)
+def test_a_missing_library_names_the_extra(name, head, module, extra, tmp_path, monkeypatch):
+    (tmp_path / name).write_bytes(head)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=rf"pip install 'edge-vpr\[{extra}\]'"):
+        open_recording(tmp_path / name)
+
+
+def test_only_the_library_of_the_opened_format_is_imported(tmp_path):
+    import subprocess
+
+    (tmp_path / "a.csv").write_text("0,0,0,1\n")
+    program = (
+        "import sys; from edge_vpr.events import Sensor; "
+        "from edge_vpr.recordings import open_recording; "
+        f"list(open_recording({str(tmp_path / 'a.csv')!r}, sensor=Sensor(2, 2))); "
+        "print([m for m in ('pyarrow', 'h5py', 'rosbags', 'faery', 'eventcv', 'matplotlib', 'PIL')"
+        " if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert out.stdout.strip() == "[]", out.stderr

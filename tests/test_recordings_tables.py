@@ -1,0 +1,253 @@
+"""Tables of events: names, orders, units, and entries that are no event."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import random_events
+
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.recordings import open_recording
+
+SENSOR = Sensor(64, 48)
+ROWS = [(1000, 3, 4, True), (1250, 63, 47, False), (2_000_000, 0, 0, True)]
+EXPECTED = [(0, 3, 4, True), (250, 63, 47, False), (1_999_000, 0, 0, True)]
+
+
+def rows_of(path, **options):
+    recording = open_recording(path, **({"sensor": SENSOR} | options))
+    return np.concatenate(list(recording)).tolist(), recording
+
+
+@pytest.mark.parametrize("separator", [",", " ", "\t", ";", ", "])
+@pytest.mark.parametrize("order", ["txyp", "xytp", "pyxt"])
+@pytest.mark.parametrize("unit", ["us", "s"])
+@pytest.mark.parametrize("header", [True, False])
+def test_text_in_any_order_unit_and_separator_gives_the_same_events(
+    separator, order, unit, header, tmp_path
+):
+    lines = [separator.join({"t": "timestamp", "p": "polarity"}.get(c, c) for c in order)]
+    for t, x, y, p in ROWS:
+        time = f"{t}" if unit == "us" else f"{t / 1e6:.6f}"
+        values = {"t": time, "x": str(x), "y": str(y), "p": str(int(p))}
+        lines.append(separator.join(values[c] for c in order))
+    path = tmp_path / "a.txt"
+    path.write_text("# a comment\n" + "\n".join(lines[0 if header else 1 :]) + "\n")
+    rows, recording = rows_of(path, columns=None if header else order)
+    assert rows == EXPECTED
+    assert recording.start_us == 1000
+
+
+@given(
+    t=st.decimals(0, 10**9, places=9, allow_nan=False),
+    unit=st.sampled_from(["s", "ms", "us", "ns"]),
+)
+def test_decimal_times_are_rounded_to_the_microsecond_exactly(t, unit, tmp_path_factory):
+    path = tmp_path_factory.mktemp("t") / "a.csv"
+    path.write_text(f"{t:f},0,0,1\n")
+    scale = {"s": 10**6, "ms": 1000, "us": 1, "ns": 0}[unit]
+    expected = round(t * scale) if scale else round(t / 1000)
+    assert open_recording(path, sensor=SENSOR, time_unit=unit).start_us == expected
+
+
+def test_seconds_since_1970_keep_their_microseconds(tmp_path):
+    (tmp_path / "a.txt").write_text("1587540271.650123 1 2 0\n1587540271.650124999 1 2 1\n")
+    rows, recording = rows_of(tmp_path / "a.txt")
+    assert recording.start_us == 1_587_540_271_650_123
+    assert [row[0] for row in rows] == [0, 2]
+
+
+def test_a_first_line_of_two_numbers_is_the_sensor(tmp_path):
+    (tmp_path / "a.txt").write_text("240 180\n0.5 3 4 1\n")
+    assert open_recording(tmp_path / "a.txt").sensor == Sensor(240, 180)
+
+
+def test_unusual_numbers_are_read_and_entries_that_are_no_event_are_not(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "t,x,y,p\r\n"
+        "1e-05,3.0,4,1\r\n"  # an exponent, a whole number with a fraction
+        "\r\n"
+        "0.00002,5,6,true\r\n"
+        "0.00003,5.5,6,0\r\n"  # half a pixel
+        "0.00003,5,6\r\n"  # a column too few
+        "nan,5,6,1\r\n"
+        "0.00004,5,6,-1\r\n"
+        "0.00005,5"  # cut off
+    )
+    with pytest.raises(RecordingError, match=r"line 3 of the events is no event .*--on-fault"):
+        rows_of(path)
+    rows, recording = rows_of(path, on_fault="drop")
+    assert rows == [(0, 3, 4, True), (10, 5, 6, True), (30, 5, 6, False)]
+    assert (recording.faults.unreadable, recording.faults.truncated) == (3, 9)
+    assert recording.faults.total == 4
+
+
+def test_a_whole_last_line_without_line_feed_is_an_event(tmp_path):
+    (tmp_path / "a.csv").write_text("0,1,2,1\n5,1,2,1")
+    assert len(rows_of(tmp_path / "a.csv")[0]) == 2
+
+
+def test_a_unit_that_changes_on_the_way_is_found(tmp_path):
+    lines = [f"{i},0,0,1" for i in range(100_000)] + ["100000.5,0,0,1"]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(RecordingError, match="event 100,000: the time has a fraction"):
+        rows_of(tmp_path / "a.csv")
+    assert len(rows_of(tmp_path / "a.csv", time_unit="us")[0]) == 100_001
+
+
+def test_text_without_line_feeds_is_not_read_whole(tmp_path):
+    (tmp_path / "a.txt").write_text("1 " * 10**6)
+    with pytest.raises(RecordingError, match="no line feed"):
+        rows_of(tmp_path / "a.txt", chunk_events=1 << 12)
+
+
+def test_arrays_of_fields_or_columns_of_any_type_are_events(tmp_path):
+    t, x, y, p = (np.array(column) for column in zip(*ROWS, strict=True))
+    fields = np.zeros(3, [("polarity", "i1"), ("x", "f4"), ("y", "u8"), ("ts", "f8")])
+    fields["polarity"], fields["x"], fields["y"], fields["ts"] = p * 2 - 1, x, y, t / 1e6
+    np.save(tmp_path / "fields.npy", fields)
+    np.save(tmp_path / "columns.npy", np.stack([t, x, y, p], axis=1))
+    np.save(tmp_path / "other.npy", np.stack([x, y, t, p], axis=1).astype(float) * [1, 1, 1e-6, 1])
+    np.savez(tmp_path / "a.npz", t=t, x=x, y=y, p=p, width=64, height=48)
+    np.savez_compressed(tmp_path / "b.npz", events=fields, sensor_size=np.array([64, 48]))
+    np.savez(tmp_path / "c.npz", t=t.astype("datetime64[us]"), x=x, y=y, p=p)
+    assert rows_of(tmp_path / "fields.npy")[0] == EXPECTED
+    assert rows_of(tmp_path / "columns.npy")[0] == EXPECTED
+    assert rows_of(tmp_path / "other.npy", columns="xytp")[0] == EXPECTED
+    for name in ("a.npz", "b.npz"):
+        assert rows_of(tmp_path / name, sensor=None)[0] == EXPECTED
+    assert rows_of(tmp_path / "c.npz")[0] == EXPECTED
+
+
+def test_arrays_that_are_no_events_say_why(tmp_path):
+    objects = np.array([{"t": 1}], object)
+    for name, array, words in (
+        ("a", objects, "never unpickled"),
+        ("b", np.zeros((5, 3)), r"shape \(5, 3\)"),
+        ("c", np.asfortranarray(np.zeros((5, 4))), "Fortran order"),
+        ("d", np.zeros(2, [("when", "i8"), ("x", "u2")]), "fields when, x"),
+    ):
+        np.save(tmp_path / f"{name}.npy", array, allow_pickle=True)
+        with pytest.raises(RecordingError, match=words):
+            rows_of(tmp_path / f"{name}.npy")
+    np.savez(tmp_path / "a.npz", t=np.arange(3), x=np.arange(2), y=np.arange(3))
+    with pytest.raises(RecordingError, match=r"shapes t \(3,\), x \(2,\)"):
+        rows_of(tmp_path / "a.npz")
+
+
+def test_an_array_that_is_cut_off_says_how_many_events_are_left(tmp_path):
+    path = tmp_path / "a.npy"
+    events = random_events(np.random.default_rng(0), 100, SENSOR, 1000)
+    np.save(path, events)
+    path.write_bytes(path.read_bytes()[:-20])  # 13 bytes an event
+    with pytest.raises(RecordingError, match=r"cut off: 20 bytes .* at event 98 of 100"):
+        rows_of(path)
+    rows, recording = rows_of(path, on_fault="drop")
+    assert len(rows) == 98
+    assert recording.faults.truncated == 20
+
+
+@pytest.mark.parametrize("row_group", [1000, 10**6])
+def test_parquet_of_the_papers_authors_is_read_by_batches(row_group, tmp_path):
+    """Columns x, y, p, t with t in whole microseconds since 1970, and a pandas index."""
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    events = random_events(np.random.default_rng(1), 20_000, SENSOR, 10**7)
+    columns = {name: events[name].copy() for name in ("x", "y", "p", "t")}
+    columns["t"] = columns["t"] + 1_587_452_582_350_000
+    table = pa.table(columns | {"__index_level_0__": np.arange(events.size)})
+    parquet.write_table(table, tmp_path / "a.parquet", row_group_size=row_group)
+    recording = open_recording(tmp_path / "a.parquet", sensor=SENSOR, chunk_events=3000)
+    chunks = list(recording)
+    again = np.concatenate(chunks)
+    assert max(chunk.size for chunk in chunks) <= 3000
+    assert recording.start_us == 1_587_452_582_350_000 + events["t"][0]
+    again["t"] += events["t"][0]
+    assert np.array_equal(again, events)
+
+
+def test_parquet_with_nulls_or_other_columns_says_so(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"a": [1], "t": [2]}), tmp_path / "a.parquet")
+    with pytest.raises(RecordingError, match="has the columns a, t, and not"):
+        rows_of(tmp_path / "a.parquet")
+    nulls = pa.table({"t": [1, None, 3], "x": [1, 2, 3], "y": [1, 2, 3], "p": [1, 0, 1]})
+    parquet.write_table(nulls, tmp_path / "b.parquet")
+    with pytest.raises(RecordingError, match=r"entry 1 is no event \(t = nan"):
+        rows_of(tmp_path / "b.parquet", time_unit="us")
+    rows, recording = rows_of(tmp_path / "b.parquet", on_fault="drop", time_unit="us")
+    assert rows == [(0, 1, 1, True), (2, 3, 3, True)]
+    assert recording.faults.unreadable == 1
+
+
+def test_hdf5_of_metavision_and_of_dsec_and_of_float_seconds_are_read(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    t, x, y, p = (np.array(column) for column in zip(*ROWS, strict=True))
+    with h5py.File(tmp_path / "metavision.h5", "w") as file:
+        file.attrs["geometry"] = "64x48"
+        rows = np.zeros(3, [("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
+        rows["x"], rows["y"], rows["p"], rows["t"] = x, y, p, t
+        file["CD/events"] = rows
+        file["CD/indexes"] = np.zeros(2, [("id", "u8"), ("ts", "i8")])
+        file["EXT_TRIGGER/events"] = np.zeros(2, [("p", "i2"), ("t", "i8"), ("id", "i2")])
+    with h5py.File(tmp_path / "dsec.h5", "w") as file:
+        for name, column in zip("txyp", (t.astype("u4"), x, y, p), strict=True):
+            file[f"events/{name}"] = column
+        file["t_offset"] = 49_599_300_523
+        file["ms_to_idx"] = np.arange(2000)
+    with h5py.File(tmp_path / "floats.h5", "w") as file:
+        for name, column in zip(("ts", "xs", "ys", "ps"), (t / 1e6, x, y, p), strict=True):
+            file[f"events/{name}"] = column
+    rows, recording = rows_of(tmp_path / "metavision.h5", sensor=None)
+    assert (rows, recording.sensor, recording.start_us) == (EXPECTED, SENSOR, 1000)
+    rows, recording = rows_of(tmp_path / "dsec.h5")
+    assert (rows, recording.start_us) == (EXPECTED, 49_599_301_523)
+    assert rows_of(tmp_path / "floats.h5")[0] == EXPECTED
+
+
+def test_hdf5_with_two_cameras_asks_which(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    events = np.array([(x, y, t / 1e6, 2 * p - 1) for t, x, y, p in ROWS])
+    with h5py.File(tmp_path / "mvsec.hdf5", "w") as file:
+        file["davis/left/events"] = events
+        file["davis/right/events"] = events[:2]
+    path = tmp_path / "mvsec.hdf5"
+    with pytest.raises(UsageError, match="davis/left/events, davis/right/events: choose one"):
+        rows_of(path, columns="xytp")
+    with pytest.raises(RecordingError, match="--columns"):
+        rows_of(path)
+    rows, _ = rows_of(path, columns="xytp", topic="/davis/left/events")
+    assert rows == EXPECTED
+
+
+def test_hdf5_that_was_not_closed_is_found(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, n in zip("txyp", (5, 5, 4, 5), strict=True):
+            file[f"events/{name}"] = np.arange(n)
+    with pytest.raises(RecordingError, match=r"different lengths .*y 4"):
+        rows_of(tmp_path / "a.h5")
+
+
+def test_without_a_polarity_all_events_are_on(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x,y\n0,1,2\n")
+    assert rows_of(tmp_path / "a.csv")[0] == [(0, 1, 2, True)]
+    (tmp_path / "b.csv").write_text("0,1,2\n1,1,2\n")
+    assert rows_of(tmp_path / "b.csv")[0] == [(0, 1, 2, True), (1, 1, 2, True)]
+
+
+def test_a_sensor_is_never_guessed(tmp_path):
+    events = make_events([0], [3], [4])
+    np.save(tmp_path / "a.npy", events)
+    np.savez(tmp_path / "a.npz", events=events)
+    (tmp_path / "a.csv").write_text("0,3,4,1\n")
+    for name in ("a.npy", "a.npz", "a.csv"):
+        with pytest.raises(UsageError, match="pass --sensor"):
+            open_recording(tmp_path / name)
