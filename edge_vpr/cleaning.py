@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -133,10 +134,11 @@ class BurstFilter:
         self.removed = 0
         self._pixels = sensor.pixels
         self._last_slot = np.full((sensor.height, sensor.width), -2, dtype=np.int64)
-        nothing = np.empty(0, dtype=EVENT_DTYPE)
-        self._open = nothing  # the newest slot, which may still grow
-        self._held = nothing  # the slot before it: the next one may still make it a burst
-        self._held_slot, self._held_fired, self._held_is_burst = -2, 0, False
+        # The newest two slots that have events: the last may still grow, and the one before it may
+        # still turn out to be the first half of a burst.
+        self._events = np.empty(0, dtype=EVENT_DTYPE)
+        self._slots = _Slots(*(np.empty(0, dtype=np.int64) for _ in range(4)))
+        self._before = (-2, 0)  # number of the slot before them, and how many pixels fired in it
 
     def update(self, events: Events) -> Events:
         """Feed the next events.
@@ -151,12 +153,37 @@ class BurstFilter:
         ndarray of EVENT_DTYPE, shape (m,)
             The events known by now to belong to no burst, in order.
         """
-        if self._open.size:
-            events = np.concatenate([self._open, events])
-        slots = events["t"] // BURST_SLOT_US
-        ended = int(np.searchsorted(slots, slots[-1])) if events.size else 0
-        self._open = events[ended:].copy()
-        return self._close(events[:ended], slots[:ended])
+        return np.concatenate([*self.pieces(events), self._events[:0]])
+
+    def pieces(self, events: Events) -> list[Events]:
+        """Feed the next events as `update` does, and take them without copying.
+
+        Returns
+        -------
+        list of ndarray of EVENT_DTYPE
+            The events that `update` would return, one array after another; they may be views.
+        """
+        if events.size == 0:
+            return []
+        slots = self._slots_with(events)
+        decided = max(0, len(slots.number) - 2)
+        burst = self._bursts(slots)[:decided]
+        held = self._events
+        cut = int(slots.size[:decided].sum())
+        if burst.any():
+            keep = np.repeat(~burst, slots.size[:decided])
+            self.removed += int(np.count_nonzero(~keep))
+            pieces = [np.concatenate([held, events])[:cut][keep]]
+        elif cut <= held.size:
+            pieces = [held[:cut]]
+        else:
+            pieces = [held, events[: cut - held.size]]
+        if cut <= held.size:
+            self._events = np.concatenate([held[cut:], events])
+        else:
+            self._events = events[cut - held.size :].copy()
+        self._forget(slots, decided, burst)
+        return [piece for piece in pieces if piece.size]
 
     def finish(self) -> Events:
         """End the stream.
@@ -166,57 +193,67 @@ class BurstFilter:
         ndarray of EVENT_DTYPE, shape (m,)
             The remaining events that belong to no burst.
         """
-        last, self._open = self._open, self._open[:0]
-        rest = [self._close(last, last["t"] // BURST_SLOT_US)]
-        if not self._held_is_burst:
-            rest.append(self._held)
-        else:
-            self.removed += self._held.size
-        self._held = self._held[:0]
-        return np.concatenate(rest)
+        keep = np.repeat(~self._bursts(self._slots), self._slots.size)
+        self.removed += int(np.count_nonzero(~keep))
+        rest, self._events = self._events[keep], self._events[:0]
+        self._slots = _Slots(*(column[:0] for column in self._slots))
+        return rest
 
-    def _close(self, events: Events, slots: npt.NDArray[np.int64]) -> Events:
-        """Judge slots that have ended; hold the last of them back."""
-        if events.size == 0:
-            return events
-        starts = np.concatenate([[0], np.flatnonzero(slots[1:] != slots[:-1]) + 1])
-        ids = slots[starts]
-        fired, fresh = _count_fired(events["x"], events["y"], starts, ids, self._last_slot)
+    def _slots_with(self, events: Events) -> _Slots:
+        """Count who fired in the slots of new events; the first of them may go on."""
+        t = events["t"]
+        slots = self._slots
+        last = len(slots.number) - 1
+        going_on = last >= 0 and t[0] // BURST_SLOT_US == slots.number[last]
+        room = min(events.size, int(t[-1] // BURST_SLOT_US - t[0] // BURST_SLOT_US) + 1)
+        new = _Slots(*np.zeros((4, room), dtype=np.int64))
+        used = _count_fired(t, events["x"], events["y"], self._last_slot, *new)
+        new = _Slots(*(column[:used] for column in new))
+        if going_on:
+            for column in ("size", "fired", "fresh"):
+                getattr(new, column)[0] += getattr(slots, column)[last]
+            slots = _Slots(*(column[:last] for column in slots))
+        return _Slots(*map(np.concatenate, zip(slots, new, strict=True)))
 
-        follows = np.concatenate([[self._held_slot], ids[:-1]]) == ids - 1
-        fired_before = np.concatenate([[self._held_fired], fired[:-1]])
-        together = fresh + np.where(follows, fired_before, 0)
-        is_burst = together * BURST_SHARE[1] > BURST_SHARE[0] * self._pixels
-        spreads_back = is_burst & follows
-        held_is_burst = self._held_is_burst or bool(spreads_back[0])
-        is_burst[:-1] |= spreads_back[1:]
+    def _bursts(self, slots: _Slots) -> npt.NDArray[np.bool_]:
+        """Tell which slots are half of a burst, the last of them as far as it is known."""
+        number_before = np.concatenate([[self._before[0]], slots.number[:-1]])
+        fired_before = np.concatenate([[self._before[1]], slots.fired[:-1]])
+        follows = number_before == slots.number - 1
+        together = slots.fresh + np.where(follows, fired_before, 0)
+        burst = together * BURST_SHARE[1] > BURST_SHARE[0] * self._pixels
+        burst[:-1] |= burst[1:] & follows[1:]
+        return burst
 
-        pieces = [] if held_is_burst else [self._held]
-        self.removed += self._held.size if held_is_burst else 0
-        last = int(starts[-1])
-        if is_burst[:-1].any():
-            keep = np.repeat(~is_burst[:-1], np.diff(starts))
-            self.removed += int(np.count_nonzero(~keep))
-            pieces.append(events[:last][keep])
-        else:
-            pieces.append(events[:last])
-        self._held, self._held_slot = events[last:].copy(), int(ids[-1])
-        self._held_fired, self._held_is_burst = int(fired[-1]), bool(is_burst[-1])
-        return np.concatenate(pieces) if pieces[0].size else pieces[-1]
+    def _forget(self, slots: _Slots, decided: int, burst: npt.NDArray[np.bool_]) -> None:
+        if decided:
+            self._before = int(slots.number[decided - 1]), int(slots.fired[decided - 1])
+        self._slots = _Slots(*(column[decided:] for column in slots))
+
+
+class _Slots(NamedTuple):
+    """Slots that have events: number, events, pixels that fired, those that had not just fired."""
+
+    number: npt.NDArray[np.int64]
+    size: npt.NDArray[np.int64]
+    fired: npt.NDArray[np.int64]
+    fresh: npt.NDArray[np.int64]
 
 
 @nb.njit(cache=True, nogil=True)
-def _count_fired(x, y, starts, ids, last_slot):  # type: ignore[no-untyped-def]
-    """Count the pixels that fired in each slot, and those that had not fired in the slot before."""
-    fired = np.zeros(starts.size, dtype=np.int64)
-    fresh = np.zeros(starts.size, dtype=np.int64)
-    for i in range(starts.size):
-        slot = ids[i]
-        end = starts[i + 1] if i + 1 < starts.size else x.size
-        for k in range(starts[i], end):
-            last = last_slot[y[k], x[k]]
-            if last != slot:
-                last_slot[y[k], x[k]] = slot
-                fired[i] += 1
-                fresh[i] += last != slot - 1
-    return fired, fresh
+def _count_fired(t, x, y, last_slot, number, size, fired, fresh):  # type: ignore[no-untyped-def]
+    """Count events and pixels of each slot; `fresh` pixels had not fired in the slot before."""
+    used, end, slot = 0, np.int64(-1), np.int64(-2)
+    for i in range(t.size):
+        if t[i] >= end or used == 0:
+            slot = t[i] // BURST_SLOT_US
+            end = (slot + 1) * BURST_SLOT_US
+            number[used] = slot
+            used += 1
+        size[used - 1] += 1
+        last = last_slot[y[i], x[i]]
+        if last != slot:
+            last_slot[y[i], x[i]] = slot
+            fired[used - 1] += 1
+            fresh[used - 1] += last != slot - 1
+    return used

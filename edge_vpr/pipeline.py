@@ -217,7 +217,7 @@ def cleaned(recording: EventSource, settings: Settings) -> Iterator[Events]:
         return
     bursts = BurstFilter(recording.sensor)
     for events in recording:
-        yield bursts.update(events)
+        yield from bursts.pieces(events)
     yield bursts.finish()
 
 
