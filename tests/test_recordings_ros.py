@@ -1,0 +1,238 @@
+"""ROS bags: event arrays and event packets, by topic, against plain decoders."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import recording_files as files
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import open_recording
+from edge_vpr.recordings.event_packet import Cursor, read_event_array, read_preamble
+
+rosbags = pytest.importorskip("rosbags")
+
+SENSOR = Sensor(346, 260)
+START = 1_587_452_582_350_123
+EVENTS = [(START + 7 * i, 3 * i % 346, 5 * i % 260, i % 3 == 0) for i in range(500)]
+
+
+def write_bag(path, ros, messages, types=None):
+    """A bag of (topic, serialised message)."""
+    types = types or {}
+    if ros == 1:
+        from rosbags.rosbag1 import Writer
+
+        writer = Writer(path)
+    else:
+        from rosbags.rosbag2 import Writer
+
+        writer = Writer(path, version=9)
+    with writer:
+        known = {}
+        for i, (topic, data) in enumerate(messages):
+            if topic not in known:
+                kind = types.get(topic, "dvs_msgs/msg/EventArray")
+                digest = {"md5sum": "0" * 32} if ros == 1 else {"rihs01": "RIHS01_" + "0" * 64}
+                known[topic] = writer.add_connection(topic, kind, msgdef="uint8 x\n", **digest)
+            writer.write(known[topic], 10**18 + i, data)
+
+
+def absolute(path, **options):
+    recording = open_recording(path, **options)
+    events = np.concatenate(list(recording))
+    events["t"] += recording.start_us
+    return events, recording
+
+
+def arrays(events, ros, size=100):
+    return [
+        files.event_array(events[i : i + size], *SENSOR, ros) for i in range(0, len(events), size)
+    ]
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@pytest.mark.parametrize("chunk", [7, 1 << 16])
+def test_event_arrays_of_both_ros_are_read_with_their_wall_clock(ros, chunk, tmp_path):
+    path = tmp_path / ("a.bag" if ros == 1 else "a")
+    messages = [("/dvs/events", data) for data in [*arrays(EVENTS, ros), *arrays([], ros)]]
+    messages.insert(0, ("/dvs/events", files.event_array([], *SENSOR, ros)))
+    messages.insert(2, ("/dvs/imu", b"something else"))
+    write_bag(path, ros, messages, {"/dvs/imu": "sensor_msgs/msg/Imu"})
+    events, recording = absolute(path, chunk_events=chunk)
+    assert events.tolist() == EVENTS
+    assert (recording.sensor, recording.start_us) == (SENSOR, START)
+    assert recording.format == f"rosbag{ros}"
+    assert recording.position == 1.0
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@given(
+    events=st.lists(
+        st.tuples(
+            st.integers(0, 2**32 * 10**6 - 1),
+            st.integers(0, 65535),
+            st.integers(0, 65535),
+            st.booleans(),
+        ),
+        max_size=9,
+    )
+)
+def test_any_event_array_is_read_to_the_bit(ros, events):
+    cursor = Cursor(files.event_array(events, *SENSOR, ros), ros)
+    assert read_preamble(cursor, ros)[1:] == (SENSOR.height, SENSOR.width)
+    columns = read_event_array(cursor, ros)
+    assert list(zip(*(column.tolist() for column in columns), strict=True)) == events
+
+
+def test_ros2_arrays_are_what_rosbags_reads():
+    """A message that the library's own serialiser made."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(
+        get_types_from_msg(
+            "uint16 x\nuint16 y\nbuiltin_interfaces/Time ts\nbool polarity", "dvs_msgs/msg/Event"
+        )
+    )
+    store.register(
+        get_types_from_msg(
+            "std_msgs/Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events",
+            "dvs_msgs/msg/EventArray",
+        )
+    )
+    types = store.types
+    time = types["builtin_interfaces/msg/Time"]
+    message = types["dvs_msgs/msg/EventArray"](
+        header=types["std_msgs/msg/Header"](stamp=time(sec=5, nanosec=6), frame_id="camera"),
+        height=260,
+        width=346,
+        events=[
+            types["dvs_msgs/msg/Event"](
+                x=x, y=y, ts=time(sec=t // 10**6, nanosec=t % 10**6 * 1000), polarity=p
+            )
+            for t, x, y, p in EVENTS[:20]
+        ],
+    )
+    for little in (True, False):
+        data = bytes(store.serialize_cdr(message, "dvs_msgs/msg/EventArray", little_endian=little))
+        cursor = Cursor(data, 2)
+        assert read_preamble(cursor, 2) == (5_000_000, 260, 346)
+        columns = read_event_array(cursor, 2)
+        assert list(zip(*(c.tolist() for c in columns), strict=True)) == EVENTS[:20]
+
+
+def test_packets_of_evt3_go_on_from_one_to_the_next(tmp_path):
+    events = [((1 << 24) - 2000 + 9 * i, 3 * i % 346, 5 * i % 260, i % 3 == 0) for i in range(500)]
+    words = files.encode_evt3(events)
+    cut = [0, 2, 900, 902, len(words)]
+    packets = [
+        ("/events", files.event_packet("evt3", words[a:b], *SENSOR)) for a, b in pairwise(cut)
+    ]
+    kind = {"/events": "event_camera_msgs/msg/EventPacket"}
+    write_bag(tmp_path / "a", 2, packets, kind)
+    recording = open_recording(tmp_path / "a")
+    again = np.concatenate(list(recording))
+    again["t"] += events[0][0]
+    assert again.tolist() == events
+    # the camera's clock is its own; the packet's time stamp is the wall clock's
+    assert recording.start_us == 1_600_000_000_123_456
+
+
+def test_packets_of_unknown_encoding_say_so(tmp_path):
+    kind = {"/events": "event_camera_msgs/msg/EventPacket"}
+    data = files.event_packet("mono", bytes(16), *SENSOR)
+    write_bag(tmp_path / "a", 2, [("/events", data)], kind)
+    with pytest.raises(RecordingError, match="encoding 'mono' are not decoded: known are evt3"):
+        open_recording(tmp_path / "a")
+
+
+def test_a_message_that_is_cut_off_says_which(tmp_path):
+    first, second, *_ = arrays(EVENTS, 1)
+    write_bag(tmp_path / "a.bag", 1, [("/e", first), ("/e", second[:-20])])
+    with pytest.raises(RecordingError, match=r"message 2 on /e is cut off \(100 events"):
+        absolute(tmp_path / "a.bag")
+
+
+def test_the_topic_is_asked_for_where_there_are_several(tmp_path):
+    path = tmp_path / "a.bag"
+    left, right = arrays(EVENTS, 1), arrays(EVENTS[:50], 1)
+    write_bag(path, 1, [("/left", left[0]), ("/right", right[0]), ("/left", left[1])])
+    with pytest.raises(UsageError, match="events on /left, /right: choose one with --topic"):
+        open_recording(path)
+    with pytest.raises(RecordingError, match=r"no events on /up; its topics are: /left \("):
+        open_recording(path, topic="/up")
+    assert absolute(path, topic="/left")[0].tolist() == EVENTS[:200]
+    assert absolute(path, topic="/right")[0].tolist() == EVENTS[:50]
+
+
+def test_a_bag_of_other_things_says_what_it_holds(tmp_path):
+    write_bag(tmp_path / "a.bag", 1, [("/imu", b"1234")], {"/imu": "sensor_msgs/msg/Imu"})
+    with pytest.raises(RecordingError, match=r"its topics are: /imu \(sensor_msgs/msg/Imu\)"):
+        open_recording(tmp_path / "a.bag")
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_bag_that_is_cut_off_is_one_line_with_the_remedy(ros, tmp_path):
+    path = tmp_path / ("a.bag" if ros == 1 else "a")
+    write_bag(path, ros, [("/e", data) for data in arrays(EVENTS, ros)])
+    file = path if ros == 1 else next(path.glob("*.db3"))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(RecordingError, match="reindex") as raised:
+        absolute(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_one_file_of_a_ros2_bag_opens_the_bag(tmp_path):
+    write_bag(tmp_path / "a", 2, [("/e", data) for data in arrays(EVENTS, 2)])
+    assert absolute(next((tmp_path / "a").glob("*.db3")))[0].tolist() == EVENTS
+
+
+# --- real bags --------------------------------------------------------------------------------
+
+
+def payloads(folder):
+    """What the packets of a bag hold, straight out of its database."""
+    with sqlite3.connect(f"file:{next(folder.glob('*.db3'))}?mode=ro", uri=True) as database:
+        rows = database.execute("select data from messages order by timestamp").fetchall()
+    database.close()
+    for (data,) in rows:
+        name = data.index(b"evt3\0") if b"evt3\0" in data[:120] else data.index(b"libcaer\0")
+        at = data.index(b"\0", name) + 2  # the name's end, then the byte order
+        at += -(at - 4) % 4
+        (n,) = struct.unpack_from("<I", data, at)
+        yield data[at + 4 : at + 4 + n]
+
+
+def test_a_real_bag_of_evt3_is_what_a_plain_decoder_makes_of_it(shared_data):
+    folder = shared_data / "recordings" / "ros2_evt3_trigger"
+    expected = files.decode_evt3(b"".join(payloads(folder)))
+    recording = open_recording(folder)
+    events = np.concatenate(list(recording))
+    events["t"] += expected[0][0]
+    assert events.tolist() == expected
+    assert (events.size, recording.sensor) == (82_469, Sensor(1280, 720))
+
+
+def test_a_real_bag_of_libcaer_is_read_beyond_the_wrap_of_its_31_bits(shared_data):
+    folder = shared_data / "recordings" / "ros2_libcaer_rollover"
+    expected, wraps, last = [], 0, 0
+    for payload in payloads(folder):
+        for word, t in struct.iter_unpack("<Ii", payload):
+            wraps += t < last - (1 << 30)
+            last = t
+            expected.append((t + (wraps << 31), word >> 17, word >> 2 & 0x7FFF, bool(word & 2)))
+    recording = open_recording(folder)
+    events = np.concatenate(list(recording))
+    events["t"] += expected[0][0]
+    assert wraps == 1
+    assert events.tolist() == expected
+    assert (events.size, recording.sensor) == (334_331, Sensor(640, 480))
+    assert recording.faults.total == 0
