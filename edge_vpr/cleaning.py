@@ -132,13 +132,15 @@ class BurstFilter:
 
     def __init__(self, sensor: Sensor) -> None:
         self.removed = 0
-        self._pixels = sensor.pixels
-        self._last_slot = np.full((sensor.height, sensor.width), -2, dtype=np.int64)
+        self._sensor = sensor
+        self._hold_nothing()
+
+    def _hold_nothing(self) -> None:
         # The newest two slots that have events: the last may still grow, and the one before it may
         # still turn out to be the first half of a burst.
         self._events = np.empty(0, dtype=EVENT_DTYPE)
-        self._slots = _Slots(*(np.empty(0, dtype=np.int64) for _ in range(4)))
-        self._before = (-2, 0)  # number of the slot before them, and how many pixels fired in it
+        self._slots = _slots_of(self._events["t"])
+        self._first_is_burst = False  # the first of the two, with the slot before it
 
     def update(self, events: Events) -> Events:
         """Feed the next events.
@@ -165,24 +167,24 @@ class BurstFilter:
         """
         if events.size == 0:
             return []
-        slots = self._slots_with(events)
-        decided = max(0, len(slots.number) - 2)
-        burst = self._bursts(slots)[:decided]
         held = self._events
+        slots = _joined(self._slots, _slots_of(events["t"]))
+        burst = self._bursts(slots, held, events)
+        decided = max(0, len(slots.number) - 2)
         cut = int(slots.size[:decided].sum())
-        if burst.any():
-            keep = np.repeat(~burst, slots.size[:decided])
+        if burst[:decided].any():
+            keep = np.repeat(~burst[:decided], slots.size[:decided])
             self.removed += int(np.count_nonzero(~keep))
             pieces = [np.concatenate([held, events])[:cut][keep]]
-        elif cut <= held.size:
-            pieces = [held[:cut]]
         else:
-            pieces = [held, events[: cut - held.size]]
-        if cut <= held.size:
+            pieces = [held[:cut], events[: max(0, cut - held.size)]]
+        if cut < held.size:
             self._events = np.concatenate([held[cut:], events])
         else:
             self._events = events[cut - held.size :].copy()
-        self._forget(slots, decided, burst)
+        self._slots = _Slots(slots.number[decided:], slots.size[decided:])
+        if decided:
+            self._first_is_burst = bool(burst[decided])
         return [piece for piece in pieces if piece.size]
 
     def finish(self) -> Events:
@@ -193,67 +195,57 @@ class BurstFilter:
         ndarray of EVENT_DTYPE, shape (m,)
             The remaining events that belong to no burst.
         """
-        keep = np.repeat(~self._bursts(self._slots), self._slots.size)
+        held = self._events
+        keep = np.repeat(~self._bursts(self._slots, held, held[:0]), self._slots.size)
         self.removed += int(np.count_nonzero(~keep))
-        rest, self._events = self._events[keep], self._events[:0]
-        self._slots = _Slots(*(column[:0] for column in self._slots))
-        return rest
+        self._hold_nothing()
+        return held[keep]
 
-    def _slots_with(self, events: Events) -> _Slots:
-        """Count who fired in the slots of new events; the first of them may go on."""
-        t = events["t"]
-        slots = self._slots
-        last = len(slots.number) - 1
-        going_on = last >= 0 and t[0] // BURST_SLOT_US == slots.number[last]
-        room = min(events.size, int(t[-1] // BURST_SLOT_US - t[0] // BURST_SLOT_US) + 1)
-        new = _Slots(*np.zeros((4, room), dtype=np.int64))
-        used = _count_fired(t, events["x"], events["y"], self._last_slot, *new)
-        new = _Slots(*(column[:used] for column in new))
-        if going_on:
-            for column in ("size", "fired", "fresh"):
-                getattr(new, column)[0] += getattr(slots, column)[last]
-            slots = _Slots(*(column[:last] for column in slots))
-        return _Slots(*map(np.concatenate, zip(slots, new, strict=True)))
-
-    def _bursts(self, slots: _Slots) -> npt.NDArray[np.bool_]:
+    def _bursts(self, slots: _Slots, held: Events, events: Events) -> npt.NDArray[np.bool_]:
         """Tell which slots are half of a burst, the last of them as far as it is known."""
-        number_before = np.concatenate([[self._before[0]], slots.number[:-1]])
-        fired_before = np.concatenate([[self._before[1]], slots.fired[:-1]])
-        follows = number_before == slots.number - 1
-        together = slots.fresh + np.where(follows, fired_before, 0)
-        burst = together * BURST_SHARE[1] > BURST_SHARE[0] * self._pixels
-        burst[:-1] |= burst[1:] & follows[1:]
+        burst = np.zeros(len(slots.number), dtype=np.bool_)
+        burst[:1] = self._first_is_burst
+        follows = np.diff(slots.number, prepend=-2) == 1
+        together = slots.size + np.where(follows, np.concatenate([[0], slots.size[:-1]]), 0)
+        least = self._sensor.pixels * BURST_SHARE[0] // BURST_SHARE[1]
+        # pixels need be counted only where there are events enough
+        candidates = np.flatnonzero(together > least)
+        if candidates.size == 0:
+            return burst
+        joined = np.concatenate([held, events])
+        flat = joined["y"].astype(np.int64) * self._sensor.width + joined["x"]
+        ends = np.cumsum(slots.size)
+        for i in candidates.tolist():
+            pixels = np.unique(flat[ends[i] - together[i] : ends[i]]).size
+            if pixels * BURST_SHARE[1] > BURST_SHARE[0] * self._sensor.pixels:
+                burst[i] = True
+                burst[i - 1 : i] |= follows[i]
         return burst
-
-    def _forget(self, slots: _Slots, decided: int, burst: npt.NDArray[np.bool_]) -> None:
-        if decided:
-            self._before = int(slots.number[decided - 1]), int(slots.fired[decided - 1])
-        self._slots = _Slots(*(column[decided:] for column in slots))
 
 
 class _Slots(NamedTuple):
-    """Slots that have events: number, events, pixels that fired, those that had not just fired."""
+    """Slots that have events: their numbers and sizes."""
 
     number: npt.NDArray[np.int64]
     size: npt.NDArray[np.int64]
-    fired: npt.NDArray[np.int64]
-    fresh: npt.NDArray[np.int64]
 
 
-@nb.njit(cache=True, nogil=True)
-def _count_fired(t, x, y, last_slot, number, size, fired, fresh):  # type: ignore[no-untyped-def]
-    """Count events and pixels of each slot; `fresh` pixels had not fired in the slot before."""
-    used, end, slot = 0, np.int64(-1), np.int64(-2)
-    for i in range(t.size):
-        if t[i] >= end or used == 0:
-            slot = t[i] // BURST_SLOT_US
-            end = (slot + 1) * BURST_SLOT_US
-            number[used] = slot
-            used += 1
-        size[used - 1] += 1
-        last = last_slot[y[i], x[i]]
-        if last != slot:
-            last_slot[y[i], x[i]] = slot
-            fired[used - 1] += 1
-            fresh[used - 1] += last != slot - 1
-    return used
+def _slots_of(t: npt.NDArray[np.int64]) -> _Slots:
+    if t.size == 0:
+        return _Slots(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
+    first, last = int(t[0]) // BURST_SLOT_US, int(t[-1]) // BURST_SLOT_US
+    if last - first > t.size:
+        number, size = np.unique(t // BURST_SLOT_US, return_counts=True)
+        return _Slots(number, size.astype(np.int64))
+    number = np.arange(first, last + 1)
+    ends = np.searchsorted(t, (number + 1) * BURST_SLOT_US)
+    size = np.diff(ends, prepend=0)
+    return _Slots(number[size > 0], size[size > 0])
+
+
+def _joined(older: _Slots, newer: _Slots) -> _Slots:
+    """Join the slots of two stretches of a stream; the newest of the older may go on."""
+    if len(older.number) and older.number[-1] == newer.number[0]:
+        sizes = [older.size[:-1], older.size[-1:] + newer.size[:1], newer.size[1:]]
+        return _Slots(np.concatenate([older.number, newer.number[1:]]), np.concatenate(sizes))
+    return _Slots(*map(np.concatenate, zip(older, newer, strict=True)))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.counters import count_events, count_until
+from edge_vpr.counters import count_events, count_frame, count_until
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
 from edge_vpr.pixels import PixelMap
@@ -170,6 +170,9 @@ class DescriptorStream:
         self._window = window
         self._polarity = polarity
         self._clip = clip
+        # where every pixel is its own slot, the counters are an image and need no table
+        dense = not polarity and pixel_map == PixelMap.all_of(pixel_map.sensor)
+        self._image_shape = self._table.shape if dense else None
         self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
         self._counted = 0  # of a fixed-count window's budget
         self._events = 0  # of the open window, at any pixel
@@ -259,8 +262,11 @@ class DescriptorStream:
 
     def _count(self, events: Events) -> None:
         if events.size:
-            p = events["p"] if self._polarity else None
-            count_events(self._table, events["x"], events["y"], self._counts, p)
+            if self._image_shape is not None:
+                count_frame(events["x"], events["y"], self._counts.reshape(self._image_shape))
+            else:
+                p = events["p"] if self._polarity else None
+                count_events(self._table, events["x"], events["y"], self._counts, p)
             self._events += events.size
 
     def _take(self, start: int, end: int) -> WindowCounts:
