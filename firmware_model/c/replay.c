@@ -1,0 +1,84 @@
+#include "replay.h"
+
+typedef struct {
+    uint32_t *words;
+    uint32_t size;
+    uint32_t used; /* beyond size once a word did not fit */
+} writer_t;
+
+static void put(writer_t *w, uint32_t word)
+{
+    if (w->used < w->size) {
+        w->words[w->used] = word;
+    }
+    w->used++;
+}
+
+static void put_event(writer_t *w, const vpr_state_t *s, uint32_t number, uint32_t slot)
+{
+    put(w, VPR_RECORD_EVENT);
+    put(w, 3U);
+    put(w, number);
+    put(w, slot);
+    put(w, (slot == VPR_NONE) ? 0U : s->counts[slot]);
+}
+
+static void put_window(writer_t *w, const vpr_design_t *d, const vpr_state_t *s, uint32_t events)
+{
+    put(w, VPR_RECORD_WINDOW);
+    put(w, 2U + d->slots);
+    put(w, s->windows - 1U);
+    put(w, events);
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        put(w, s->query[i]);
+    }
+}
+
+static void put_match(writer_t *w, const vpr_match_t *m)
+{
+    put(w, VPR_RECORD_MATCH);
+    put(w, 7U);
+    put(w, m->window);
+    put(w, m->place);
+    put(w, m->sum);
+    put(w, m->second);
+    put(w, m->second_sum);
+    put(w, m->ties);
+    put(w, m->accepted ? 1U : 0U);
+}
+
+static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint32_t events)
+{
+    vpr_match_t match;
+    vpr_window_end(d, s);
+    put_window(w, d, s, events);
+    if (vpr_match_places(d, s, &match)) {
+        put_match(w, &match);
+    }
+}
+
+uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event_t *events,
+                    uint32_t event_count, uint32_t start, uint32_t *ram, uint32_t ram_bytes,
+                    uint32_t *out, uint32_t out_words)
+{
+    vpr_design_t design;
+    vpr_state_t state;
+    writer_t writer = {out, out_words, 0U};
+
+    if (!vpr_open(&design, image, image_bytes) || (vpr_ram_bytes(&design) > ram_bytes)) {
+        return 0U;
+    }
+    vpr_reset(&design, &state, ram, start);
+    for (uint32_t i = 0U; i < event_count; i++) {
+        vpr_status_t status = vpr_event(&design, &state, &events[i]);
+        while (status == VPR_END_THEN_RETRY) {
+            end_window(&writer, &design, &state, i);
+            status = vpr_event(&design, &state, &events[i]);
+        }
+        put_event(&writer, &state, i, vpr_slot(&design, &events[i]));
+        if (status == VPR_END_NOW) {
+            end_window(&writer, &design, &state, i + 1U);
+        }
+    }
+    return (writer.used <= out_words) ? writer.used : 0U;
+}

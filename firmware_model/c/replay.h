@@ -1,0 +1,19 @@
+/* Feed a stimulus to the firmware and write down what it does: the form in which a device returns
+ * its results to `edge-vpr golden verify`. */
+#ifndef VPR_REPLAY_H
+#define VPR_REPLAY_H
+
+#include "vpr.h"
+
+/* A record is its kind, the number of values, and the values, each a 32-bit word:
+ *   event:  number, slot (VPR_NONE: not selected), count after it
+ *   window: number, events before its end, the code of each slot
+ *   match:  window, place, sum, second, second_sum, ties, accepted */
+enum { VPR_RECORD_EVENT = 1, VPR_RECORD_WINDOW = 2, VPR_RECORD_MATCH = 3 };
+
+/* Words written to `out`; 0 if the image is refused, or RAM or `out` are too small. */
+uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event_t *events,
+                    uint32_t event_count, uint32_t start, uint32_t *ram, uint32_t ram_bytes,
+                    uint32_t *out, uint32_t out_words);
+
+#endif

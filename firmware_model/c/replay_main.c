@@ -1,0 +1,43 @@
+/* `replay IMAGE EVENTS START RESULTS`: run a case on this computer. */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "replay.h"
+
+static _Alignas(16) uint32_t image[1U << 22];
+static uint32_t events[1U << 22];
+static _Alignas(16) uint32_t ram[1U << 22];
+static uint32_t out[1U << 24];
+
+static uint32_t read_words(const char *path, uint32_t *words, size_t size)
+{
+    FILE *const file = fopen(path, "rb");
+    size_t used = 0U;
+    if (file != NULL) {
+        used = fread(words, sizeof *words, size, file);
+        (void)fclose(file);
+    }
+    return (uint32_t)used;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc != 5) {
+        (void)fprintf(stderr, "usage: replay IMAGE EVENTS START RESULTS\n");
+        return 2;
+    }
+    const uint32_t image_words = read_words(argv[1], image, sizeof image / sizeof *image);
+    const uint32_t event_words = read_words(argv[2], events, sizeof events / sizeof *events);
+    const uint32_t start = (uint32_t)strtoul(argv[3], NULL, 10);
+    const uint32_t written =
+        vpr_replay(image, image_words * 4U, (const vpr_event_t *)(const void *)events,
+                   event_words / 2U, start, ram, (uint32_t)sizeof ram, out,
+                   (uint32_t)(sizeof out / sizeof *out));
+    FILE *const file = fopen(argv[4], "wb");
+    if ((written == 0U) || (file == NULL)) {
+        (void)fprintf(stderr, "replay: the image is refused, or the results cannot be written\n");
+        return 1;
+    }
+    const bool complete = fwrite(out, sizeof *out, written, file) == written;
+    return ((fclose(file) == 0) && complete) ? 0 : 1;
+}

@@ -1,0 +1,295 @@
+#include "vpr.h"
+
+#include "sad.h"
+
+/* Words of the image's header. Offsets are in bytes from its beginning, multiples of 16. */
+enum {
+    AT_MAGIC = 0,
+    AT_VERSION,
+    AT_BYTES,
+    AT_WIDTH,
+    AT_HEIGHT,
+    AT_PIXELS,
+    AT_SLOTS,
+    AT_STRIDE,
+    AT_COUNT_MAX,
+    AT_PLACES,
+    AT_LENGTH,
+    AT_EXCLUSION,
+    AT_WINDOW_KIND, /* 0: by time, 1: by count */
+    AT_WINDOW,      /* microseconds, or events at selected pixels */
+    AT_TIMESTAMP_BITS,
+    AT_ACCEPT,
+    AT_RATIO_DENOMINATOR,
+    AT_LOOKUP_DEPTH,
+    AT_DISPLACEMENT_TABLE,
+    AT_LOOKUP_TABLE,
+    AT_CODE_TABLE,
+    AT_PLACES_TABLE,
+    AT_CODE_MAX
+};
+
+#define LIMIT 0xFFFFU /* of what is multiplied */
+#define ROW_MASK 0x7FFFU
+#define ON_BIT 0x8000U
+
+/* The search over the places of one match, in ascending order. */
+typedef struct {
+    uint32_t left_sum; /* best of the places that have left the delay line */
+    uint32_t left;
+    uint32_t taken; /* places so far */
+    uint32_t at;    /* in the delay line */
+} search_t;
+
+static uint32_t rounded_up(uint32_t bytes)
+{
+    return (bytes + 15U) & ~15U;
+}
+
+/* Whether a product of one factor below 2^32 and one below 2^16 stays below 2^32; without 64-bit
+ * arithmetic, which the smallest cores do in a library. */
+static bool fits(uint32_t wide, uint32_t narrow)
+{
+    return (((wide >> 16) * narrow) + (((wide & LIMIT) * narrow) >> 16)) <= LIMIT;
+}
+
+/* Whether all that is multiplied is small enough for the widths of vpr_state_t. */
+static bool within_limits(const uint32_t *image)
+{
+    static const uint8_t small[] = {AT_WIDTH,  AT_HEIGHT,    AT_SLOTS,  AT_STRIDE, AT_COUNT_MAX,
+                                    AT_PLACES, AT_LENGTH, AT_EXCLUSION, AT_RATIO_DENOMINATOR};
+    for (uint32_t i = 0U; i < sizeof small; i++) {
+        if (image[small[i]] > LIMIT) {
+            return false;
+        }
+    }
+    if (image[AT_CODE_MAX] > 255U) {
+        return false;
+    }
+    const uint32_t distance_max = image[AT_SLOTS] * image[AT_CODE_MAX];
+    return (distance_max <= LIMIT) &&
+           fits(distance_max * image[AT_LENGTH], image[AT_RATIO_DENOMINATOR]) &&
+           fits(image[AT_PLACES] * image[AT_LENGTH], 8U);
+}
+
+/* Whether the tables end where the image does, at the latest. */
+static bool inside(const uint32_t *image, uint32_t table, uint32_t bytes)
+{
+    return (image[table] <= image[AT_BYTES]) && (bytes <= (image[AT_BYTES] - image[table]));
+}
+
+bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
+{
+    if ((image_bytes < (VPR_HEADER_WORDS * 4U)) || (image[AT_MAGIC] != VPR_MAGIC) ||
+        (image[AT_VERSION] != VPR_VERSION) || (image[AT_BYTES] != image_bytes)) {
+        return false;
+    }
+    const uint8_t *const bytes = (const uint8_t *)image;
+    const bool by_time = image[AT_WINDOW_KIND] == 0U;
+    if (!within_limits(image) || (image[AT_LOOKUP_DEPTH] > (LIMIT + 1U)) ||
+        !inside(image, AT_DISPLACEMENT_TABLE, image[AT_HEIGHT] * 2U) ||
+        !inside(image, AT_LOOKUP_TABLE, image[AT_LOOKUP_DEPTH] * 4U) ||
+        !inside(image, AT_CODE_TABLE, image[AT_COUNT_MAX] + 1U) ||
+        !inside(image, AT_PLACES_TABLE, image[AT_PLACES] * image[AT_STRIDE])) {
+        return false;
+    }
+
+    /* MISRA deviation 11.3: the tables lie aligned in the image */
+    d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
+    d->lookup = (const uint32_t *)(const void *)&bytes[image[AT_LOOKUP_TABLE]];
+    d->code = &bytes[image[AT_CODE_TABLE]];
+    d->places = &bytes[image[AT_PLACES_TABLE]];
+    d->width = image[AT_WIDTH];
+    d->height = image[AT_HEIGHT];
+    d->lookup_mask = image[AT_LOOKUP_DEPTH] - 1U;
+    d->slots = image[AT_SLOTS];
+    d->off_slot = d->slots - image[AT_PIXELS];
+    d->stride = image[AT_STRIDE];
+    d->count_max = image[AT_COUNT_MAX];
+    d->time_shift = 32U - image[AT_TIMESTAMP_BITS];
+    d->tau = by_time ? image[AT_WINDOW] : 0U;
+    d->budget = by_time ? 0U : image[AT_WINDOW];
+    d->open_until = by_time ? (int32_t)((d->tau - 1U) << d->time_shift) : INT32_MAX;
+    d->place_count = image[AT_PLACES];
+    d->length = image[AT_LENGTH];
+    d->exclusion = image[AT_EXCLUSION];
+    d->ratio_denominator = image[AT_RATIO_DENOMINATOR];
+    d->accept = image[AT_ACCEPT];
+    return true;
+}
+
+uint32_t vpr_ram_bytes(const vpr_design_t *d)
+{
+    return d->stride + rounded_up(d->slots * 2U) + rounded_up(d->length * d->place_count * 2U) +
+           rounded_up((d->exclusion + 1U) * 4U);
+}
+
+void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
+{
+    /* MISRA deviation 11.3: one block is cut into aligned arrays */
+    uint8_t *const bytes = (uint8_t *)ram;
+    uint32_t at = 0U;
+    s->query = &bytes[at];
+    at += d->stride;
+    s->counts = (uint16_t *)(void *)&bytes[at];
+    at += rounded_up(d->slots * 2U);
+    s->history = (uint16_t *)(void *)&bytes[at];
+    at += rounded_up(d->length * d->place_count * 2U);
+    s->delay = (uint32_t *)(void *)&bytes[at];
+
+    /* the padding of the query must be zero as that of the places is; the rest is written
+     * before it is read */
+    for (uint32_t i = 0U; i < d->stride; i++) {
+        s->query[i] = 0U;
+    }
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        s->counts[i] = 0U;
+    }
+    s->start = start;
+    s->counted = 0U;
+    s->windows = 0U;
+    s->seen = 0U;
+    s->newest = 0U;
+}
+
+/* Slot of the event's counter, or VPR_NONE. A row's pixels lie in the look-up from its displacement
+ * on, between those of other rows: an entry names its owner. */
+static inline uint32_t slot_of(const vpr_design_t *d, const vpr_event_t *e)
+{
+    const uint32_t x = e->x;
+    const uint32_t y = e->y_on & ROW_MASK;
+    if ((x >= d->width) || (y >= d->height)) {
+        return VPR_NONE;
+    }
+    const uint32_t entry = d->lookup[(x + d->displacement[y]) & d->lookup_mask];
+    if ((entry >> 16) != y) {
+        return VPR_NONE;
+    }
+    const uint32_t slot = entry & 0xFFFFU;
+    return ((e->y_on & ON_BIT) != 0U) ? slot : (slot + d->off_slot);
+}
+
+uint32_t vpr_slot(const vpr_design_t *d, const vpr_event_t *e)
+{
+    return slot_of(d, e);
+}
+
+vpr_status_t vpr_event(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t *e)
+{
+    /* The difference modulo 2^timestamp_bits, read as a signed number: the clock may wrap, and an
+     * event from before the window's start counts in the open window. */
+    const int32_t elapsed = (int32_t)((e->t - s->start) << d->time_shift);
+    if (elapsed > d->open_until) {
+        return VPR_END_THEN_RETRY;
+    }
+    const uint32_t slot = slot_of(d, e);
+    if (slot == VPR_NONE) {
+        return VPR_TAKEN;
+    }
+    const uint32_t count = s->counts[slot];
+    if (count < d->count_max) {
+        s->counts[slot] = (uint16_t)(count + 1U);
+    }
+    s->counted++;
+    return (s->counted == d->budget) ? VPR_END_NOW : VPR_TAKEN;
+}
+
+void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
+{
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        s->query[i] = d->code[s->counts[i]];
+        s->counts[i] = 0U;
+    }
+    s->start += d->tau;
+    s->counted = 0U;
+    s->windows++;
+    if (s->seen < d->length) {
+        s->seen++;
+    }
+}
+
+/* Add the distances of the windows before the newest one, along the diagonal. */
+static uint32_t sequence_sum(const vpr_design_t *d, const vpr_state_t *s, uint32_t place)
+{
+    uint32_t row = s->newest;
+    uint32_t at = (row * d->place_count) + place;
+    uint32_t sum = s->history[at];
+    for (uint32_t i = 1U; i < d->length; i++) {
+        if (row == 0U) {
+            row = d->length;
+            at += d->length * d->place_count;
+        }
+        row--;
+        at -= d->place_count + 1U;
+        sum += s->history[at];
+    }
+    return sum;
+}
+
+/* Take one place's sum into the search: running minimum, ties to the lowest place. What lies left
+ * of the zone around a new best is known already; what lies right of it comes later. */
+static void search(const vpr_design_t *d, uint32_t *delay, search_t *f, vpr_match_t *m,
+                   uint32_t place, uint32_t sum)
+{
+    if (f->taken > d->exclusion) {
+        const uint32_t left_sum = delay[f->at];
+        if ((f->left == VPR_NONE) || (left_sum < f->left_sum)) {
+            f->left = place - d->exclusion - 1U;
+            f->left_sum = left_sum;
+        }
+    }
+    delay[f->at] = sum;
+    f->at = (f->at == d->exclusion) ? 0U : (f->at + 1U);
+
+    if ((f->taken == 0U) || (sum < m->sum)) {
+        m->place = place;
+        m->sum = sum;
+        m->ties = 0U;
+        m->second = f->left;
+        m->second_sum = f->left_sum;
+    } else {
+        if (sum == m->sum) {
+            m->ties++;
+        }
+        if (((place - m->place) > d->exclusion) &&
+            ((m->second == VPR_NONE) || (sum < m->second_sum))) {
+            m->second = place;
+            m->second_sum = sum;
+        }
+    }
+    f->taken++;
+}
+
+static bool accepted(const vpr_design_t *d, const vpr_match_t *m)
+{
+    if (m->second == VPR_NONE) {
+        return false;
+    }
+    if (d->ratio_denominator == 0U) {
+        return (m->second_sum - m->sum) >= d->accept;
+    }
+    return (m->second_sum != 0U) &&
+           ((m->sum * d->ratio_denominator) <= (m->second_sum * d->accept));
+}
+
+bool vpr_match_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
+{
+    search_t found = {VPR_NONE, VPR_NONE, 0U, 0U};
+    const uint8_t *codes = d->places;
+    const bool complete = s->seen == d->length;
+
+    s->newest = ((s->newest + 1U) == d->length) ? 0U : (s->newest + 1U);
+    for (uint32_t place = 0U; place < d->place_count; place++) {
+        const uint32_t distance = sad(s->query, codes, d->stride);
+        s->history[(s->newest * d->place_count) + place] = (uint16_t)distance;
+        if (complete && ((place + 1U) >= d->length)) {
+            search(d, s->delay, &found, m, place, sequence_sum(d, s, place));
+        }
+        codes = &codes[d->stride];
+    }
+    if (complete) {
+        m->window = s->windows - 1U;
+        m->accepted = accepted(d, m);
+    }
+    return complete;
+}

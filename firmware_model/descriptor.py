@@ -1,0 +1,118 @@
+"""From events to descriptors: look-up, saturating counter, window end, code, clear."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from firmware_model.memories import Codes, Memories
+
+
+class Event(NamedTuple):
+    """One event as the sensor sends it."""
+
+    t: int
+    x: int
+    y: int
+    on: bool
+
+
+class EventResult(NamedTuple):
+    """What one event did; slot None and count 0 if its pixel is not selected."""
+
+    number: int
+    slot: int | None
+    count: int
+
+
+class WindowResult(NamedTuple):
+    """A window that ended, and how many events had been taken by then."""
+
+    number: int
+    events: int
+    codes: Codes
+
+
+class DescriptorModel:
+    """Counts events at selected pixels, window by window.
+
+    Parameters
+    ----------
+    memories : Memories
+    start : int
+        Time at which the first window opens, microseconds. Only its lower `timestamp_bits` matter,
+        here and in every event.
+
+    Attributes
+    ----------
+    counts : list of int, length slots
+        Of the open window.
+    start : int
+        Of the open window, modulo 2 to the power `timestamp_bits`; of no meaning for windows by
+        count.
+    counted : int
+        Events at selected pixels in the open window.
+    events, windows : int
+        Taken, and ended, so far.
+    """
+
+    def __init__(self, memories: Memories, start: int = 0) -> None:
+        self.design = memories.design
+        self._lookup = memories.lookup()
+        self._period = 1 << self.design.timestamp_bits
+        self.counts = [0] * self.design.slots
+        self.start = start % self._period
+        self.counted = 0
+        self.events = 0
+        self.windows = 0
+
+    @property
+    def codes(self) -> Codes:
+        """Codes of the counts as they are now."""
+        return tuple(self.design.code[count] for count in self.counts)
+
+    def elapsed(self, t: int) -> int:
+        """Time since the open window's start; negative for an event from before it."""
+        ahead = (t - self.start) % self._period
+        return ahead if ahead < self._period // 2 else ahead - self._period
+
+    def take(self, event: Event) -> Iterator[EventResult | WindowResult]:
+        """Take an event: first end the windows it lies behind, then count it.
+
+        Yields
+        ------
+        WindowResult or EventResult
+            In the order in which they happen. The counters are cleared when the window's result
+            has been taken.
+        """
+        design = self.design
+        if design.window == "time":
+            while self.elapsed(event.t) >= design.tau_us:
+                yield from self._end_window()
+        slot = self.slot(event)
+        if slot is not None:
+            self.counts[slot] = min(self.counts[slot] + 1, design.count_max)
+            self.counted += 1
+        count = 0 if slot is None else self.counts[slot]
+        self.events += 1
+        yield EventResult(self.events - 1, slot, count)
+        if design.window == "count" and self.counted == design.window_events:
+            yield from self._end_window()
+
+    def slot(self, event: Event) -> int | None:
+        """Which counter an event belongs to, if any; events from off the sensor have none."""
+        design = self.design
+        if event.x >= design.width or event.y >= design.height:
+            return None
+        slot = self._lookup(event.x, event.y)
+        if slot is not None and design.polarity and not event.on:
+            return slot + design.pixels
+        return slot
+
+    def _end_window(self) -> Iterator[WindowResult]:
+        yield WindowResult(self.windows, self.events, self.codes)
+        self.counts = [0] * self.design.slots
+        self.counted = 0
+        self.windows += 1
+        if self.design.window == "time":
+            self.start = (self.start + self.design.tau_us) % self._period

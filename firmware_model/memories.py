@@ -1,0 +1,112 @@
+"""What a design's tables hold: where the selected pixels are, and the codes of each place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from firmware_model.design import Design
+from firmware_model.errors import DesignError
+
+Pixel = tuple[int, int]
+Codes = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """From pixel to slot by row displacement: a row's pixels lie between those of other rows.
+
+    The entry of pixel (x, y) is at ``(x + displacement[y]) % depth``, and is its own only where
+    ``owner`` there is y.
+
+    Attributes
+    ----------
+    displacement : tuple of int, length `height`
+    owner : tuple of int, length `lookup_depth`
+        Row, or `height` where there is none.
+    slot : tuple of int, length `lookup_depth`
+    """
+
+    displacement: tuple[int, ...]
+    owner: tuple[int, ...]
+    slot: tuple[int, ...]
+
+    def __call__(self, x: int, y: int) -> int | None:
+        """Slot of a pixel on the sensor; None if it is not selected."""
+        at = (x + self.displacement[y]) % len(self.owner)
+        return self.slot[at] if self.owner[at] == y else None
+
+
+@dataclass(frozen=True)
+class Memories:
+    """Contents of a design's tables.
+
+    Parameters
+    ----------
+    design : Design
+    pixels : sequence of (x, y), length J
+        Slot j counts pixel ``pixels[j]``.
+    places : sequence of sequences of int, shape (K, slots)
+        Codes.
+
+    Raises
+    ------
+    DesignError
+        If they are not of the design's size, or a pixel lies off the sensor or occurs twice.
+    """
+
+    design: Design
+    pixels: tuple[Pixel, ...]
+    places: tuple[Codes, ...]
+
+    def __init__(
+        self, design: Design, pixels: Sequence[Pixel], places: Sequence[Sequence[int]]
+    ) -> None:
+        object.__setattr__(self, "design", design)
+        object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
+        object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
+        if len(self.pixels) != design.pixels or len(set(self.pixels)) != design.pixels:
+            raise DesignError(
+                f"{len(set(self.pixels))} different pixels: the design counts {design.pixels}"
+            )
+        for x, y in self.pixels:
+            if not (0 <= x < design.width and 0 <= y < design.height):
+                raise DesignError(
+                    f"pixel ({x}, {y}) lies off the {design.width} x {design.height} sensor"
+                )
+        if len(self.places) != design.places:
+            raise DesignError(f"{len(self.places)} places: the design has {design.places}")
+        for k, place in enumerate(self.places):
+            if len(place) != design.slots or not 0 <= min(place) <= max(place) <= design.code_max:
+                raise DesignError(
+                    f"place {k} is not {design.slots} codes from 0 to {design.code_max}: encode "
+                    "the counts with the design's code first"
+                )
+
+    def lookup(self) -> Lookup:
+        """Lay the rows into the look-up: fullest row first, each at the first place that fits.
+
+        Raises
+        ------
+        DesignError
+            If a row fits nowhere.
+        """
+        design, depth = self.design, self.design.lookup_depth
+        rows: dict[int, list[tuple[int, int]]] = {}
+        for slot, (x, y) in enumerate(self.pixels):
+            rows.setdefault(y, []).append((x, slot))
+        displacement = [0] * design.height
+        owner, slots = [design.height] * depth, [0] * depth
+        for y in sorted(rows, key=lambda row: (-len(rows[row]), row)):
+            for start in range(depth):
+                if all(owner[(x + start) % depth] == design.height for x, _ in rows[y]):
+                    break
+            else:
+                raise DesignError(
+                    f"row {y} finds no room in a look-up of {depth} entries: set lookup_depth = "
+                    f"{2 * depth}"
+                )
+            displacement[y] = start
+            for x, slot in rows[y]:
+                owner[(x + start) % depth], slots[(x + start) % depth] = y, slot
+        return Lookup(tuple(displacement), tuple(owner), tuple(slots))

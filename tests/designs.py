@@ -1,0 +1,78 @@
+"""Random designs, tables and streams for the firmware model's tests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from firmware_model import Design, Event, Memories
+
+
+def random_design(rng: np.random.Generator) -> Design:
+    """Any design that is small enough to be run in milliseconds."""
+    width, height = (int(side) for side in rng.integers(1, 13, 2))
+    pixels = int(rng.integers(1, min(width * height, 20) + 1))
+    code_bits = int(rng.integers(1, 9))
+    code = np.sort(rng.integers(0, 1 << code_bits, int(rng.integers(2, 12))))
+    length = int(rng.integers(1, 5))
+    timestamp_bits = int(rng.integers(9, 33))
+    denominator = int(rng.integers(2, 40))
+    return Design(
+        width=width,
+        height=height,
+        pixels=pixels,
+        polarity=bool(rng.integers(2)),
+        code=tuple(code.tolist()),
+        code_bits=code_bits,
+        window=("time", "count")[rng.integers(2)],
+        tau_us=int(rng.integers(1, 200)),
+        window_events=int(rng.integers(1, 3 * pixels + 1)),
+        timestamp_bits=timestamp_bits,
+        places=int(rng.integers(length, length + 12)),
+        length=length,
+        lanes=int(rng.integers(1, 10)),
+        exclusion=int(rng.integers(0, 5)),
+        accept=("margin", "ratio")[rng.integers(2)],
+        margin=int(rng.integers(0, 30)),
+        ratio=(int(rng.integers(1, denominator)), denominator),
+        lookup_depth=1 << int(max(width, 4 * pixels)).bit_length(),
+    )
+
+
+def random_memories(rng: np.random.Generator, design: Design) -> Memories:
+    """Distinct pixels anywhere, and places of codes that the code table has, some of them alike."""
+    flat = rng.choice(design.width * design.height, design.pixels, replace=False)
+    places = rng.choice(design.code, (design.places, design.slots))
+    for k in range(1, design.places):
+        if rng.random() < 0.3:
+            places[k] = places[rng.integers(k)]
+    return Memories(design, [(f % design.width, f // design.width) for f in flat], places.tolist())
+
+
+def random_stream(
+    rng: np.random.Generator, memories: Memories, n: int, start: int = 0
+) -> list[Event]:
+    """Events in time order after `start`, most at selected pixels, with pauses of some windows."""
+    design = memories.design
+    steps = rng.integers(0, max(2, design.tau_us // 4), n)
+    longest = (1 << (design.timestamp_bits - 1)) - design.tau_us
+    pauses = rng.integers(0, min(4 * design.tau_us, longest) + 1, n)
+    times = start + np.cumsum(np.where(rng.random(n) < 0.02, pauses, np.minimum(steps, longest)))
+    events = []
+    for t in times.tolist():
+        x, y = memories.pixels[rng.integers(design.pixels)]
+        if rng.random() < 0.3:
+            x, y = rng.integers(design.width), rng.integers(design.height)
+        events.append(Event(t, int(x), int(y), bool(rng.integers(2))))
+    return events
+
+
+def wrapped(events: list[Event], design: Design) -> list[Event]:
+    """The same events by a clock of `timestamp_bits`."""
+    return [event._replace(t=event.t % (1 << design.timestamp_bits)) for event in events]
+
+
+def with_count(design: Design, events: int) -> Design:
+    """The same design with windows of so many events."""
+    return replace(design, window="count", window_events=events)

@@ -1,0 +1,276 @@
+"""The firmware model: equal to the pipeline bit for bit, and to its own costs cycle by cycle."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from designs import random_design, random_memories, random_stream, wrapped
+
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.matcher import best_matches, distance_matrix
+from edge_vpr.pixels import PixelMap
+from edge_vpr.sequence import sequence_sums
+from edge_vpr.windows import DescriptorStream, FixedCount, FixedTime
+from firmware_model import (
+    Design,
+    DesignError,
+    Event,
+    EventResult,
+    Machine,
+    MatchResult,
+    Memories,
+    WindowResult,
+    cost,
+    trace,
+)
+
+ROOM = Path(__file__).parents[1] / "firmware_model"
+
+
+def pipeline(memories: Memories, events: list[Event], start: int):
+    """Codes of each window and its match, by edge_vpr."""
+    design = memories.design
+    x, y = (np.array(column) for column in zip(*memories.pixels, strict=True))
+    stream = DescriptorStream(
+        PixelMap(Sensor(design.width, design.height), x, y),
+        FixedTime(design.tau_us) if design.window == "time" else FixedCount(design.window_events),
+        polarity=design.polarity,
+        clip=design.count_max,
+    )
+    t, x, y, on = zip(*events, strict=True)
+    counts = stream.update(make_events(np.array(t) - start, x, y, on)).counts
+    codes = np.array(design.code)[counts]
+    if len(codes) < design.length:
+        return codes, []
+    sums = sequence_sums(distance_matrix(np.array(memories.places), codes), design.length)
+    matches, last = [], design.length - 1
+    for j, (best, second, ties) in enumerate(
+        zip(*map(np.ndarray.tolist, best_matches(sums, design.exclusion)), strict=True)
+    ):
+        best_sum = int(sums[best, j])
+        if second < 0:
+            matches.append(MatchResult(j + last, best + last, best_sum, None, None, ties, False))
+            continue
+        second_sum = int(sums[second, j])
+        ratio = best_sum / second_sum if second_sum else 1.0
+        accepted = (
+            ratio <= design.ratio[0] / design.ratio[1]
+            if design.accept == "ratio"
+            else second_sum - best_sum >= design.margin
+        )
+        matches.append(
+            MatchResult(j + last, best + last, best_sum, second + last, second_sum, ties, accepted)
+        )
+    return codes, matches
+
+
+def test_the_model_equals_the_pipeline_on_random_designs_and_streams():
+    """Codes of every window and every field of every match, over 300 designs, clocks wrapping."""
+    seen = Counter()
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        design = random_design(rng)
+        memories = random_memories(rng, design)
+        start = int(rng.integers(0, 1 << design.timestamp_bits))
+        events = random_stream(rng, memories, 150, start)
+        codes, matches = pipeline(memories, events, start)
+        done = trace(memories, wrapped(events, design), start)
+        assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
+        assert done.matches == matches, seed
+        seen["windows"] += len(codes)
+        seen["matches"] += len(matches)
+        seen["ties"] += sum(match.ties > 0 for match in matches)
+        seen["accepted"] += sum(match.accepted for match in matches)
+        seen["no second"] += sum(match.second is None for match in matches)
+        seen["wraps"] += events[-1].t >> design.timestamp_bits > start >> design.timestamp_bits
+    # the comparison above is worth nothing for what did not occur
+    assert seen["matches"] > 3000 and min(seen.values()) > 30, seen
+
+
+def test_the_model_does_not_know_the_pipeline():
+    """No module of firmware_model imports edge_vpr: two statements, not one told twice."""
+    for path in ROOM.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            assert not any(name.split(".")[0].startswith("edge_vpr") for name in names), path
+
+
+def small(**changes) -> Design:
+    values = {"width": 4, "height": 3, "pixels": 2, "places": 3, "length": 1, "tau_us": 10}
+    return Design(**(values | changes))
+
+
+def tables(design: Design) -> Memories:
+    pixels = [(f % design.width, f // design.width) for f in range(design.pixels)]
+    return Memories(design, pixels, [[0] * design.slots] * design.places)
+
+
+def test_state_can_be_read_after_every_event():
+    """Counts, codes, window start and counters show what the event did, and nothing else."""
+    machine = Machine(tables(small(code=(0, 2, 3), code_bits=2)))
+    assert list(machine.take(Event(3, 1, 0, True))) == [EventResult(0, 1, 1)]
+    assert (machine.descriptor.counts, machine.descriptor.codes) == ([0, 1], (0, 2))
+    assert list(machine.take(Event(4, 2, 2, True))) == [EventResult(1, None, 0)]
+    list(machine.take(Event(4, 1, 0, False)))
+    list(machine.take(Event(4, 1, 0, True)))
+    assert (machine.descriptor.counts, machine.descriptor.codes) == ([0, 2], (0, 3))
+    results = list(machine.take(Event(10, 0, 0, True)))
+    assert results[0] == WindowResult(0, 4, (0, 3))
+    assert isinstance(results[1], MatchResult) and results[2] == EventResult(4, 0, 1)
+    assert (machine.descriptor.start, machine.descriptor.counts) == (10, [1, 0])
+
+
+def test_the_clock_may_wrap_and_a_late_event_counts_in_the_open_window():
+    """A window spans the wrap; an event up to half the clock's period late ends no window."""
+    machine = Machine(tables(small(timestamp_bits=8)), start=250)
+    assert len(list(machine.take(Event(255, 0, 0, True)))) == 1
+    assert len(list(machine.take(Event(3, 0, 0, True)))) == 1  # 259, of [250, 260)
+    results = list(machine.take(Event(4, 0, 0, True)))  # 260
+    assert results[0] == WindowResult(0, 2, (2, 0))
+    assert machine.descriptor.start == 4
+    assert [type(r) for r in machine.take(Event(255, 0, 0, True))] == [EventResult]  # 5 us late
+    assert machine.descriptor.counts == [2, 0]
+    # half a period after the start is the past; one microsecond less is 12 windows on
+    assert [type(r) for r in machine.take(Event(132, 0, 0, True))] == [EventResult]
+    assert sum(isinstance(r, WindowResult) for r in machine.take(Event(131, 0, 0, True))) == 12
+
+
+def test_cycles_and_results_of_the_stepped_machine():
+    """Stepped cycle by cycle, a match is the same, and takes as many cycles as its cost says."""
+    stalled = 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        design = replace(random_design(rng), lanes=int(rng.integers(1, 30)))
+        memories = random_memories(rng, design)
+        at_once, stepped = Machine(memories), Machine(memories)
+        for number in range(design.length + 2):
+            codes = tuple(rng.choice(design.code, design.slots).tolist())
+            match = at_once.match(WindowResult(number, 0, codes))
+            states = list(stepped.match_cycles(codes))
+            assert stepped.search.result(number) == match
+            assert stepped.sequence.history == at_once.sequence.history
+            assert [state.number for state in states] == list(range(cost.cycles(design).match))
+            words = [(s.place, s.word) for s in states if s.place is not None]
+            assert words == [(k, w) for k in range(design.places) for w in range(design.words)]
+            stalled += any(s.phase == "compare" and s.place is None for s in states)
+    assert stalled > 10
+
+
+def test_cycles_agree_with_the_measured_core():
+    """A throw-away core took N + K ceil(N/P) + about 6 cycles a match."""
+    design = Design(width=346, height=260, pixels=150, places=860, length=5, lanes=8)
+    assert abs(cost.cycles(design).match - (150 + 860 * 19 + 6)) <= 2
+
+
+def test_widths_hold_the_largest_values_and_no_more():
+    """Widths of 150 pixels as worked out by hand: SAD 12, 14, 16 bits; 15, 17, 19 over L = 10."""
+    for bits, distance, sequence in ((4, 12, 15), (6, 14, 17), (8, 16, 19)):
+        formats = Design(
+            width=346,
+            height=260,
+            pixels=150,
+            places=860,
+            length=10,
+            code=tuple(range(1 << bits)),
+            code_bits=bits,
+        ).formats
+        assert (formats["distance"].width, formats["sequence"].width) == (distance, sequence)
+    assert formats["place"].width == 10 and formats["owner"].highest >= 260
+
+
+def test_memory_sizes_of_a_known_design():
+    """Bits of each memory, by hand; block memories are counted whole."""
+    design = Design(
+        width=346,
+        height=260,
+        pixels=150,
+        places=860,
+        length=5,
+        lanes=8,
+        code=tuple(range(16)),
+        code_bits=4,
+    )
+    sizes = cost.memories(design)
+    assert sizes["displacement"] == (260, 9) and sizes["lookup"] == (512, 9 + 8)
+    assert sizes["counts"] == (150, 4) and sizes["code"] == (16, 4)
+    assert sizes["places"] == (860 * 19, 32) and sizes["places"].bits == 522_880
+    assert sizes["history"] == (5 * 860, 12) and sizes["delay"] == (4, 14)
+    assert sizes["places"].tiles(256, 16) == 64 * 2  # 16,340 words of 32 bits
+    assert cost.operations(design).absolute_differences == 860 * 150
+
+
+def test_the_lookup_finds_every_selected_pixel_and_no_other():
+    """All pixels of random sensors, also those that share an entry with another row."""
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        design = random_design(rng)
+        memories = random_memories(rng, design)
+        lookup = memories.lookup()
+        slots = {pixel: slot for slot, pixel in enumerate(memories.pixels)}
+        for y in range(design.height):
+            for x in range(design.width):
+                assert lookup(x, y) == slots.get((x, y))
+
+
+def test_a_design_survives_its_file(tmp_path):
+    """TOML gives back the same design, for 50 of them."""
+    for seed in range(50):
+        design = random_design(np.random.default_rng(seed))
+        design.save(tmp_path / "design.toml")
+        assert Design.load(tmp_path / "design.toml") == design
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pixels": 0}, "pixels = 0"),
+        ({"pixels": 13}, "take fewer"),
+        ({"code": (3, 2)}, "not decreasing"),
+        ({"code": (0, 4), "code_bits": 2}, "do not fit 2 bits"),
+        ({"length": 4}, "longer map"),
+        ({"ratio": (8, 8)}, "larger denominator"),
+        ({"lookup_depth": 5}, "power of two"),
+        ({"timestamp_bits": 4}, "half of the time"),
+        ({"window": "sliding"}, "choose from"),
+    ],
+)
+def test_a_design_that_cannot_be_is_refused(changes, message):
+    """Each error names the value and what was expected."""
+    with pytest.raises(DesignError, match=message):
+        small(**changes)
+
+
+def test_files_that_are_no_design_are_refused(tmp_path):
+    """A missing file, an unknown and a missing name."""
+    for text, message in (("widht = 3", "unknown name"), ("width = 3", "lacks height")):
+        (tmp_path / "d.toml").write_text(text)
+        with pytest.raises(DesignError, match=message):
+            Design.load(tmp_path / "d.toml")
+    with pytest.raises(DesignError, match="cannot read"):
+        Design.load(tmp_path / "missing.toml")
+
+
+def test_tables_that_do_not_fit_the_design_are_refused():
+    """Number of pixels and places, place length, codes and pixels off the sensor."""
+    design = small()
+    good = tables(design)
+    for pixels, places, message in (
+        ([(0, 0)], good.places, "different pixels"),
+        ([(0, 0), (4, 0)], good.places, "lies off"),
+        (good.pixels, good.places[:2], "2 places"),
+        (good.pixels, [[0, 0], [0, 0], [0, 256]], "place 2"),
+    ):
+        with pytest.raises(DesignError, match=message):
+            Memories(design, pixels, places)
+    with pytest.raises(DesignError, match="lookup_depth = 8"):
+        # what one row leaves free is not two neighbours
+        Memories(
+            small(pixels=4, lookup_depth=4), [(0, 0), (2, 0), (0, 1), (1, 1)], [[0] * 4] * 3
+        ).lookup()
