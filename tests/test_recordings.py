@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import zipfile
@@ -330,6 +331,9 @@ def test_a_damaged_member_of_an_archive_is_found(tmp_path):
         read(path)
 
 
+@pytest.mark.skipif(
+    os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="3 million events are slow without Numba"
+)
 def test_memory_does_not_grow_with_the_file(tmp_path):
     """Reading 39 million bytes of events takes less than 8 million."""
     program = """

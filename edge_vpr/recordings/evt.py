@@ -1,8 +1,9 @@
 """Prophesee RAW: EVT 2.0, 2.1 and 3.0 (docs.prophesee.ai, "Data encoding formats").
 
-Own decoders, for reasons that `docs/recordings.md` measures: eventcv loads EVT 2.0 whole, guesses
-its sensor from the events, and reads EVT 2.1 as if it were 2.0; expelliarmus lets the clock of
-EVT 3.0 run away; and these, compiled, decode in bounded memory as fast as either.
+Own decoders, for reasons that `docs/recordings.md` measures: eventcv reads EVT 2.1 as if it were
+2.0, guesses the sensor of EVT 2.0 from the events where the header names none, and maps the file,
+so that its resident memory grows with it; expelliarmus lets the clock of EVT 3.0 run away. These,
+compiled, decode in bounded memory and three times as fast.
 """
 
 from __future__ import annotations
