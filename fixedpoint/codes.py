@@ -1,0 +1,254 @@
+"""Codes of event counts: a table from count to a few bits, for pipeline and hardware alike.
+
+The SAD of two descriptors is taken on their codes. A code that grows ever more slowly weighs the
+difference between 2 and 4 events as the one between 20 and 40, and needs fewer bits than the count.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from operator import index
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from fixedpoint.errors import FixedPointError
+from fixedpoint.formats import FixedFormat
+
+CodeKind = Literal["linear", "sqrt", "log"]
+KINDS: tuple[str, ...] = get_args(CodeKind)
+
+MAX_BITS = 16
+#: largest count that a table can go up to: a 16-bit counter's
+MAX_FULL_SCALE = 65_535
+#: where a code ends that is told no full scale; chosen by experiment (docs/codes.md)
+FULL_SCALE = {"sqrt": 63, "log": 127}
+
+Counts = npt.NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class CounterCode:
+    """A table from event count to code, not decreasing.
+
+    With ``top = min(2**bits - 1, full_scale)`` the largest code, a count c up to the full scale F
+    has the code, rounded to the nearest, from the middle up,
+
+    - linear: ``top c / F``, which is c itself where F fits the bits: a saturating counter
+    - sqrt: ``top sqrt(c / F)``
+    - log: ``top log(1 + c) / log(1 + F)``
+
+    and any larger count has the code `top`. All entries are exact, the same on every machine.
+
+    Parameters
+    ----------
+    kind : {"linear", "sqrt", "log"}
+    bits : int
+        1 to 16.
+    full_scale : int
+        Largest count that is told apart, 1 to 65,535; 0 takes ``2**bits - 1`` for a linear code, 63
+        for a square root, 127 for a logarithm.
+
+    Raises
+    ------
+    FixedPointError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> CounterCode("log", 3).table[[0, 1, 2, 5, 20, 127]]
+    array([0, 1, 2, 3, 4, 7], dtype=uint16)
+    >>> CounterCode("linear", 2).encode(np.array([0, 1, 9]))
+    array([0, 1, 3], dtype=uint8)
+    """
+
+    kind: CodeKind
+    bits: int
+    full_scale: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise FixedPointError(f"counter code {self.kind!r}: choose from {', '.join(KINDS)}")
+        if not 1 <= index(self.bits) <= MAX_BITS:
+            raise FixedPointError(f"counter code of {self.bits} bits: expected 1 to {MAX_BITS}")
+        if not 0 <= index(self.full_scale) <= MAX_FULL_SCALE:
+            raise FixedPointError(
+                f"counter code up to a count of {self.full_scale}: expected 1 to {MAX_FULL_SCALE}"
+            )
+        if self.full_scale == 0:
+            full_scale = FULL_SCALE.get(self.kind, (1 << self.bits) - 1)
+            object.__setattr__(self, "full_scale", full_scale)
+
+    @classmethod
+    def saturating(cls, limit: int) -> CounterCode:
+        """Count as it is, up to a limit: the linear code of as many bits as the limit has."""
+        return cls("linear", min(index(limit).bit_length(), MAX_BITS), limit)
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.bits} bits up to {self.full_scale}"
+
+    @property
+    def top(self) -> int:
+        """Largest code."""
+        return min((1 << self.bits) - 1, self.full_scale)
+
+    @property
+    def format(self) -> FixedFormat:
+        """Format of the codes."""
+        return FixedFormat(False, self.bits, 0)
+
+    @cached_property
+    def table(self) -> npt.NDArray[np.uint16]:
+        """Code of each count, shape (full_scale + 1,); the last stands for all larger counts."""
+        entry = {"linear": _linear, "sqrt": _square_root, "log": _logarithm}[self.kind]
+        codes = [entry(count, self.top, self.full_scale) for count in range(self.full_scale + 1)]
+        table = np.array(codes, dtype=np.uint16)
+        table.setflags(write=False)
+        return table
+
+    def encode(self, counts: Counts) -> Counts:
+        """Look counts up.
+
+        Parameters
+        ----------
+        counts : ndarray of int
+            Not negative.
+
+        Returns
+        -------
+        ndarray of uint8 (uint16 from 9 bits on), of the same shape
+        """
+        # the limit as uint16: a plain integer would have to fit the dtype of the counts
+        known = np.minimum(counts, np.uint16(self.full_scale))
+        return self.table[known].astype(self.format.numpy_dtype())
+
+    def decode(self, codes: Counts) -> npt.NDArray[np.int64]:
+        """Give a count in the middle of those with each code, for plots.
+
+        A code that no count has is given the count of the next lower one; `top`, the full scale.
+        """
+        every = np.arange(self.top + 1)
+        first = np.searchsorted(self.table, every, side="left")
+        last = np.searchsorted(self.table, every, side="right") - 1
+        middle = (first + last) // 2
+        middle[-1] = self.full_scale
+        return middle[codes]
+
+
+@dataclass(frozen=True, eq=False)
+class PixelCodes:
+    """A code for each counter: of one kind and width, with a full scale of its own.
+
+    Full scales are ``2**n - 1``, so that hardware holds at most sixteen tables and, for each
+    counter, which of them is its own.
+
+    Parameters
+    ----------
+    codes : tuple of CounterCode
+        The tables, all different.
+    row : ndarray of uint8, shape (J,)
+        Which of them each counter uses.
+
+    Raises
+    ------
+    FixedPointError
+        If a row is not there, or the codes differ in kind or width.
+    """
+
+    codes: tuple[CounterCode, ...]
+    row: npt.NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        if len({(code.kind, code.bits) for code in self.codes}) != 1:
+            raise FixedPointError("counter codes of several kinds or widths: give one of each")
+        row = np.array(self.row, dtype=np.uint8)
+        if row.ndim != 1 or row.size == 0 or row.max() >= len(self.codes):
+            raise FixedPointError(
+                f"rows of shape {row.shape} into {len(self.codes)} counter codes: "
+                "give one a counter, and the codes that they name"
+            )
+        row.setflags(write=False)
+        object.__setattr__(self, "row", row)
+
+    @classmethod
+    def shared(cls, code: CounterCode, counters: int) -> PixelCodes:
+        """Give all counters one code."""
+        return cls((code,), np.zeros(counters, dtype=np.uint8))
+
+    @classmethod
+    def scaled(cls, kind: CodeKind, bits: int, full_scale: Iterable[int]) -> PixelCodes:
+        """Give each counter the code of its full scale, for example those of `learn_full_scale`."""
+        scales, row = np.unique(np.asarray(list(full_scale), dtype=np.int64), return_inverse=True)
+        return cls(
+            tuple(CounterCode(kind, bits, int(scale)) for scale in scales), row.astype(np.uint8)
+        )
+
+    @cached_property
+    def tables(self) -> npt.NDArray[np.uint16]:
+        """Code of each count, shape (codes, 1 + largest full scale); one row a code."""
+        size = max(code.full_scale for code in self.codes) + 1
+        return np.stack([np.pad(c.table, (0, size - c.table.size), "edge") for c in self.codes])
+
+    def encode(self, counts: Counts) -> Counts:
+        """Look counts up, each in its counter's table.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (..., J)
+            Not negative.
+
+        Returns
+        -------
+        ndarray of uint8 (uint16 from 9 bits on), of the same shape
+        """
+        if len(self.codes) == 1:
+            return self.codes[0].encode(counts)
+        codes = self.tables[self.row, np.minimum(counts, np.uint16(self.tables.shape[1] - 1))]
+        return codes.astype(self.codes[0].format.numpy_dtype())
+
+
+def learn_full_scale(counts: Counts) -> npt.NDArray[np.uint16]:
+    """Choose a full scale for each counter by what it counted in a reference traverse.
+
+    It is the least ``2**n - 1``, n from 1 to 16, that nine of ten counts do not exceed.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (K, J)
+        Raw counts of K windows, at least one.
+
+    Returns
+    -------
+    ndarray of uint16, shape (J,)
+    """
+    rank = -(-9 * len(counts) // 10) - 1
+    usual = np.sort(counts, axis=0)[rank].tolist()
+    return np.array([(1 << min(max(c.bit_length(), 1), 16)) - 1 for c in usual], dtype=np.uint16)
+
+
+def packed_bytes(counters: int, bits: int) -> int:
+    """Bytes of one descriptor of `counters` codes, packed without gaps."""
+    return -(-counters * bits // 8)
+
+
+def _linear(count: int, top: int, full_scale: int) -> int:
+    return (2 * top * count + full_scale) // (2 * full_scale)
+
+
+def _square_root(count: int, top: int, full_scale: int) -> int:
+    # floor(y + 1/2) = (floor(2 y) + 1) // 2
+    return (math.isqrt(4 * top * top * count // full_scale) + 1) // 2
+
+
+def _logarithm(count: int, top: int, full_scale: int) -> int:
+    code = top * math.log(1 + count) / math.log(1 + full_scale) + 0.5
+    nearest = round(code)
+    if abs(code - nearest) > 1e-6:  # doubles and logarithms of any machine are better than this
+        return math.floor(code)
+    # code >= n holds where (1 + count)**(2 top) >= (1 + full_scale)**(2 n - 1), in integers
+    reached = nearest > 0 and (1 + count) ** (2 * top) >= (1 + full_scale) ** (2 * nearest - 1)
+    return nearest if reached else nearest - 1
