@@ -122,6 +122,8 @@ def map_traverse(
             rng=np.random.default_rng(settings.seed),
             exclude=hot | ~counted,
         )
+        if settings.window == "count" and settings.events_per_pixel == 0:
+            settings = _with_mean_count(settings, first, pixel_map)
         needs_events = settings.window == "count" or settings.polarity
         places = None if needs_events else first.descriptors(pixel_map)
     if places is None:
@@ -255,6 +257,13 @@ def _check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings
             f"{missing} of the map's {len(pixel_map)} pixels were not counted in this file: "
             "map and match windows of the same pixels"
         )
+
+
+def _with_mean_count(settings: Settings, first: SaliencyPass, pixel_map: PixelMap) -> Settings:
+    """Let a window hold as many events as one of tau does on average."""
+    events = int(first.totals[pixel_map.y, pixel_map.x].sum())
+    mean = max(1, round(events / first.windows))
+    return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")
 
 
 def _too_short(window: Window) -> UsageError:

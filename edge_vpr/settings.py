@@ -36,7 +36,10 @@ class Settings:
         Length of a fixed-time window in microseconds. Pixels are always selected by windows of this
         length, so that both kinds of window can use the same pixels.
     events_per_pixel : float
-        A fixed-count window holds N = events_per_pixel * J events, rounded (released code: 3).
+        A fixed-count window holds N = events_per_pixel * J events, rounded (released code: 3). 0
+        takes N from the reference: as many as a window of tau holds there on average, so that
+        windows span the distance that the reference drive covered in tau. The map then has the
+        number found.
     polarity : bool
         Count ON and OFF events apart.
     clip : int
@@ -82,7 +85,7 @@ class Settings:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= least):
                 raise UsageError(f"setting {name} = {value}: expected {least} or more")
-        if self.events_per_window < 1:
+        if self.events_per_pixel > 0 and self.events_per_window < 1:
             raise UsageError(
                 f"setting events_per_pixel = {self.events_per_pixel} makes windows without events: "
                 f"expected at least {1 / self.pixels:g} for {self.pixels} pixels"

@@ -133,6 +133,17 @@ def test_a_drive_matched_against_its_own_map_finds_each_place():
     assert not matches.distance_sum.any()
 
 
+def test_n_from_the_reference_is_what_a_window_of_tau_holds_on_average():
+    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
+    by_time = map_traverse(Drive(events, SENSOR), SMALL)
+    chosen = SMALL.replaced({"window": "count", "events_per_pixel": 0.0}, "test")
+    by_count = map_traverse(Drive(events, SENSOR), chosen)
+    mean = by_time.places.counts.sum() / len(by_time)
+    assert by_count.pixel_map == by_time.pixel_map
+    assert by_count.settings.events_per_window == round(mean)
+    assert set(by_count.places.counts.sum(axis=1)) == {round(mean)}
+
+
 def test_a_map_comes_back_from_disk_as_it_was(tmp_path):
     events = busy_drive(np.random.default_rng(3))
     reference = map_traverse(Drive(events, SENSOR), SMALL)

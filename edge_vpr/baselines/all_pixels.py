@@ -20,8 +20,8 @@ def map_all_pixels(
     ----------
     recording : EventSource
     settings : Settings
-        `pixels` and `strategy` are replaced; a fixed-count window of the settings holds
-        `events_per_pixel` events for each pixel of the sensor.
+        `pixels` and `strategy` are replaced; a fixed-count window holds `events_per_pixel` events
+        for each pixel of the sensor, or by 0 as many as a window of tau holds on average.
     hot : ndarray of bool, shape (height, width)
 
     Returns
@@ -31,6 +31,12 @@ def map_all_pixels(
     y, x = np.nonzero(~hot)
     everything = PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))
     settings = settings.replaced({"pixels": len(everything), "strategy": "top"}, "all pixels")
+    if settings.window == "count" and settings.events_per_pixel == 0:
+        by_time = describe(
+            recording, everything, settings.replaced({"window": "time"}, "all pixels")
+        )
+        mean = by_time.counts.sum(dtype=np.int64) / by_time.counts.size
+        settings = settings.replaced({"events_per_pixel": float(mean)}, "all pixels")
     places = describe(recording, everything, settings)
     saliency = np.zeros(hot.shape, dtype=np.float32)
     return ReferenceMap(settings, everything, places, saliency, hot)

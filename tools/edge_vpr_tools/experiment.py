@@ -7,7 +7,12 @@ from pathlib import Path
 
 HELP = "make the figures that the documentation quotes"
 #: each is a module of `experiments` with run(data, seeds, on_start) -> Markdown
-EXPERIMENTS = {"simulated": "simulated", "speck-walks": "speck_walks", "brisbane": "brisbane"}
+EXPERIMENTS = {
+    "simulated": "simulated",
+    "adaptive": "adaptive",
+    "speck-walks": "speck_walks",
+    "brisbane": "brisbane",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -47,7 +47,8 @@ def add_map_flags(parser: argparse.ArgumentParser) -> None:
         "--events-per-pixel",
         type=float,
         metavar="R",
-        help="a fixed-count window closes after R x J events at the selected pixels",
+        help="a fixed-count window closes after R x J events at the selected pixels; 0: as many as "
+        "a window of tau holds in the reference on average",
     )
     group.add_argument(
         "--polarity", action=argparse.BooleanOptionalAction, help="count ON and OFF apart"
