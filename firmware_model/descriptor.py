@@ -22,7 +22,7 @@ class EventResult(NamedTuple):
 
     number: int
     slot: int | None
-    count: int
+    counted: int
 
 
 class WindowResult(NamedTuple):

@@ -1,0 +1,105 @@
+"""Compile the reference firmware, for this computer and for microcontrollers, by Zig's C compiler.
+
+Zig comes as a Python package (extra ``firmware``), with everything that it needs for all targets.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from firmware_model.errors import ToolError
+
+SOURCES = Path(__file__).parent / "c"
+FIRMWARE = ("vpr.c", "replay.c")
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-pedantic", "-Werror")
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor to compile for.
+
+    Attributes
+    ----------
+    name : str
+    triple, cpu : str
+        As Zig names them; empty for this computer.
+    sad : str
+        How the distance is computed there.
+    """
+
+    name: str
+    triple: str = ""
+    cpu: str = ""
+    sad: str = "portable"
+
+
+HOST = Target("host")
+EMULATED = (
+    Target("cortex-m0plus", "thumb-freestanding-eabi", "cortex_m0plus"),
+    Target("cortex-m4", "thumb-freestanding-eabi", "cortex_m4", "usada8"),
+    Target("cortex-m7", "thumb-freestanding-eabi", "cortex_m7", "usada8"),
+    Target("cortex-a53", "aarch64-freestanding", "cortex_a53", "NEON"),
+    Target("cortex-a76", "aarch64-freestanding", "cortex_a76", "NEON"),
+)
+
+
+def build(
+    target: Target,
+    folder: str | Path,
+    *,
+    sources: Path = SOURCES,
+    extra: Sequence[str] = (),
+    name: str = "firmware",
+) -> Path:
+    """Compile and link the firmware.
+
+    Parameters
+    ----------
+    target : Target
+        For the host, the program ``replay``; for the others, an image with the entry `vpr_replay`.
+    folder : path
+        Where the result and the compiler's cache go.
+    sources : path
+        Folder of the C files.
+    extra : sequence of str
+        Further C files.
+    name : str
+        Of the result.
+
+    Returns
+    -------
+    path
+        ELF file.
+
+    Raises
+    ------
+    ToolError
+        If Zig is not installed, or refuses the code; its message is part of the error.
+    """
+    if importlib.util.find_spec("ziglang") is None:
+        raise ToolError(
+            "compiling the firmware needs the library ziglang, which is not installed: run pip "
+            "install 'edge-vpr[firmware]'"
+        )
+    folder = Path(folder)
+    out = folder / f"{name}-{target.name}.elf"
+    if target.triple:
+        freestanding = ["-ffreestanding", "-fno-builtin", "-nostdlib", "-Wl,--no-gc-sections"]
+        options = ["-target", target.triple, f"-mcpu={target.cpu}", *freestanding]
+        options.append("-Wl,--entry,vpr_replay")
+        files = [*FIRMWARE, *extra]
+    else:
+        options, files = [], [*FIRMWARE, "replay_main.c", *extra]
+    command = [sys.executable, "-m", "ziglang", "cc", "-std=c11", "-O2", *WARNINGS, *options]
+    command += [str(sources / file) for file in files] + ["-o", str(out)]
+    environment = os.environ | {"ZIG_LOCAL_CACHE_DIR": str(folder / "zig")}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    if done.returncode:
+        raise ToolError(f"the firmware does not compile for {target.name}: {done.stderr.strip()}")
+    return out

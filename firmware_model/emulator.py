@@ -1,0 +1,267 @@
+"""Run the compiled firmware on an emulated processor, and count its instructions.
+
+Unicorn executes instructions; it knows no clock, caches or buses. What is counted is exact, and is
+instructions, not cycles.
+"""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from firmware_model.build import Target
+from firmware_model.errors import ToolError
+
+# where things are put, beyond the firmware's own addresses
+_STACK = 0x2000_0000
+_STACK_BYTES = 0x1_0000
+_RETURN = 0x3000_0000
+_HEAP = 0x4000_0000
+_PAGE = 0x1_0000
+
+#: words of results that a run may return
+OUT_WORDS = 1 << 22
+
+
+class Emulator:
+    """A processor with the firmware in its memory.
+
+    Parameters
+    ----------
+    target : Target
+    elf : path
+        What `firmware_model.build.build` made for it.
+
+    Attributes
+    ----------
+    symbols : dict of str to (address, bytes)
+        Functions.
+    instructions : int
+        Executed by the last counted call.
+    stack : int
+        Bytes of stack that the last counted call used.
+
+    Raises
+    ------
+    ToolError
+        If the emulator is not installed.
+    """
+
+    def __init__(self, target: Target, elf: str | Path) -> None:
+        try:
+            import unicorn
+            from elftools.elf.elffile import ELFFile
+        except ImportError as error:
+            raise ToolError(
+                f"emulating a processor needs the library {error.name}, which is not installed: "
+                "run pip install 'edge-vpr[firmware]'"
+            ) from error
+        self.target = target
+        self._wide = target.triple.startswith("aarch64")
+        self._uc: Any = _processor(unicorn, target)
+        with Path(elf).open("rb") as file:
+            parsed = ELFFile(file)
+            for segment in parsed.iter_segments("PT_LOAD"):
+                self._load(segment["p_vaddr"], segment["p_memsz"], segment.data())
+            table = parsed.get_section_by_name(".symtab")
+            self.symbols = {
+                symbol.name: (symbol["st_value"], symbol["st_size"])
+                for symbol in table.iter_symbols()
+                if symbol["st_info"]["type"] == "STT_FUNC"
+            }
+        for start, size in ((_STACK, _STACK_BYTES), (_RETURN, _PAGE)):
+            self._uc.mem_map(start, size)
+        self._free = self._mapped = _HEAP
+        self.instructions = self.stack = 0
+
+    def _load(self, address: int, size: int, data: bytes) -> None:
+        first, last = address & ~0xFFF, -(-(address + size) // 0x1000) * 0x1000
+        mapped = [(low, high) for low, high, _ in self._uc.mem_regions()]
+        for page in range(first, last, 0x1000):
+            if not any(low <= page <= high for low, high in mapped):
+                self._uc.mem_map(page, 0x1000)
+        self._uc.mem_write(address, data)
+
+    def put(self, data: bytes) -> int:
+        """Copy data to fresh memory, aligned to 16 bytes; give its address."""
+        address = self._free
+        self._free += -(-max(len(data), 1) // 16) * 16
+        if self._free > self._mapped:
+            grown = -(-(self._free - self._mapped) // _PAGE) * _PAGE
+            self._uc.mem_map(self._mapped, grown)
+            self._mapped += grown
+        self._uc.mem_write(address, data)
+        return address
+
+    def release(self) -> None:
+        """Forget all that was put."""
+        self._free = _HEAP
+
+    def get(self, address: int, size: int) -> bytes:
+        """Read memory."""
+        return bytes(self._uc.mem_read(address, size))
+
+    def call(self, function: str, *arguments: int, count: bool = False) -> int:
+        """Call a C function of integer and pointer arguments.
+
+        Parameters
+        ----------
+        function : str
+        *arguments : int
+        count : bool
+            Count `instructions` and `stack`; much slower.
+
+        Returns
+        -------
+        int
+            Its result, 32 bits.
+
+        Raises
+        ------
+        ToolError
+            If there is no such function, or the processor faults.
+        """
+        import unicorn
+
+        if function not in self.symbols:
+            raise ToolError(f"the firmware has no function {function}")
+        address = self.symbols[function][0]
+        stack = self._pass(arguments)
+        hook = None
+        if count:
+            self.instructions = self.stack = 0
+            hook = self._uc.hook_add(unicorn.UC_HOOK_CODE, self._step, stack)
+        try:
+            self._uc.emu_start(address, _RETURN)
+        except unicorn.UcError as error:
+            raise ToolError(f"{function} on {self.target.name}: {error}") from error
+        finally:
+            if hook is not None:
+                self._uc.hook_del(hook)
+        return int(self._uc.reg_read(self._registers()[0])) & 0xFFFF_FFFF
+
+    def _step(self, uc: Any, _address: int, _size: int, stack: int) -> None:
+        self.instructions += 1
+        self.stack = max(self.stack, stack - uc.reg_read(self._special()[0]))
+
+    def _registers(self) -> list[int]:
+        from unicorn import arm64_const, arm_const
+
+        if self._wide:
+            return [getattr(arm64_const, f"UC_ARM64_REG_X{i}") for i in range(8)]
+        return [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(4)]
+
+    def _special(self) -> tuple[int, int]:
+        """Stack pointer and link register."""
+        from unicorn import arm64_const, arm_const
+
+        if self._wide:
+            return arm64_const.UC_ARM64_REG_SP, arm64_const.UC_ARM64_REG_LR
+        return arm_const.UC_ARM_REG_SP, arm_const.UC_ARM_REG_LR
+
+    def _pass(self, arguments: Sequence[int]) -> int:
+        """Set registers and stack as the procedure call standard says; give the stack pointer."""
+        registers = self._registers()
+        for register, value in zip(registers, arguments, strict=False):
+            self._uc.reg_write(register, value)
+        word = "Q" if self._wide else "I"
+        rest = arguments[len(registers) :]
+        spilled = struct.pack(f"<{len(rest)}{word}", *rest)
+        stack = (_STACK + _STACK_BYTES - 256 - len(spilled)) & ~15
+        self._uc.mem_write(stack, spilled)
+        pointer, link = self._special()
+        self._uc.reg_write(pointer, stack)
+        # bit 0 of a return address keeps the Thumb state
+        self._uc.reg_write(link, _RETURN if self._wide else _RETURN | 1)
+        return stack
+
+    def replay(self, image: bytes, events: bytes, start: int, ram_bytes: int) -> bytes:
+        """Run a case, as ``c/replay.c`` does.
+
+        Parameters
+        ----------
+        image : bytes
+            See `firmware_model.image.image`.
+        events : bytes
+            Eight each.
+        start : int
+            Time at which the first window opens.
+        ram_bytes : int
+
+        Returns
+        -------
+        bytes
+            Records of results.
+
+        Raises
+        ------
+        ToolError
+            If the firmware refuses the image, or faults.
+        """
+        self.release()
+        # not zeros: what the firmware reads, it must have written
+        ram = self.put(b"\xa5" * ram_bytes)
+        image_at, events_at = self.put(image), self.put(events)
+        out = self.put(bytes(OUT_WORDS * 4))
+        arguments = (image_at, len(image), events_at, len(events) // 8, start, ram, ram_bytes)
+        words = self.call("vpr_replay", *arguments, out, OUT_WORDS)
+        if words == 0:
+            raise ToolError(f"the firmware on {self.target.name} refuses the image or the RAM")
+        return self.get(out, words * 4)
+
+
+def _processor(unicorn: Any, target: Target) -> Any:
+    from unicorn import arm64_const, arm_const
+
+    if target.triple.startswith("aarch64"):
+        uc = unicorn.Uc(unicorn.UC_ARCH_ARM64, unicorn.UC_MODE_ARM)
+        models = {
+            "cortex_a53": arm64_const.UC_CPU_ARM64_A53,
+            "cortex_a76": arm64_const.UC_CPU_ARM64_MAX,
+        }
+        uc.ctl_set_cpu_model(models[target.cpu])
+        # vector registers are off after a reset
+        uc.reg_write(arm64_const.UC_ARM64_REG_CPACR_EL1, 3 << 20)
+        return uc
+    uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+    models = {
+        "cortex_m0plus": arm_const.UC_CPU_ARM_CORTEX_M0,
+        "cortex_m4": arm_const.UC_CPU_ARM_CORTEX_M4,
+        "cortex_m7": arm_const.UC_CPU_ARM_CORTEX_M7,
+    }
+    uc.ctl_set_cpu_model(models[target.cpu])
+    return uc
+
+
+def run_host(program: Path, folder: Path, image: bytes, events: bytes, start: int) -> bytes:
+    """Run a case by the program that was built for this computer.
+
+    Parameters
+    ----------
+    program : path
+    folder : path
+        For its files.
+    image, events : bytes
+    start : int
+
+    Returns
+    -------
+    bytes
+        Records of results.
+
+    Raises
+    ------
+    ToolError
+        If it fails.
+    """
+    image_file, events_file, out = (folder / f"{program.stem}.{s}" for s in ("img", "evt", "out"))
+    image_file.write_bytes(image)
+    events_file.write_bytes(events)
+    command = [program.absolute(), image_file, events_file, str(start), out]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise ToolError(f"{program.name}: {done.stderr.strip() or f'exit {done.returncode}'}")
+    return out.read_bytes()
