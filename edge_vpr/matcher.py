@@ -16,14 +16,17 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.errors import UsageError
-from edge_vpr.sad import PAD, Packed, add_sad
+from edge_vpr.sad import PAD, add_sad
 
 Integers = npt.NDArray[np.integer[Any]]
+Packed = npt.NDArray[np.unsignedinteger[Any]]
 Distances = npt.NDArray[np.signedinteger[Any]]
 
 # Counts of at most 32 bits: any sum of differences then fits 64 bits.
 _LIMIT = 2**32
-# so that no vector of a packed row lies across two cache lines without need
+# of other integers, a copy is made
+_COMPILED = frozenset(map(np.dtype, (np.uint8, np.uint16, np.int32, np.int64)))
+# bytes of a cache line: a vector that lies across two is loaded twice
 _LINE = 64
 
 
@@ -60,6 +63,7 @@ class ReferenceIndex:
         # rare, and not packed: places with a count above 65,535
         self._wide = counts.astype(np.int64) if span > 0xFFFF else None
         self._dtype = np.dtype(np.uint8 if span <= 0xFF else np.uint16)
+        self._width = -(-self.pixels * self._dtype.itemsize // PAD) * PAD // self._dtype.itemsize
         if self._wide is None:
             self._packed, _ = self._pack(counts)
 
@@ -90,12 +94,11 @@ class ReferenceIndex:
         if self._wide is not None:
             return self.matrix(counts)[:, 0]
         self._check_pixels(counts)
-        query, excess = self._pack(counts)
-        out = np.zeros((1, self.places), dtype=self._sum_dtype(excess))
-        add_sad(query, self._packed, out)
-        if excess[0]:
-            out += excess
-        return out[0]
+        query = np.zeros((1, self._width), dtype=self._dtype)
+        excess = np.zeros(1, dtype=np.int64)
+        out = np.zeros((1, self.places), dtype=self._sum_dtype())
+        _match(counts, self._low, self._high, query, excess, self._packed, out)
+        return self._add_excess(out, excess)[0] if excess[0] else out[0]
 
     def matrix(self, queries: npt.ArrayLike) -> Distances:
         """Distance of every query to every place.
@@ -121,11 +124,9 @@ class ReferenceIndex:
         if self._wide is not None:
             return self._wide_matrix(self._wide, counts)
         packed, excess = self._pack(counts)
-        out = np.zeros((self.places, len(counts)), dtype=self._sum_dtype(excess))
+        out = np.zeros((self.places, len(counts)), dtype=self._sum_dtype())
         add_sad(self._packed, packed, out)
-        if excess.any():
-            out += excess.astype(out.dtype)
-        return out
+        return self._add_excess(out, excess)
 
     def _check_pixels(self, counts: Integers) -> None:
         if counts.shape[1] != self.pixels:
@@ -136,18 +137,19 @@ class ReferenceIndex:
 
     def _pack(self, counts: Integers) -> tuple[Packed, npt.NDArray[np.int64]]:
         """Clip to the reference's range, subtract its low end, pad the rows to whole vectors."""
-        rows, itemsize = len(counts), self._dtype.itemsize
-        width = -(-self.pixels * itemsize // PAD) * PAD
-        memory = np.zeros(rows * width + _LINE, dtype=np.uint8)
-        start = -memory.ctypes.data % _LINE
-        packed = memory[start : start + rows * width].view(self._dtype)
-        packed = packed.reshape(rows, width // itemsize)
-        excess = np.zeros(rows, dtype=np.int64)
+        packed = _aligned_zeros(len(counts), self._width, self._dtype)
+        excess = np.zeros(len(counts), dtype=np.int64)
         _pack(counts, self._low, self._high, packed, excess)
         return packed, excess
 
-    def _sum_dtype(self, excess: npt.NDArray[np.int64]) -> type[np.signedinteger[Any]]:
-        largest = self.pixels * (self._high - self._low) + int(excess.max(initial=0))
+    def _add_excess(self, out: Distances, excess: npt.NDArray[np.int64]) -> Distances:
+        if excess.any():
+            out = out.astype(self._sum_dtype(int(excess.max())), copy=False)
+            out += excess.astype(out.dtype)
+        return out
+
+    def _sum_dtype(self, excess: int = 0) -> type[np.signedinteger[Any]]:
+        largest = self.pixels * (self._high - self._low) + excess
         return np.int32 if largest < 2**31 else np.int64
 
     def _wide_matrix(self, places: npt.NDArray[np.int64], counts: Integers) -> Distances:
@@ -261,9 +263,17 @@ def _integers(values: npt.ArrayLike, name: str, ndim: int) -> Integers:
         low, high = _range(counts)
         if low < -_LIMIT or high > _LIMIT:
             raise UsageError(f"{name}: counts from {low} to {high} exceed 32 bits: check the data")
-    if counts.dtype not in (np.uint8, np.uint16, np.int32, np.int64):
+    if counts.dtype not in _COMPILED:
         counts = counts.astype(np.int64)
     return np.ascontiguousarray(counts)
+
+
+def _aligned_zeros(rows: int, width: int, dtype: np.dtype[Any]) -> Packed:
+    """Zeros, of which the first lies at the beginning of a cache line."""
+    memory = np.zeros(rows * width * dtype.itemsize + _LINE, dtype=np.uint8)
+    start = -memory.ctypes.data % _LINE
+    aligned = memory[start : start + rows * width * dtype.itemsize].view(dtype)
+    return aligned.reshape(rows, width)
 
 
 def _range(counts: Integers) -> tuple[int, int]:
@@ -273,11 +283,23 @@ def _range(counts: Integers) -> tuple[int, int]:
 @njit(cache=True, nogil=True)
 def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
     for i in range(counts.shape[0]):
-        for j in range(counts.shape[1]):
-            count = np.int64(counts[i, j])
+        row, packed_row = counts[i], packed[i]
+        beyond = np.int64(0)
+        for j in range(row.size):
+            count = np.int64(row[j])
             clipped: Any = min(max(count, low), high)
-            packed[i, j] = clipped - low
-            excess[i] += abs(count - clipped)
+            packed_row[j] = clipped - low
+            beyond += abs(count - clipped)
+        excess[i] = beyond
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    counts: Any, low: int, high: int, query: Any, excess: Any, places: Any, out: Any
+) -> None:
+    """Pack a query and compare it, in one call: for few places, calls are what takes time."""
+    _pack(counts, low, high, query, excess)
+    add_sad(query, places, out)
 
 
 @njit(cache=True, nogil=True)
