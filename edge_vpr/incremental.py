@@ -184,7 +184,7 @@ if config.DISABLE_JIT:
 
 else:
 
-    @njit(cache=True, nogil=True)
+    @njit(cache=True, nogil=True, inline="always")
     def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):
         """Apply +-1 steps to ``sums[start:stop]``; spare elements after `stop` may change too.
 
@@ -205,7 +205,7 @@ else:
         """
         _vector_step(sums, columns, offsets, levels, arrivals, expiries, start, stop)
 
-    @njit(cache=True, nogil=True)
+    @njit(cache=True, nogil=True, inline="always")
     def _least(sums, start, stop):
         if stop - start >= LANES:
             return _vector_least(sums, start, stop)
@@ -214,7 +214,7 @@ else:
             least = min(least, sums[i])
         return least
 
-    @njit(cache=True, nogil=True)
+    @njit(cache=True, nogil=True, inline="always")
     def _first_equal(sums, start, stop, value):
         i = start
         while True:
@@ -225,7 +225,7 @@ else:
             i += LANES
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def least_in(sums, block_least, start, stop):
     """Find the smallest of ``sums[start:stop]``, the first of equals.
 
@@ -254,7 +254,7 @@ def least_in(sums, block_least, start, stop):
     return _first_equal(sums, low, min(stop, (best_block + 1) * BLOCK), best), best
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def update_blocks(sums, block_least, columns, offsets, levels, arrivals, expiries, places):
     """Apply steps to all places, keeping the smallest of each whole block while it is in cache."""
     for start in range(0, places, BLOCK):

@@ -523,8 +523,9 @@ def _localise(  # type: ignore[no-untyped-def]
             return i, given, _MATCHES_FULL
         now = policy[_NEXT_TICK] if tick else now
         seen_until = now if tick else now + 1
-        while not age(
-            ring_time, ring_slot, bound, moves, number, tau, 0 if tick else n, seen_until
+        while not (
+            age(ring_time, ring_slot, bound, moves, number, tau, 0 if tick else n, seen_until)
+            and number[MOVES] < len(moves)
         ):
             take_moves(
                 moves, counts, code, low, high, columns, sums, block_least, offset, level, number,
@@ -535,11 +536,6 @@ def _localise(  # type: ignore[no-untyped-def]
         else:
             if bound[0] - bound[length] > mask:
                 return i, given, _RING_FULL
-            if number[MOVES] == len(moves):
-                take_moves(
-                    moves, counts, code, low, high, columns, sums, block_least, offset, level,
-                    number, shape,
-                )  # fmt: skip
             ring_slot[bound[0] & mask] = slots[i]
             ring_time[bound[0] & mask] = now
             bound[0] += 1

@@ -86,10 +86,11 @@ class Sliding(NamedTuple):
 
 
 # The kernels take arrays one by one: reading one out of a tuple counts a reference, and an event
-# would spend more time on that than on its distances.
+# would spend more time on that than on its distances. Those that are called for every event are
+# inlined, since handing a dozen arrays over costs as much as updating a hundred places.
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def age(time, slot, bound, moves, number, tau, n, until):
     """Note the moves of events that grow too old for their lag by T = `until`.
 
