@@ -33,8 +33,9 @@ def memories(design: Design) -> dict[str, Memory]:
     Returns
     -------
     dict of str to Memory
-        Row displacements and look-up; counters; code table; the descriptor that is compared; the
-        places; the distances of the last L windows; the delay line of the search.
+        Row displacements and look-up; counters; code tables, and which each counter uses; the
+        descriptor that is compared; the places; the distances of the last L windows; the delay line
+        of the search.
     """
     bits = {name: form.width for name, form in design.formats.items()}
     lanes = design.lanes * bits["code"]
@@ -42,7 +43,9 @@ def memories(design: Design) -> dict[str, Memory]:
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
         "counts": Memory(design.slots, bits["count"]),
-        "code": Memory(design.count_max + 1, bits["code"]),
+        "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["code"]),
+        # a single table need not be told
+        "table": Memory(design.slots if len(design.full_scales) > 1 else 0, bits["table"]),
         "query": Memory(design.words, lanes),
         "places": Memory(design.places * design.words, lanes),
         "history": Memory(design.length * design.places, bits["distance"]),

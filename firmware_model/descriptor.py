@@ -58,6 +58,7 @@ class DescriptorModel:
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
         self.design = memories.design
+        self._memories = memories
         self._lookup = memories.lookup()
         self._period = 1 << self.design.timestamp_bits
         self.counts = [0] * self.design.slots
@@ -69,7 +70,7 @@ class DescriptorModel:
     @property
     def codes(self) -> Codes:
         """Codes of the counts as they are now."""
-        return tuple(self.design.code[count] for count in self.counts)
+        return tuple(self._memories.encode(slot, count) for slot, count in enumerate(self.counts))
 
     def elapsed(self, t: int) -> int:
         """Time since the open window's start; negative for an event from before it."""

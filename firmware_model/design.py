@@ -5,16 +5,23 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from firmware_model.errors import DesignError
+from fixedpoint.codes import CodeKind, CounterCode
+from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import FixedFormat
 from fixedpoint.ops import sum_format
 
 WindowKind = Literal["time", "count"]
 AcceptKind = Literal["margin", "ratio"]
 
+#: code tables of one design
+MAX_TABLES = 16
 #: rows are told by 15 bits in an event, beside its polarity
 MAX_SIDE = 1 << 15
 
@@ -31,11 +38,12 @@ class Design:
         J, selected pixels.
     polarity : bool
         Count ON and OFF events apart: J counters for ON are followed by J for OFF.
-    code : tuple of int
-        Code of each event count, not decreasing; the last stands for all larger counts, so that a
-        counter saturates at ``len(code) - 1``.
+    code : {"linear", "sqrt", "log"}
     code_bits : int
-        Bits of a code, 1 to 16.
+        What a count is turned into at its window's end, see `fixedpoint.codes.CounterCode`.
+    full_scales : tuple of int
+        Where each of one or more code tables ends, 0 for the code's own choice. Each counter uses
+        one of the tables, as `Memories` says; all counters saturate at the largest full scale.
     window : {"time", "count"}
         A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
         `window_events`-th event at a selected pixel.
@@ -71,8 +79,9 @@ class Design:
     height: int
     pixels: int
     polarity: bool = False
-    code: tuple[int, ...] = tuple(range(256))
-    code_bits: int = 8
+    code: CodeKind = "log"
+    code_bits: int = 4
+    full_scales: tuple[int, ...] = (0,)
     window: WindowKind = "time"
     tau_us: int = 1_000_000
     window_events: int = 450
@@ -87,8 +96,8 @@ class Design:
     lookup_depth: int = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "code", tuple(int(code) for code in self.code))
-        object.__setattr__(self, "ratio", tuple(int(part) for part in self.ratio))
+        for name in ("full_scales", "ratio"):
+            object.__setattr__(self, name, tuple(int(part) for part in getattr(self, name)))
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
@@ -110,15 +119,16 @@ class Design:
             raise DesignError(
                 f"design: {self.pixels} pixels of a {self.width} x {self.height} sensor: take fewer"
             )
-        if len(self.code) < 2 or any(a > b for a, b in zip(self.code, self.code[1:], strict=False)):
+        if not 1 <= len(self.full_scales) <= MAX_TABLES:
             raise DesignError(
-                f"design: code table of {len(self.code)} entries: expected two or more, "
-                "not decreasing"
+                f"design: {len(self.full_scales)} full scales: expected 1 to {MAX_TABLES}"
             )
-        if self.code[0] < 0 or self.code[-1] >= 1 << self.code_bits:
-            raise DesignError(
-                f"design: codes {self.code[0]} to {self.code[-1]} do not fit {self.code_bits} bits"
-            )
+        try:
+            codes = tuple(CounterCode(self.code, self.code_bits, f) for f in self.full_scales)
+        except FixedPointError as error:
+            raise DesignError(f"design: {error}") from error
+        # what 0 stood for, so that the file of a design says all
+        object.__setattr__(self, "full_scales", tuple(code.full_scale for code in codes))
         if self.tau_us > 1 << (self.timestamp_bits - 1):
             raise DesignError(
                 f"design: windows of {self.tau_us} us, and a clock of {self.timestamp_bits} bits: "
@@ -151,12 +161,19 @@ class Design:
     @property
     def count_max(self) -> int:
         """Where a counter saturates."""
-        return len(self.code) - 1
+        return max(self.full_scales)
 
-    @property
+    @cached_property
+    def tables(self) -> tuple[tuple[int, ...], ...]:
+        """Code of each count, for each full scale; all of them of ``count_max + 1`` entries."""
+        codes = [CounterCode(self.code, self.code_bits, scale) for scale in self.full_scales]
+        counts = np.arange(self.count_max + 1)
+        return tuple(tuple(code.encode(counts).tolist()) for code in codes)
+
+    @cached_property
     def code_max(self) -> int:
-        """Largest code, and largest difference of two codes but for the smallest one."""
-        return self.code[-1]
+        """Largest code; the smallest is 0."""
+        return max(table[-1] for table in self.tables)
 
     @property
     def words(self) -> int:
@@ -181,6 +198,7 @@ class Design:
             "slot": _holding(self.slots - 1),
             "count": _holding(self.count_max),
             "window_count": _holding(self.window_events),
+            "table": _holding(len(self.full_scales) - 1),
             "code": code,
             "distance": distance,
             "sequence": sequence,
@@ -193,7 +211,7 @@ class Design:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON and TOML."""
         values = asdict(self)
-        return values | {"code": list(self.code), "ratio": list(self.ratio)}
+        return values | {"full_scales": list(self.full_scales), "ratio": list(self.ratio)}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Design:
@@ -244,7 +262,6 @@ _RANGES = {
     "width": (1, MAX_SIDE),
     "height": (1, MAX_SIDE),
     "pixels": (1, 1 << 15),
-    "code_bits": (1, 16),
     "tau_us": (1, 1 << 63),
     "window_events": (1, (1 << 32) - 1),
     "timestamp_bits": (2, 64),

@@ -66,7 +66,7 @@ class Emulator:
             parsed = ELFFile(file)
             for segment in parsed.iter_segments("PT_LOAD"):
                 self._load(segment["p_vaddr"], segment["p_memsz"], segment.data())
-            table = parsed.get_section_by_name(".symtab")
+            table: Any = parsed.get_section_by_name(".symtab")
             self.symbols = {
                 symbol.name: (symbol["st_value"], symbol["st_size"])
                 for symbol in table.iter_symbols()
@@ -136,7 +136,7 @@ class Emulator:
             hook = self._uc.hook_add(unicorn.UC_HOOK_CODE, self._step, stack)
         try:
             self._uc.emu_start(address, _RETURN)
-        except unicorn.UcError as error:
+        except unicorn.UcError as error:  # type: ignore[attr-defined]
             raise ToolError(f"{function} on {self.target.name}: {error}") from error
         finally:
             if hook is not None:
@@ -260,7 +260,7 @@ def run_host(program: Path, folder: Path, image: bytes, events: bytes, start: in
     image_file, events_file, out = (folder / f"{program.stem}.{s}" for s in ("img", "evt", "out"))
     image_file.write_bytes(image)
     events_file.write_bytes(events)
-    command = [program.absolute(), image_file, events_file, str(start), out]
+    command = [*map(str, (program.absolute(), image_file, events_file, start, out))]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise ToolError(f"{program.name}: {done.stderr.strip() or f'exit {done.returncode}'}")

@@ -9,7 +9,7 @@ from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 
 MAGIC, VERSION = 0x49525056, 1
-HEADER_WORDS = 24
+HEADER_WORDS = 28
 #: rows of codes, and tables, begin at multiples of so many bytes
 ALIGNMENT = 16
 
@@ -44,7 +44,8 @@ def image(memories: Memories) -> bytes:
     tables = [
         struct.pack(f"<{design.height}H", *lookup.displacement),
         struct.pack(f"<{len(entries)}I", *entries),
-        bytes(design.code),
+        b"".join(map(bytes, design.tables)),
+        bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
     ]
     offsets, body = [], b""
@@ -72,8 +73,9 @@ def image(memories: Memories) -> bytes:
         design.ratio[0] if by_ratio else design.margin,
         design.ratio[1] if by_ratio else 0,
         design.lookup_depth,
-        *offsets,
         design.code_max,
+        len(design.full_scales),
+        *offsets,
     ]
     return struct.pack(f"<{HEADER_WORDS}I", *header, *[0] * (HEADER_WORDS - len(header))) + body
 

@@ -48,6 +48,8 @@ class Memories:
         Slot j counts pixel ``pixels[j]``.
     places : sequence of sequences of int, shape (K, slots)
         Codes.
+    tables : sequence of int, length slots, optional
+        Which of the design's code tables each counter uses; by default the first.
 
     Raises
     ------
@@ -58,10 +60,17 @@ class Memories:
     design: Design
     pixels: tuple[Pixel, ...]
     places: tuple[Codes, ...]
+    tables: tuple[int, ...]
 
     def __init__(
-        self, design: Design, pixels: Sequence[Pixel], places: Sequence[Sequence[int]]
+        self,
+        design: Design,
+        pixels: Sequence[Pixel],
+        places: Sequence[Sequence[int]],
+        tables: Sequence[int] | None = None,
     ) -> None:
+        chosen = (0,) * design.slots if tables is None else tuple(map(int, tables))
+        object.__setattr__(self, "tables", chosen)
         object.__setattr__(self, "design", design)
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
         object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
@@ -74,6 +83,13 @@ class Memories:
                 raise DesignError(
                     f"pixel ({x}, {y}) lies off the {design.width} x {design.height} sensor"
                 )
+        if len(self.tables) != design.slots or not set(self.tables) <= set(
+            range(len(design.full_scales))
+        ):
+            raise DesignError(
+                f"code tables of {len(self.tables)} counters: expected one of "
+                f"{len(design.full_scales)} for each of {design.slots}"
+            )
         if len(self.places) != design.places:
             raise DesignError(f"{len(self.places)} places: the design has {design.places}")
         for k, place in enumerate(self.places):
@@ -82,6 +98,10 @@ class Memories:
                     f"place {k} is not {design.slots} codes from 0 to {design.code_max}: encode "
                     "the counts with the design's code first"
                 )
+
+    def encode(self, slot: int, count: int) -> int:
+        """Code of a count of one counter."""
+        return self.design.tables[self.tables[slot]][count]
 
     def lookup(self) -> Lookup:
         """Lay the rows into the look-up: fullest row first, each at the first place that fits.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from firmware_model import Design, Event, Memories
@@ -13,8 +11,6 @@ def random_design(rng: np.random.Generator) -> Design:
     """Any design that is small enough to be run in milliseconds."""
     width, height = (int(side) for side in rng.integers(1, 13, 2))
     pixels = int(rng.integers(1, min(width * height, 20) + 1))
-    code_bits = int(rng.integers(1, 9))
-    code = np.sort(rng.integers(0, 1 << code_bits, int(rng.integers(2, 12))))
     length = int(rng.integers(1, 5))
     timestamp_bits = int(rng.integers(9, 33))
     denominator = int(rng.integers(2, 40))
@@ -23,8 +19,9 @@ def random_design(rng: np.random.Generator) -> Design:
         height=height,
         pixels=pixels,
         polarity=bool(rng.integers(2)),
-        code=tuple(code.tolist()),
-        code_bits=code_bits,
+        code=("linear", "sqrt", "log")[rng.integers(3)],
+        code_bits=int(rng.integers(1, 9)),
+        full_scales=tuple(rng.integers(1, 12, int(rng.integers(1, 4))).tolist()),
         window=("time", "count")[rng.integers(2)],
         tau_us=int(rng.integers(1, 200)),
         window_events=int(rng.integers(1, 3 * pixels + 1)),
@@ -43,11 +40,13 @@ def random_design(rng: np.random.Generator) -> Design:
 def random_memories(rng: np.random.Generator, design: Design) -> Memories:
     """Distinct pixels anywhere, and places of codes that the code table has, some of them alike."""
     flat = rng.choice(design.width * design.height, design.pixels, replace=False)
-    places = rng.choice(design.code, (design.places, design.slots))
+    places = rng.integers(0, design.code_max + 1, (design.places, design.slots))
     for k in range(1, design.places):
         if rng.random() < 0.3:
             places[k] = places[rng.integers(k)]
-    return Memories(design, [(f % design.width, f // design.width) for f in flat], places.tolist())
+    pixels = [(f % design.width, f // design.width) for f in flat]
+    tables = rng.integers(0, len(design.full_scales), design.slots)
+    return Memories(design, pixels, places.tolist(), tables.tolist())
 
 
 def random_stream(
@@ -71,8 +70,3 @@ def random_stream(
 def wrapped(events: list[Event], design: Design) -> list[Event]:
     """The same events by a clock of `timestamp_bits`."""
     return [event._replace(t=event.t % (1 << design.timestamp_bits)) for event in events]
-
-
-def with_count(design: Design, events: int) -> Design:
-    """The same design with windows of so many events."""
-    return replace(design, window="count", window_events=events)

@@ -28,6 +28,7 @@ from firmware_model import (
     cost,
     trace,
 )
+from fixedpoint.codes import CounterCode, PixelCodes
 
 ROOM = Path(__file__).parents[1] / "firmware_model"
 
@@ -40,11 +41,14 @@ def pipeline(memories: Memories, events: list[Event], start: int):
         PixelMap(Sensor(design.width, design.height), x, y),
         FixedTime(design.tau_us) if design.window == "time" else FixedCount(design.window_events),
         polarity=design.polarity,
-        clip=design.count_max,
     )
     t, x, y, on = zip(*events, strict=True)
     counts = stream.update(make_events(np.array(t) - start, x, y, on)).counts
-    codes = np.array(design.code)[counts]
+    code = PixelCodes(
+        tuple(CounterCode(design.code, design.code_bits, scale) for scale in design.full_scales),
+        np.array(memories.tables),
+    )
+    codes = code.encode(counts)
     if len(codes) < design.length:
         return codes, []
     sums = sequence_sums(distance_matrix(np.array(memories.places), codes), design.length)
@@ -104,6 +108,7 @@ def test_the_model_does_not_know_the_pipeline():
 
 def small(**changes) -> Design:
     values = {"width": 4, "height": 3, "pixels": 2, "places": 3, "length": 1, "tau_us": 10}
+    values |= {"code": "linear", "code_bits": 8}
     return Design(**(values | changes))
 
 
@@ -114,15 +119,15 @@ def tables(design: Design) -> Memories:
 
 def test_state_can_be_read_after_every_event():
     """Counts, codes, window start and counters show what the event did, and nothing else."""
-    machine = Machine(tables(small(code=(0, 2, 3), code_bits=2)))
+    machine = Machine(tables(small(code_bits=1, full_scales=(2,))))
     assert list(machine.take(Event(3, 1, 0, True))) == [EventResult(0, 1, 1)]
     assert (machine.descriptor.counts, machine.descriptor.codes) == ([0, 1], (0, 2))
     assert list(machine.take(Event(4, 2, 2, True))) == [EventResult(1, None, 0)]
     list(machine.take(Event(4, 1, 0, False)))
     list(machine.take(Event(4, 1, 0, True)))
-    assert (machine.descriptor.counts, machine.descriptor.codes) == ([0, 2], (0, 3))
+    assert (machine.descriptor.counts, machine.descriptor.codes) == ([0, 2], (0, 1))
     results = list(machine.take(Event(10, 0, 0, True)))
-    assert results[0] == WindowResult(0, 4, (0, 3))
+    assert results[0] == WindowResult(0, 4, (0, 1))
     assert isinstance(results[1], MatchResult) and results[2] == EventResult(4, 0, 1)
     assert (machine.descriptor.start, machine.descriptor.counts) == (10, [1, 0])
 
@@ -151,7 +156,7 @@ def test_cycles_and_results_of_the_stepped_machine():
         memories = random_memories(rng, design)
         at_once, stepped = Machine(memories), Machine(memories)
         for number in range(design.length + 2):
-            codes = tuple(rng.choice(design.code, design.slots).tolist())
+            codes = tuple(rng.integers(0, design.code_max + 1, design.slots).tolist())
             match = at_once.match(WindowResult(number, 0, codes))
             states = list(stepped.match_cycles(codes))
             assert stepped.search.result(number) == match
@@ -178,7 +183,7 @@ def test_widths_hold_the_largest_values_and_no_more():
             pixels=150,
             places=860,
             length=10,
-            code=tuple(range(1 << bits)),
+            code="linear",
             code_bits=bits,
         ).formats
         assert (formats["distance"].width, formats["sequence"].width) == (distance, sequence)
@@ -194,7 +199,7 @@ def test_memory_sizes_of_a_known_design():
         places=860,
         length=5,
         lanes=8,
-        code=tuple(range(16)),
+        code="linear",
         code_bits=4,
     )
     sizes = cost.memories(design)
@@ -232,8 +237,9 @@ def test_a_design_survives_its_file(tmp_path):
     [
         ({"pixels": 0}, "pixels = 0"),
         ({"pixels": 13}, "take fewer"),
-        ({"code": (3, 2)}, "not decreasing"),
-        ({"code": (0, 4), "code_bits": 2}, "do not fit 2 bits"),
+        ({"code": "cube"}, "choose from linear"),
+        ({"code_bits": 17}, "expected 1 to 16"),
+        ({"full_scales": ()}, "0 full scales"),
         ({"length": 4}, "longer map"),
         ({"ratio": (8, 8)}, "larger denominator"),
         ({"lookup_depth": 5}, "power of two"),

@@ -22,11 +22,13 @@ enum {
     AT_ACCEPT,
     AT_RATIO_DENOMINATOR,
     AT_LOOKUP_DEPTH,
+    AT_CODE_MAX,
+    AT_CODES,
     AT_DISPLACEMENT_TABLE,
     AT_LOOKUP_TABLE,
     AT_CODE_TABLE,
-    AT_PLACES_TABLE,
-    AT_CODE_MAX
+    AT_WHICH_CODE_TABLE,
+    AT_PLACES_TABLE
 };
 
 #define LIMIT 0xFFFFU /* of what is multiplied */
@@ -63,7 +65,7 @@ static bool within_limits(const uint32_t *image)
             return false;
         }
     }
-    if (image[AT_CODE_MAX] > 255U) {
+    if ((image[AT_CODE_MAX] > 255U) || (image[AT_CODES] > 16U)) {
         return false;
     }
     const uint32_t distance_max = image[AT_SLOTS] * image[AT_CODE_MAX];
@@ -89,7 +91,8 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     if (!within_limits(image) || (image[AT_LOOKUP_DEPTH] > (LIMIT + 1U)) ||
         !inside(image, AT_DISPLACEMENT_TABLE, image[AT_HEIGHT] * 2U) ||
         !inside(image, AT_LOOKUP_TABLE, image[AT_LOOKUP_DEPTH] * 4U) ||
-        !inside(image, AT_CODE_TABLE, image[AT_COUNT_MAX] + 1U) ||
+        !inside(image, AT_CODE_TABLE, image[AT_CODES] * (image[AT_COUNT_MAX] + 1U)) ||
+        !inside(image, AT_WHICH_CODE_TABLE, image[AT_SLOTS]) ||
         !inside(image, AT_PLACES_TABLE, image[AT_PLACES] * image[AT_STRIDE])) {
         return false;
     }
@@ -98,6 +101,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
     d->lookup = (const uint32_t *)(const void *)&bytes[image[AT_LOOKUP_TABLE]];
     d->code = &bytes[image[AT_CODE_TABLE]];
+    d->code_table = &bytes[image[AT_WHICH_CODE_TABLE]];
     d->places = &bytes[image[AT_PLACES_TABLE]];
     d->width = image[AT_WIDTH];
     d->height = image[AT_HEIGHT];
@@ -197,7 +201,7 @@ vpr_status_t vpr_event(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t 
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
 {
     for (uint32_t i = 0U; i < d->slots; i++) {
-        s->query[i] = d->code[s->counts[i]];
+        s->query[i] = d->code[(d->code_table[i] * (d->count_max + 1U)) + s->counts[i]];
         s->counts[i] = 0U;
     }
     s->start += d->tau;

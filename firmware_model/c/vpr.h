@@ -22,7 +22,7 @@
 
 #define VPR_MAGIC 0x49525056U /* "VPRI" */
 #define VPR_VERSION 1U
-#define VPR_HEADER_WORDS 24U
+#define VPR_HEADER_WORDS 28U
 #define VPR_NONE 0xFFFFFFFFU
 
 /* As it arrives: 8 bytes, two little-endian words {time, polarity:1 row:15 column:16}. */
@@ -36,7 +36,8 @@ typedef struct {
 typedef struct {
     const uint16_t *displacement; /* [height]: where a row begins in the look-up */
     const uint32_t *lookup;       /* [lookup_mask + 1]: owner row << 16 | slot */
-    const uint8_t *code;          /* [count_max + 1]: code of each count */
+    const uint8_t *code;          /* [tables][count_max + 1]: code of each count */
+    const uint8_t *code_table;    /* [slots]: which of the tables a counter uses */
     const uint8_t *places;        /* [places][stride]: codes, padded with zeros */
     uint32_t width;
     uint32_t height;
