@@ -21,7 +21,7 @@ Counts = npt.NDArray[np.signedinteger[Any]]
 # Coordinates are checked a block at a time, in a loop that vectorises, and the block is then still
 # in a near cache: the check costs a tenth, and no event can reach memory outside the table. Fields
 # of a structured array are first copied to contiguous columns: faster than to stride twice.
-_BLOCK = 8192
+_BLOCK = 16384
 _GROUP = 16
 _NO_LIMIT = np.iinfo(np.int64).max
 # what the kernels return in place of a number of events

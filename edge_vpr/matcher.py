@@ -64,6 +64,7 @@ class ReferenceIndex:
         self._wide = counts.astype(np.int64) if span > 0xFFFF else None
         self._dtype = np.dtype(np.uint8 if span <= 0xFF else np.uint16)
         self._width = -(-self.pixels * self._dtype.itemsize // PAD) * PAD // self._dtype.itemsize
+        self._sum_dtype = _sum_dtype(self.pixels * span)
         if self._wide is None:
             self._packed, _ = self._pack(counts)
 
@@ -94,11 +95,9 @@ class ReferenceIndex:
         if self._wide is not None:
             return self.matrix(counts)[:, 0]
         self._check_pixels(counts)
-        query = np.zeros((1, self._width), dtype=self._dtype)
-        excess = np.zeros(1, dtype=np.int64)
-        out = np.zeros((1, self.places), dtype=self._sum_dtype())
-        _match(counts, self._low, self._high, query, excess, self._packed, out)
-        return self._add_excess(out, excess)[0] if excess[0] else out[0]
+        out = np.zeros((1, self.places), dtype=self._sum_dtype)
+        excess = _match(counts, self._low, self._high, self._packed, out)
+        return self._add_excess(out, np.array([excess]))[0] if excess else out[0]
 
     def matrix(self, queries: npt.ArrayLike) -> Distances:
         """Distance of every query to every place.
@@ -124,7 +123,7 @@ class ReferenceIndex:
         if self._wide is not None:
             return self._wide_matrix(self._wide, counts)
         packed, excess = self._pack(counts)
-        out = np.zeros((self.places, len(counts)), dtype=self._sum_dtype())
+        out = np.zeros((self.places, len(counts)), dtype=self._sum_dtype)
         add_sad(self._packed, packed, out)
         return self._add_excess(out, excess)
 
@@ -144,18 +143,15 @@ class ReferenceIndex:
 
     def _add_excess(self, out: Distances, excess: npt.NDArray[np.int64]) -> Distances:
         if excess.any():
-            out = out.astype(self._sum_dtype(int(excess.max())), copy=False)
+            largest = self.pixels * (self._high - self._low) + int(excess.max())
+            out = out.astype(_sum_dtype(largest), copy=False)
             out += excess.astype(out.dtype)
         return out
-
-    def _sum_dtype(self, excess: int = 0) -> type[np.signedinteger[Any]]:
-        largest = self.pixels * (self._high - self._low) + excess
-        return np.int32 if largest < 2**31 else np.int64
 
     def _wide_matrix(self, places: npt.NDArray[np.int64], counts: Integers) -> Distances:
         low, high = _range(counts)
         largest = self.pixels * (max(high, self._high) - min(low, self._low))
-        out = np.empty((self.places, len(counts)), np.int32 if largest < 2**31 else np.int64)
+        out = np.empty((self.places, len(counts)), dtype=_sum_dtype(largest))
         for j, query in enumerate(counts.astype(np.int64)):
             out[:, j] = np.abs(places - query).sum(axis=1)
         return out
@@ -268,6 +264,10 @@ def _integers(values: npt.ArrayLike, name: str, ndim: int) -> Integers:
     return np.ascontiguousarray(counts)
 
 
+def _sum_dtype(largest: int) -> type[np.signedinteger[Any]]:
+    return np.int32 if largest < 2**31 else np.int64
+
+
 def _aligned_zeros(rows: int, width: int, dtype: np.dtype[Any]) -> Packed:
     """Zeros, of which the first lies at the beginning of a cache line."""
     memory = np.zeros(rows * width * dtype.itemsize + _LINE, dtype=np.uint8)
@@ -294,12 +294,13 @@ def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _match(
-    counts: Any, low: int, high: int, query: Any, excess: Any, places: Any, out: Any
-) -> None:
-    """Pack a query and compare it, in one call: for few places, calls are what takes time."""
+def _match(counts: Any, low: int, high: int, places: Any, out: Any) -> int:
+    """Pack a query and compare it, in one call: among few places, calls are what takes time."""
+    query = np.zeros((1, places.shape[1]), dtype=places.dtype)
+    excess = np.zeros(1, dtype=np.int64)
     _pack(counts, low, high, query, excess)
     add_sad(query, places, out)
+    return excess[0]
 
 
 @njit(cache=True, nogil=True)
