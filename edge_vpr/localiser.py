@@ -100,15 +100,13 @@ class Localiser:
     Parameters
     ----------
     reference : ReferenceMap
-        Its settings say the window, the sequence length, the exclusion zone, and clipping.
+        Its settings say the window, the sequence length, the exclusion zone, and the code of
+        its counts.
     every : Every
         When to give a match. None is given before the L windows are complete.
     recent : int
         So many of the map's newest places are left out of the search; for a rover that appends
         places while it drives.
-    code : ndarray of int, shape (c,), optional
-        Code of each event count, not decreasing, for a map of coded counts; the last code stands
-        for all larger counts. By default counts are compared as they are, clipped as set.
     check_every : int
         For debugging: after so many selected events, recompute everything and compare.
 
@@ -126,7 +124,6 @@ class Localiser:
         *,
         every: Every | None = None,
         recent: int = 0,
-        code: npt.NDArray[np.integer] | None = None,
         check_every: int = 0,
     ) -> None:
         settings = reference.settings
@@ -138,7 +135,8 @@ class Localiser:
         self._table = reference.pixel_map.table()
         self._window = window_of(settings)
         self._length = settings.sequence_length
-        self._code = _checked_code(code, settings.clip)
+        self._full_scale = reference.full_scale
+        self._codes = reference.codes
         self._places = reference.places.counts
         if len(self._places) < self._length + recent or recent < 0:
             raise UsageError(
@@ -278,12 +276,13 @@ class Localiser:
             "pixel_x": self._pixel_map.x,
             "pixel_y": self._pixel_map.y,
             "places": self._places,
-            "code": self._code,
             "slot": self._s.slot[alive],
             "time": self._s.time[alive],
             "bound": self._s.bound,
             "policy": self._policy,
         }
+        if self._full_scale is not None:
+            arrays["full_scale"] = self._full_scale
         meta = {
             "sensor": list(self._pixel_map.sensor),
             "settings": self.settings.to_dict(),
@@ -308,7 +307,6 @@ class Localiser:
                 _bare_map(arrays, meta, str(path)),
                 every=Every(**meta["every"]),
                 recent=meta["recent"],
-                code=arrays["code"],
                 check_every=check_every,
             )
             found._resume(arrays, meta["now_us"])
@@ -404,6 +402,9 @@ class Localiser:
     def _empty(self) -> Sliding:
         """Build the state before the first event."""
         counters = self._places.shape[1]
+        tables, row = np.empty((1, 0), dtype=np.uint16), np.zeros(counters, dtype=np.uint8)
+        if self._codes is not None:
+            tables, row = self._codes.tables, self._codes.row.copy()
         no_sums, none = np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.int64)
         empty = Sliding(
             slot=np.zeros(RING_EVENTS, dtype=np.int32),
@@ -413,7 +414,8 @@ class Localiser:
             counts=np.zeros((self._length, counters), dtype=np.int64),
             tau=self._window.tau_us if isinstance(self._window, FixedTime) else 0,
             n=0 if isinstance(self._window, FixedTime) else self._window.events,
-            code=self._code,
+            code=tables,
+            row=row,
             columns=np.empty(0, dtype=np.uint8),
             low=none,
             high=none,
@@ -435,8 +437,8 @@ class Localiser:
         low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
         codes = s.counts
-        if self._code.size:
-            codes = self._code[np.minimum(s.counts, self._code.size - 1)]
+        if self._codes is not None:
+            codes = self._codes.encode(s.counts).astype(np.int64)
         index = ReferenceIndex(places)
         sums = np.zeros(count, dtype=np.int64)
         for lag in range(length):
@@ -481,6 +483,7 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any], source: str) -> Reference
         Descriptors(arrays["places"], no_times, no_times, no_times),
         saliency=np.zeros((sensor.height, sensor.width), dtype=np.float32),
         hot=np.zeros((sensor.height, sensor.width), dtype=np.bool_),
+        full_scale=arrays.get("full_scale"),
     )
 
 
@@ -494,22 +497,13 @@ def _grown(s: Sliding) -> Sliding:
     return s._replace(slot=slot, time=time)
 
 
-def _checked_code(code: npt.NDArray[np.integer] | None, clip: int) -> npt.NDArray[np.int64]:
-    if code is None:
-        return np.arange(clip + 1 if clip else 0, dtype=np.int64)
-    codes = np.asarray(code, dtype=np.int64)
-    if codes.ndim != 1 or (codes.size and codes[0] < 0) or np.any(np.diff(codes) < 0):
-        raise UsageError("a counter code decreases or is negative: expected codes that grow")
-    return codes
-
-
 @njit(cache=True, nogil=True)
 def _localise(  # type: ignore[no-untyped-def]
     s, slots, times, until, every, interval, change, exclusion, places, policy, out
 ):
     """Feed selected events, then let time pass to `until`; stop where a buffer is full."""
     ring_slot, ring_time, bound, moves, number = s.slot, s.time, s.bound, s.moves, s.number
-    counts, code, low, high, columns = s.counts, s.code, s.low, s.high, s.columns
+    counts, code, row, low, high, columns = s.counts, s.code, s.row, s.low, s.high, s.columns
     sums, block_least, offset, level, shape = s.sums, s.block_least, s.offset, s.level, s.shape
     tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     given, i = 0, 0
@@ -528,8 +522,8 @@ def _localise(  # type: ignore[no-untyped-def]
             and number[MOVES] < len(moves)
         ):
             take_moves(
-                moves, counts, code, low, high, columns, sums, block_least, offset, level, number,
-                shape,
+                moves, counts, code, row, low, high, columns, sums, block_least, offset, level,
+                number, shape,
             )  # fmt: skip
         if tick:
             policy[_NEXT_TICK] += interval
@@ -549,8 +543,8 @@ def _localise(  # type: ignore[no-untyped-def]
         if not complete:
             continue
         take_moves(
-            moves, counts, code, low, high, columns, sums, block_least, offset, level, number,
-            shape,
+            moves, counts, code, row, low, high, columns, sums, block_least, offset, level,
+            number, shape,
         )  # fmt: skip
         best, least = least_in(sums, block_least, 0, places)
         if change and best == policy[_LAST_PLACE]:

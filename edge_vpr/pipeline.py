@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.cleaning import BurstFilter, find_hot_pixels
+from edge_vpr.codes import codes_of, learns_full_scale, shared_code
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matches import Matches, match_descriptors
@@ -24,7 +26,9 @@ from edge_vpr.windows import (
     Window,
     WindowCounts,
     collect,
+    narrow,
 )
+from fixedpoint.codes import learn_full_scale
 
 
 class EventSource(Protocol):
@@ -96,11 +100,15 @@ def map_traverse(
             f"of a {sensor} sensor: give the list of this camera"
         )
     with SaliencyPass(sensor) as first:
+        # the released code selects by clipped counts; with other codes, pixels are selected by
+        # counts, so that maps of different codes have the same pixels
+        clip = shared_code(settings) if settings.clip else None
         if isinstance(recording, WindowSource):
-            windows = _published_windows(recording, settings)
+            windows: Iterator[WindowCounts] = (w.coded(clip) for w in recording.windows())
         else:
             everything = PixelMap.all_of(sensor)
-            windows = _windows(recording, everything, FixedTime(settings.tau_us), settings)
+            stream = DescriptorStream(everything, FixedTime(settings.tau_us), code=clip)
+            windows = _windows(recording, stream, settings)
         for window in windows:
             first.add(window)
         if first.windows == 0:
@@ -127,12 +135,42 @@ def map_traverse(
         needs_events = settings.window == "count" or settings.polarity
         places = None if needs_events else first.descriptors(pixel_map)
     if places is None:
-        places = describe(recording, pixel_map, settings)
-    return ReferenceMap(settings, pixel_map, places, saliency.astype(np.float32), hot)
+        places = describe(recording, pixel_map, settings.uncoded)
+    places, full_scale = code_places(places, settings)
+    return ReferenceMap(settings, pixel_map, places, saliency.astype(np.float32), hot, full_scale)
+
+
+def code_places(
+    places: Descriptors, settings: Settings
+) -> tuple[Descriptors, npt.NDArray[np.uint16] | None]:
+    """Code the counts of a reference, and learn what the code needs of them.
+
+    Parameters
+    ----------
+    places : Descriptors
+        Counts as they are, at least one place.
+    settings : Settings
+
+    Returns
+    -------
+    places : Descriptors
+        What a map holds.
+    full_scale : ndarray of uint16, shape (J,), or None
+        Of each counter, where the settings scale the code to each pixel.
+    """
+    counts = places.counts
+    full_scale = learn_full_scale(counts) if learns_full_scale(settings) else None
+    codes = codes_of(settings, counts.shape[1], full_scale)
+    if codes is None:
+        return places, None
+    return replace(places, counts=narrow(codes.encode(counts))), full_scale
 
 
 def describe(
-    recording: EventSource | WindowSource, pixel_map: PixelMap, settings: Settings
+    recording: EventSource | WindowSource,
+    pixel_map: PixelMap,
+    settings: Settings,
+    full_scale: npt.NDArray[np.uint16] | None = None,
 ) -> Descriptors:
     """Count the events of a drive at the selected pixels, window by window, in one pass.
 
@@ -142,6 +180,8 @@ def describe(
     pixel_map : PixelMap
     settings : Settings
         Of the map.
+    full_scale : ndarray of uint16, shape (J,), optional
+        Of the map, where its code is scaled to each pixel.
 
     Returns
     -------
@@ -151,7 +191,7 @@ def describe(
     Raises
     ------
     MapError
-        If the recording's sensor is not the map's.
+        If the recording's sensor is not the map's, or the full scales are missing.
     UsageError
         If the recording is shorter than a window.
     """
@@ -160,16 +200,21 @@ def describe(
             f"the recording is of a {recording.sensor} sensor and the map of a {pixel_map.sensor} "
             "one: use the map of this camera, or name the right sensor (--sensor)"
         )
+    counters = len(pixel_map) * (2 if settings.polarity else 1)
+    codes = codes_of(settings, counters, full_scale)
     if isinstance(recording, WindowSource):
         _check_counted(recording, pixel_map, settings)
         flat = pixel_map.y.astype(np.int64) * pixel_map.sensor.width + pixel_map.x
         windows: Iterator[WindowCounts] = (
-            window._replace(counts=window.counts[flat])
-            for window in _published_windows(recording, settings)
+            window._replace(counts=window.counts[flat]).coded(codes)
+            for window in recording.windows()
         )
     else:
-        windows = _windows(recording, pixel_map, window_of(settings), settings, settings.polarity)
-    descriptors = collect(windows, len(pixel_map))
+        stream = DescriptorStream(
+            pixel_map, window_of(settings), polarity=settings.polarity, code=codes
+        )
+        windows = _windows(recording, stream, settings)
+    descriptors = collect(windows, counters)
     if len(descriptors) == 0:
         raise _too_short(window_of(settings))
     return descriptors
@@ -201,7 +246,7 @@ def match_traverse(
         As `describe` and `match_descriptors` do.
     """
     settings = reference.settings if settings is None else settings
-    queries = describe(recording, reference.pixel_map, settings)
+    queries = describe(recording, reference.pixel_map, settings, reference.full_scale)
     return match_descriptors(reference.places, queries, settings), queries
 
 
@@ -224,25 +269,12 @@ def cleaned(recording: EventSource, settings: Settings) -> Iterator[Events]:
 
 
 def _windows(
-    recording: EventSource,
-    pixel_map: PixelMap,
-    window: Window,
-    settings: Settings,
-    polarity: bool = False,
+    recording: EventSource, stream: DescriptorStream, settings: Settings
 ) -> Iterator[WindowCounts]:
-    stream = DescriptorStream(pixel_map, window, polarity=polarity, clip=settings.clip or None)
     for events in cleaned(recording, settings):
         yield from stream.windows(events)
     if settings.keep_incomplete:
         yield from stream.last()
-
-
-def _published_windows(source: WindowSource, settings: Settings) -> Iterator[WindowCounts]:
-    for window in source.windows():
-        if settings.clip:
-            yield window._replace(counts=np.minimum(window.counts, settings.clip))
-        else:
-            yield window
 
 
 def _check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:

@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import read_archive, write_archive
+from edge_vpr.codes import codes_of, shared_code
 from edge_vpr.errors import MapError
 from edge_vpr.events import Sensor
 from edge_vpr.pixels import PixelMap
 from edge_vpr.settings import Settings
 from edge_vpr.windows import Descriptors
+from fixedpoint.codes import PixelCodes, packed_bytes
 
 KIND = "reference map"
 
@@ -33,6 +35,8 @@ class ReferenceMap:
         Variance (or mean) that the pixels were drawn from; for figures.
     hot : ndarray of bool, shape (height, width)
         Pixels that were left out.
+    full_scale : ndarray of uint16, shape (J,), optional
+        Of each counter's code, where the settings scale it to each pixel.
     """
 
     settings: Settings
@@ -40,14 +44,31 @@ class ReferenceMap:
     places: Descriptors
     saliency: npt.NDArray[np.float32]
     hot: npt.NDArray[np.bool_]
+    full_scale: npt.NDArray[np.uint16] | None = None
 
     def __len__(self) -> int:
         return len(self.places)
 
     @property
+    def codes(self) -> PixelCodes | None:
+        """What the places hold in place of event counts; None where they hold those."""
+        return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
+
+    @property
     def bytes_per_place(self) -> int:
-        """Size of one descriptor as it is stored, in bytes."""
+        """Size of one descriptor as it is stored and compared here, in bytes."""
         return self.places.counts.shape[1] * self.places.counts.itemsize
+
+    @property
+    def counter_bits(self) -> int:
+        """Bits of each counter of a descriptor: of its code, or of the count as stored."""
+        code = shared_code(self.settings)
+        return 8 * self.places.counts.itemsize if code is None else code.bits
+
+    @property
+    def packed_bytes_per_place(self) -> int:
+        """Size of one descriptor where codes are packed without gaps, in bytes."""
+        return packed_bytes(self.places.counts.shape[1], self.counter_bits)
 
     def save(self, path: str | Path) -> None:
         """Write as ``.npz``, atomically; `load` gives an equal map back."""
@@ -58,6 +79,8 @@ class ReferenceMap:
             "saliency": self.saliency,
             "hot": self.hot,
         }
+        if self.full_scale is not None:
+            arrays["full_scale"] = self.full_scale
         meta = {"settings": self.settings.to_dict(), "sensor": list(self.pixel_map.sensor)}
         write_archive(path, KIND, arrays, meta)
 
@@ -79,6 +102,7 @@ class ReferenceMap:
                 places=Descriptors.from_arrays(arrays),
                 saliency=arrays["saliency"],
                 hot=arrays["hot"],
+                full_scale=arrays.get("full_scale"),
             )
         except KeyError as error:
             raise MapError(f"{path} lacks {error}: make the map again") from error

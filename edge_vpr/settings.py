@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from edge_vpr.codes import CODES, SCALINGS, CounterCodeName, CounterScaling, check_code
 from edge_vpr.errors import UsageError
 from edge_vpr.pixels import STRATEGIES, Strategy
 from edge_vpr.sequence import ANCHORS, Anchor
@@ -43,7 +44,17 @@ class Settings:
     polarity : bool
         Count ON and OFF events apart.
     clip : int
-        Largest count in a descriptor; 0 = no limit (released code: 10).
+        Largest count in a descriptor; 0 = no limit (released code: 10). Pixels are selected by the
+        clipped counts too, as in the released code.
+    counter_code : {"none", "linear", "sqrt", "log"}
+        What a descriptor holds in place of each count, see `fixedpoint.codes.CounterCode`; "none"
+        is the count itself. Pixels are selected by counts, and fixed-count windows count events.
+    counter_bits : int
+        Bits of a code, 1 to 16.
+    counter_full_scale : int
+        Largest count that the code tells apart; 0 takes the code's own.
+    counter_scaling : {"shared", "per-pixel"}
+        One code for all, or each pixel's with a full scale learned from the reference.
     remove_hot_pixels, remove_bursts : bool
         Cleaning of method.md section 1.
     keep_incomplete : bool
@@ -65,6 +76,10 @@ class Settings:
     events_per_pixel: float = 3.0
     polarity: bool = False
     clip: int = 0
+    counter_code: CounterCodeName = "none"
+    counter_bits: int = 3
+    counter_full_scale: int = 0
+    counter_scaling: CounterScaling = "shared"
     remove_hot_pixels: bool = True
     remove_bursts: bool = True
     keep_incomplete: bool = False
@@ -94,16 +109,24 @@ class Settings:
             ("strategy", STRATEGIES),
             ("window", get_args(WindowKind)),
             ("anchor", ANCHORS),
+            ("counter_code", CODES),
+            ("counter_scaling", SCALINGS),
         ):
             if getattr(self, name) not in choices:
                 raise UsageError(
                     f"setting {name} = {getattr(self, name)!r}: choose from {', '.join(choices)}"
                 )
+        check_code(self)
 
     @property
     def events_per_window(self) -> int:
         """N of a fixed-count window."""
         return round(self.events_per_pixel * self.pixels)
+
+    @property
+    def uncoded(self) -> Settings:
+        """The same with counts as they are."""
+        return replace(self, clip=0, counter_code="none")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON and TOML."""
@@ -145,6 +168,8 @@ _LEAST = {
     "tau_us": 1,
     "events_per_pixel": 0,
     "clip": 0,
+    "counter_bits": 1,
+    "counter_full_scale": 0,
     "sequence_length": 1,
     "exclusion": 0,
 }

@@ -47,8 +47,11 @@ class Sliding(NamedTuple):
         Events in each lag, by slot.
     tau, n : int
         Length of a window in microseconds, or in events; the other is 0.
-    code : ndarray of int64
-        Code of each count, not decreasing; the last stands for all larger counts. Empty: the count.
+    code : ndarray of uint16, shape (codes, size)
+        Tables, a row each: code of each count, not decreasing; the last stands for all larger
+        counts. Of size 0: the count itself.
+    row : ndarray of uint8, shape (J,)
+        Which table a counter uses.
     columns : ndarray of uint8 or uint16
         Map, a pixel's places one after another, `stride` apart from pixel to pixel.
     low, high : ndarray of int64, shape (J,)
@@ -73,7 +76,8 @@ class Sliding(NamedTuple):
     counts: npt.NDArray[np.int64]
     tau: int
     n: int
-    code: npt.NDArray[np.int64]
+    code: npt.NDArray[np.uint16]
+    row: npt.NDArray[np.uint8]
     columns: npt.NDArray[np.unsignedinteger]
     low: npt.NDArray[np.int64]
     high: npt.NDArray[np.int64]
@@ -118,7 +122,7 @@ def age(time, slot, bound, moves, number, tau, n, until):
 
 @njit(cache=True, nogil=True)
 def take_moves(
-    moves, counts, code, low, high, columns, sums, block_least, offset, level, number, shape
+    moves, counts, code, row, low, high, columns, sums, block_least, offset, level, number, shape
 ):
     """Bring counters and distances up to date with the moves noted."""
     lags = counts.shape[0]
@@ -131,8 +135,9 @@ def take_moves(
             counts[lag, slot] += up
             first, last = less, less + 1
             if code.size > 0:
-                first = code[min(first, code.size - 1)]
-                last = code[min(last, code.size - 1)]
+                table = row[slot]
+                first = np.int64(code[table, min(first, code.shape[1] - 1)])
+                last = np.int64(code[table, min(last, code.shape[1] - 1)])
             for step in range(first, last):
                 # where the whole map lies on one side, every place changes by the same
                 if step >= high[slot]:
@@ -166,6 +171,7 @@ def settle(s):
         s.moves,
         s.counts,
         s.code,
+        s.row,
         s.low,
         s.high,
         s.columns,

@@ -13,6 +13,7 @@ from edge_vpr.counters import count_events, count_frame, count_until
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
 from edge_vpr.pixels import PixelMap
+from fixedpoint.codes import CounterCode, PixelCodes
 
 #: more windows than this in one recording are a fault of its clock, not a drive
 MAX_WINDOWS = 10_000_000
@@ -70,6 +71,7 @@ class WindowCounts(NamedTuple):
     Attributes
     ----------
     counts : ndarray of int64, shape (J,) or with polarity (2 J,)
+        Or what they are coded as.
     start_us, end_us : int
     events : int
         At any pixel.
@@ -80,10 +82,16 @@ class WindowCounts(NamedTuple):
     end_us: int
     events: int
 
+    def coded(self, code: CounterCode | PixelCodes | None) -> WindowCounts:
+        """Put codes in place of the counts; None leaves them."""
+        if code is None:
+            return self
+        return self._replace(counts=code.encode(self.counts).astype(np.int64))
+
 
 @dataclass(frozen=True)
 class Descriptors:
-    """Event counts of n windows at the selected pixels, and when each window was.
+    """Event counts of n windows at the selected pixels, or their codes, and when each window was.
 
     Attributes
     ----------
@@ -143,8 +151,8 @@ class DescriptorStream:
     window : FixedTime or FixedCount
     polarity : bool
         Count ON and OFF events apart.
-    clip : int, optional
-        Largest count that a descriptor holds (the released code: 10).
+    code : CounterCode or PixelCodes, optional
+        What a descriptor holds in place of the counts; clipping is a `CounterCode.saturating`.
 
     Examples
     --------
@@ -162,14 +170,12 @@ class DescriptorStream:
         window: Window,
         *,
         polarity: bool = False,
-        clip: int | None = None,
+        code: CounterCode | PixelCodes | None = None,
     ) -> None:
-        if clip is not None and clip < 1:
-            raise UsageError(f"counts clipped at {clip}: expected 1 or more")
         self._table = pixel_map.table()
         self._window = window
         self._polarity = polarity
-        self._clip = clip
+        self._code = code
         # where every pixel is its own slot, the counters are an image and need no table
         dense = not polarity and pixel_map == PixelMap.all_of(pixel_map.sensor)
         self._image_shape = self._table.shape if dense else None
@@ -271,8 +277,7 @@ class DescriptorStream:
 
     def _take(self, start: int, end: int) -> WindowCounts:
         """Hand the finished window over and clear the counters."""
-        counts = self._counts if self._clip is None else np.minimum(self._counts, self._clip)
-        taken = WindowCounts(counts, start, end, self._events)
+        taken = WindowCounts(self._counts, start, end, self._events).coded(self._code)
         self._counts = np.zeros_like(self._counts)
         self._counted = self._events = 0
         return taken

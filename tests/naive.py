@@ -98,6 +98,28 @@ def hot_pixels(totals: Matrix, factor: int) -> list[Pixel]:
     return found
 
 
+def counter_code(kind: str, bits: int, full_scale: int, count: int) -> int:
+    """Code of a count, the nearest, from the middle up; compared in integers alone."""
+    top, c = min(2**bits - 1, full_scale), min(count, full_scale)
+
+    def reaches(half: int) -> bool:
+        """Whether the exact code is at least half of `half`."""
+        if kind == "linear":
+            return 2 * top * c >= half * full_scale
+        if kind == "sqrt":
+            return 4 * top * top * c >= half * half * full_scale
+        return (1 + c) ** (2 * top) >= (1 + full_scale) ** half
+
+    return max(code for code in range(top + 1) if code == 0 or reaches(2 * code - 1))
+
+
+def usual_full_scale(counts: Sequence[int]) -> int:
+    """Least ``2**n - 1``, n from 1 to 16, that nine of ten counts do not exceed."""
+    scales = [2**n - 1 for n in range(1, 17)]
+    held = [f for f in scales if 10 * sum(c <= f for c in counts) >= 9 * len(counts)]
+    return held[0] if held else scales[-1]
+
+
 def variance(counts: Sequence[int]) -> float:
     """Population variance of one pixel's counts (paper, eq. 3), rounded to a float once."""
     k = len(counts)

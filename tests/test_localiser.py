@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import naive
 import numpy as np
 import pytest
@@ -23,11 +25,11 @@ PIXELS = [(0, 0), (5, 4), (2, 3), (1, 0), (4, 1)]
 PIXEL_MAP = PixelMap(SENSOR, *np.array(PIXELS, dtype=np.uint16).T)
 
 
-def map_of(counts, **changes):
+def map_of(counts, full_scale=None, **changes):
     figures = np.zeros((SENSOR.height, SENSOR.width))
     chosen = Settings(pixels=len(PIXELS), remove_bursts=False).replaced(changes, "test")
     return ReferenceMap(
-        chosen, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0
+        chosen, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0, full_scale
     )
 
 
@@ -55,6 +57,12 @@ def expected_after_each_event(reference, events, recent=0):
         lags = naive.lagged_counts(selected, t + 1, length, counters, tau, n)
         if chosen.clip:
             lags = [[min(c, chosen.clip) for c in lag] for lag in lags]
+        elif chosen.counter_code != "none":
+            scales = [chosen.counter_full_scale] * counters
+            if chosen.counter_scaling == "per-pixel":
+                scales = reference.full_scale.tolist()
+            code = partial(naive.counter_code, chosen.counter_code, chosen.counter_bits)
+            lags = [[code(f, c) for f, c in zip(scales, lag, strict=True)] for lag in lags]
         match = naive.online_match(reference.places.counts.tolist(), lags, chosen.exclusion, recent)
         rows.append((t, *match, sum(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])))
     return rows
@@ -63,6 +71,18 @@ def expected_after_each_event(reference, events, recent=0):
 def without_ratio(matches):
     names = [name for name in MATCH_DTYPE.names if name != "ratio"]
     return [tuple(int(match[name]) for name in names) for match in matches]
+
+
+#: settings of a counter code; the oracle's counts are coded by the oracle
+CODED = [
+    {},
+    {"clip": 2},
+    {"counter_code": "linear", "counter_bits": 1, "counter_full_scale": 4},
+    {"counter_code": "sqrt", "counter_bits": 4, "counter_full_scale": 9},
+    {"counter_code": "log", "counter_bits": 3, "counter_full_scale": 7},
+    {"counter_code": "log", "counter_bits": 9, "counter_full_scale": 700},
+    {"counter_code": "log", "counter_bits": 2, "counter_scaling": "per-pixel"},
+]
 
 
 @given(
@@ -75,13 +95,13 @@ def without_ratio(matches):
     tau=st.sampled_from([1, 40, 500]),
     per_pixel=st.sampled_from([0.2, 1.0, 3.0]),
     polarity=st.booleans(),
-    clip=st.sampled_from([0, 2]),
+    code=st.sampled_from(CODED),
     exclusion=st.integers(0, 4),
     pieces=st.integers(1, 7),
 )
 @settings(max_examples=120)
 def test_every_match_equals_the_oracle_however_the_stream_is_cut(
-    seed, n, places, largest, length, window, tau, per_pixel, polarity, clip, exclusion, pieces
+    seed, n, places, largest, length, window, tau, per_pixel, polarity, code, exclusion, pieces
 ):
     rng = np.random.default_rng(seed)
     counters = len(PIXELS) * (2 if polarity else 1)
@@ -92,8 +112,9 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
         events_per_pixel=per_pixel,
         sequence_length=length,
         polarity=polarity,
-        clip=clip,
         exclusion=exclusion,
+        full_scale=(2 ** rng.integers(1, 5, counters) - 1).astype(np.uint16),
+        **code,
     )
     events = random_events(rng, n, SENSOR, 2_000)
     localiser = Localiser(reference, check_every=7)
@@ -114,9 +135,12 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
     seed=st.integers(0, 2**32),
     window=st.sampled_from(["time", "count"]),
     length=st.integers(1, 4),
+    code=st.sampled_from(CODED),
     pieces=st.integers(1, 7),
 )
-def test_at_the_ends_of_windows_the_matches_are_those_of_the_main_job(seed, window, length, pieces):
+def test_at_the_ends_of_windows_the_matches_are_those_of_the_main_job(
+    seed, window, length, code, pieces
+):
     """With non-overlapping windows the online sequence is the batch sequence, to the bit."""
     rng = np.random.default_rng(seed)
     reference = map_of(
@@ -126,12 +150,15 @@ def test_at_the_ends_of_windows_the_matches_are_those_of_the_main_job(seed, wind
         events_per_pixel=2.0,
         sequence_length=length,
         anchor="end",
+        full_scale=(2 ** rng.integers(1, 5, len(PIXELS)) - 1).astype(np.uint16),
+        **code,
     )
     events = random_events(rng, 400, SENSOR, 3_000)
     online = Localiser(reference, every=Every.window(reference.settings))
     found = feed(online, cut_up(rng, events, pieces))
 
-    queries = describe(Drive(events, SENSOR), PIXEL_MAP, reference.settings)
+    drive = Drive(events, SENSOR)
+    queries = describe(drive, PIXEL_MAP, reference.settings, reference.full_scale)
     batch = match_descriptors(reference.places, queries, reference.settings)
     assert found["place"].tolist() == batch.place.tolist()
     assert found["distance_sum"].tolist() == batch.distance_sum.tolist()
@@ -231,12 +258,22 @@ def test_on_change_only_other_places_are_told():
 
 
 @given(
-    seed=st.integers(0, 2**32), cut=st.integers(0, 300), window=st.sampled_from(["time", "count"])
+    seed=st.integers(0, 2**32),
+    cut=st.integers(0, 300),
+    window=st.sampled_from(["time", "count"]),
+    code=st.sampled_from(CODED),
 )
-@settings(max_examples=25)
-def test_a_saved_state_goes_on_bit_for_bit(tmp_path_factory, seed, cut, window):
+@settings(max_examples=40)
+def test_a_saved_state_goes_on_bit_for_bit(tmp_path_factory, seed, cut, window, code):
     rng = np.random.default_rng(seed)
-    reference = map_of(rng.integers(0, 6, (30, 5)), window=window, tau_us=200, sequence_length=3)
+    reference = map_of(
+        rng.integers(0, 6, (30, 5)),
+        np.array([1, 3, 7, 15, 3], dtype=np.uint16),
+        window=window,
+        tau_us=200,
+        sequence_length=3,
+        **code,
+    )
     events = random_events(rng, 300, SENSOR, 2_000)
     path = tmp_path_factory.mktemp("state") / "state.npz"
     every = Every(events=2, interval_us=70, change=True)
@@ -275,26 +312,6 @@ def test_a_map_that_grows_while_driving_equals_one_that_was_so_from_the_start(se
     assert without_ratio(found) == without_ratio(whole.update(events[150:]))
     assert found["place"].max(initial=0) < 30 - recent
     growing.verify()
-
-
-def test_coded_counts_are_compared_as_codes():
-    """With a table of codes the localiser gives what coding the windows first would give."""
-    rng = np.random.default_rng(0)
-    code = np.array([0, 1, 1, 2, 4, 4, 7])
-    reference = map_of(code[rng.integers(0, 7, (40, 5))], tau_us=50, sequence_length=2)
-    events = random_events(rng, 3_000, SENSOR, 1_000)
-    found = Localiser(reference, code=code, check_every=11).update(events)
-    slot_of = {pixel: slot for slot, pixel in enumerate(PIXELS)}
-    selected = [(t, slot_of[x, y]) for t, x, y, _ in as_tuples(events) if (x, y) in slot_of]
-    start = next(i for i, (t, _) in enumerate(selected) if t + 1 >= 100)
-    assert found.size == len(selected) - start
-    for i in range(0, found.size, 17):
-        seen = selected[: start + i + 1]
-        lags = naive.lagged_counts(seen, seen[-1][0] + 1, 2, 5, 50, 0)
-        coded = [[int(code[min(c, 6)]) for c in lag] for lag in lags]
-        best = naive.online_match(reference.places.counts.tolist(), coded, 3)
-        names = ("place", "distance_sum", "second", "second_sum")
-        assert tuple(int(found[i][name]) for name in names) == best
 
 
 def test_drift_would_be_noticed():
@@ -339,7 +356,6 @@ def test_a_clock_that_jumps_by_years_is_an_error_where_it_would_flood():
         lambda: Every(events=-1),
         lambda: Localiser(map_of(np.zeros((3, 5)), sequence_length=5)),
         lambda: Localiser(map_of(np.zeros((5, 5)), sequence_length=5), recent=1),
-        lambda: Localiser(map_of(np.zeros((9, 5))), code=np.array([1, 0])),
     ],
 )
 def test_wrong_use_is_told(wrong):

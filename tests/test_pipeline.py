@@ -133,6 +133,85 @@ def test_a_drive_matched_against_its_own_map_finds_each_place():
     assert not matches.distance_sum.any()
 
 
+CODED = [
+    {"counter_code": "linear", "counter_bits": 2},
+    {"counter_code": "sqrt", "counter_bits": 4, "counter_full_scale": 9},
+    {"counter_code": "log", "counter_bits": 3},
+    {"counter_code": "log", "counter_bits": 9, "counter_full_scale": 700},
+    {"counter_code": "log", "counter_bits": 2, "counter_scaling": "per-pixel"},
+]
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    code=st.sampled_from(CODED),
+    window=st.sampled_from(["time", "count"]),
+    polarity=st.booleans(),
+)
+@settings(max_examples=30)
+def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts(
+    seed, code, window, polarity
+):
+    events = busy_drive(np.random.default_rng(seed), 600)
+    drive = Drive(events, SENSOR, 100)
+    plain = SMALL.replaced({"window": window, "polarity": polarity, "seed": seed}, "test")
+    coded = plain.replaced(code, "test")
+    counts = map_traverse(drive, plain)
+    found = map_traverse(drive, coded)
+    assert found.pixel_map == counts.pixel_map
+    columns = counts.places.counts.T.tolist()
+    kind, bits = coded.counter_code, coded.counter_bits
+    if coded.counter_scaling == "per-pixel":
+        scales = [naive.usual_full_scale(column) for column in columns]
+        assert found.full_scale.tolist() == scales
+    else:
+        default = {"linear": 2**bits - 1, "log": 127}
+        scales = [coded.counter_full_scale or default[kind]] * len(columns)
+        assert found.full_scale is None
+    expected = [
+        [naive.counter_code(kind, bits, scale, count) for count in column]
+        for scale, column in zip(scales, columns, strict=True)
+    ]
+    assert found.places.counts.T.tolist() == expected
+    # a query is coded as the map is
+    matches, queries = match_traverse(found, drive)
+    assert np.array_equal(queries.counts, found.places.counts)
+    assert not matches.distance_sum.any()
+
+
+def test_pixels_are_selected_by_clipped_counts_as_in_the_released_code():
+    events = busy_drive(np.random.default_rng(0))
+    chosen = SMALL.replaced({"strategy": "top", "remove_hot_pixels": False}, "test")
+    clipped = map_traverse(Drive(events, SENSOR), chosen.replaced({"clip": 1}, "test"))
+    plain = map_traverse(Drive(events, SENSOR), chosen)
+    assert clipped.saliency.max() <= 0.25  # the variance of zeros and ones
+    assert plain.saliency.max() > 1
+    assert clipped.places.counts.max() == 1
+
+
+def test_a_map_says_how_many_bytes_a_place_takes_here_and_packed(tmp_path):
+    drive = Drive(busy_drive(np.random.default_rng(0)), SENSOR)
+    changes = {"counter_code": "log", "counter_bits": 3, "counter_scaling": "per-pixel"}
+    coded = map_traverse(drive, SMALL.replaced(changes, "test"))
+    assert (coded.counter_bits, coded.bytes_per_place, coded.packed_bytes_per_place) == (3, 6, 3)
+    plain = map_traverse(drive, SMALL)
+    assert (plain.counter_bits, plain.bytes_per_place, plain.packed_bytes_per_place) == (8, 6, 6)
+    clipped = map_traverse(drive, SMALL.replaced({"clip": 10}, "test"))
+    assert (clipped.counter_bits, clipped.packed_bytes_per_place) == (4, 3)
+    coded.save(tmp_path / "map.npz")
+    again = ReferenceMap.load(tmp_path / "map.npz")
+    assert np.array_equal(again.full_scale, coded.full_scale)
+    assert np.array_equal(again.codes.tables, coded.codes.tables)
+
+
+def test_the_full_scales_of_the_map_cannot_be_forgotten():
+    drive = Drive(busy_drive(np.random.default_rng(0)), SENSOR)
+    changes = {"counter_code": "log", "counter_scaling": "per-pixel"}
+    coded = map_traverse(drive, SMALL.replaced(changes, "test"))
+    with pytest.raises(MapError, match="pass those of the reference map"):
+        describe(drive, coded.pixel_map, coded.settings)
+
+
 def test_n_from_the_reference_is_what_a_window_of_tau_holds_on_average():
     events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
     by_time = map_traverse(Drive(events, SENSOR), SMALL)

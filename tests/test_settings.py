@@ -41,6 +41,17 @@ def test_settings_come_back_from_plain_values():
         ({"strategy": "best"}, "choose from variance"),
         ({"window": "space"}, "choose from time, count"),
         ({"anchor": "start"}, "choose from middle, end"),
+        ({"counter_code": "cubic"}, "choose from none, linear, sqrt, log"),
+        ({"counter_scaling": "mine"}, "choose from shared, per-pixel"),
+        ({"counter_code": "log", "counter_bits": 17}, "17 bits: expected 1 to 16"),
+        ({"counter_bits": 0}, "counter_bits = 0: expected 1 or more"),
+        ({"counter_code": "log", "counter_full_scale": 65536}, "expected 1 to 65535"),
+        ({"clip": 65536}, "expected 1 to 65535"),
+        ({"clip": 10, "counter_code": "log"}, "set clip to 0"),
+        (
+            {"counter_code": "log", "counter_scaling": "per-pixel", "counter_full_scale": 9},
+            "set it to 0",
+        ),
         ({"events_per_pixel": 0.001}, "windows without events"),
     ],
 )

@@ -13,6 +13,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.pixels import PixelMap
 from edge_vpr.windows import DescriptorStream, FixedCount, FixedTime, collect, join
+from fixedpoint.codes import CounterCode
 
 SENSOR = Sensor(7, 5)
 PIXELS = [(0, 0), (6, 4), (3, 2), (1, 0)]
@@ -84,7 +85,9 @@ def test_counts_are_stored_in_the_narrowest_dtype_that_holds_them(largest, dtype
 
 def test_clipped_counts_stop_at_the_clip_and_the_next_window_starts_from_zero():
     events = make_events(t=[0, 1, 2, 12, 25], x=[0] * 5, y=[0] * 5)
-    found = DescriptorStream(PIXEL_MAP, FixedTime(10), clip=2).update(events)
+    found = DescriptorStream(PIXEL_MAP, FixedTime(10), code=CounterCode.saturating(2)).update(
+        events
+    )
     assert found.counts[:, 0].tolist() == [2, 1]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.pipeline import EventSource, describe
+from edge_vpr.pipeline import EventSource, code_places, describe
 from edge_vpr.pixels import PixelMap
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -33,10 +33,10 @@ def map_all_pixels(
     settings = settings.replaced({"pixels": len(everything), "strategy": "top"}, "all pixels")
     if settings.window == "count" and settings.events_per_pixel == 0:
         by_time = describe(
-            recording, everything, settings.replaced({"window": "time"}, "all pixels")
+            recording, everything, settings.uncoded.replaced({"window": "time"}, "all pixels")
         )
         mean = by_time.counts.sum(dtype=np.int64) / by_time.counts.size
         settings = settings.replaced({"events_per_pixel": float(mean)}, "all pixels")
-    places = describe(recording, everything, settings)
+    places, full_scale = code_places(describe(recording, everything, settings.uncoded), settings)
     saliency = np.zeros(hot.shape, dtype=np.float32)
-    return ReferenceMap(settings, everything, places, saliency, hot)
+    return ReferenceMap(settings, everything, places, saliency, hot, full_scale)
