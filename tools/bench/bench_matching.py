@@ -1,0 +1,156 @@
+"""Distances between descriptors: matrices, single queries, and all pixels instead of 150."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numba import njit
+from table import OURS
+
+from edge_vpr.matcher import ReferenceIndex, distance_matrix
+
+J, ALL_PIXELS = 150, 346 * 260
+
+
+def counts(rows, columns, seed):
+    return np.random.default_rng(seed).integers(0, 256, (rows, columns), dtype=np.uint8)
+
+
+def plain(reference, queries):
+    """Distances by NumPy, which all results must equal."""
+    wide = reference.astype(np.int64)
+    return np.stack([np.abs(wide - query).sum(axis=1) for query in queries], axis=1)
+
+
+def by_faiss(reference, queries):
+    faiss = pytest.importorskip("faiss", reason="faiss-cpu is not installed")
+    faiss.omp_set_num_threads(1)
+    a, b = reference.astype(np.float32), queries.astype(np.float32)
+    return lambda: faiss.pairwise_distances(a, b, faiss.METRIC_L1)
+
+
+def by_faiss_index(reference, queries):
+    """Faiss's other way: it gives the distances in order, which the check puts back."""
+    faiss = pytest.importorskip("faiss", reason="faiss-cpu is not installed")
+    faiss.omp_set_num_threads(1)
+    index = faiss.IndexFlat(reference.shape[1], faiss.METRIC_L1)
+    index.add(reference.astype(np.float32))
+    b = queries.astype(np.float32)
+    return lambda: index.search(b, 1)[0].T
+
+
+def by_scipy(reference, queries):
+    distance = pytest.importorskip("scipy.spatial.distance", reason="scipy is not installed")
+    a, b = reference.astype(np.float64), queries.astype(np.float64)
+    return lambda: distance.cdist(a, b, "cityblock")
+
+
+def by_torch(reference, queries):
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    torch.set_num_threads(1)
+    a, b = (torch.from_numpy(rows.astype(np.float32)) for rows in (reference, queries))
+    return lambda: torch.cdist(a, b, p=1)
+
+
+def by_numpy(reference, queries):
+    a, b = reference.astype(np.int16), queries.astype(np.int16)
+    return lambda: np.stack([np.abs(a - query).sum(axis=1, dtype=np.int32) for query in b], axis=1)
+
+
+@njit
+def read(words, times):
+    """Touch every word so many times; an OR of all of them costs less than anything else."""
+    seen = np.uint64(0)
+    for _ in range(times):
+        for i in range(words.size):
+            seen |= words[i]
+    return seen
+
+
+def reading(rows, times):
+    """Read packed rows of 160 bytes, as often as the work does."""
+    words = np.zeros(rows * 160 // 8, dtype=np.uint64)
+    return lambda: read(words, times)
+
+
+def bench_matrix(race, contestant):
+    """641 x 724 places: the size of a Brisbane traverse pair."""
+    library, make, how = contestant
+    reference, queries = counts(641, J, 1), counts(724, J, 2)
+    expected = plain(reference, queries)
+    if library == "faiss IndexFlat, nearest only":
+        expected = expected.min(axis=0)[None]
+    race(
+        "distance matrix 641 x 724, 150 pixels, 8 bits",
+        library,
+        make(reference, queries),
+        None if how.get("limit") else expected,
+        **how,
+    )
+
+
+def bench_single_query(race, contestant):
+    library, make, how = contestant
+    reference, queries = counts(20_000, J, 3), counts(1, J, 4)
+    expected = plain(reference, queries)
+    if library == "faiss IndexFlat, nearest only":
+        expected = expected.min(axis=0)[None]
+    race(
+        "one query against 20,000 places, 150 pixels, 8 bits",
+        library,
+        make(reference, queries),
+        None if how.get("limit") else expected,
+        **how,
+    )
+
+
+def one_by_one(reference, queries):
+    index, query = ReferenceIndex(reference), queries[0]
+    return lambda: index.distances(query)[:, None]
+
+
+FIELDS = {
+    bench_matrix: (
+        (OURS, lambda r, q: lambda: distance_matrix(r, q), {"rounds": 100}),
+        ("faiss pairwise_distances L1", by_faiss, {"asked": 5}),
+        ("faiss IndexFlat, nearest only", by_faiss_index, {"asked": 5}),
+        ("scipy cdist cityblock", by_scipy, {"asked": 18}),
+        ("torch.cdist p=1", by_torch, {"asked": 28}),
+        ("NumPy", by_numpy, {"rounds": 5}),
+        (
+            "reading all queries for each place",
+            lambda r, q: reading(len(q), len(r)),
+            {"limit": True, "rounds": 100},
+        ),
+    ),
+    bench_single_query: (
+        (OURS, one_by_one, {"rounds": 500}),
+        ("faiss pairwise_distances L1", by_faiss, {"rounds": 100, "asked": 5}),
+        ("faiss IndexFlat, nearest only", by_faiss_index, {"rounds": 100, "asked": 5}),
+        ("torch.cdist p=1", by_torch, {"rounds": 100, "asked": 20}),
+        ("NumPy", by_numpy, {"rounds": 50}),
+        ("reading all places", lambda r, q: reading(len(r), 1), {"limit": True, "rounds": 500}),
+    ),
+}
+
+
+def pytest_generate_tests(metafunc):
+    if "contestant" in metafunc.fixturenames:
+        field = FIELDS[metafunc.function]
+        metafunc.parametrize("contestant", field, ids=[library for library, *_ in field])
+
+
+@pytest.mark.parametrize(
+    ("library", "pixels", "make", "how"),
+    [
+        (OURS, J, one_by_one, {"rounds": 500}),
+        ("edge-vpr with all 89,960 pixels", ALL_PIXELS, one_by_one, {"asked": 600}),
+        ("NumPy with all 89,960 pixels", ALL_PIXELS, by_numpy, {"rounds": 5, "asked": 600}),
+    ],
+)
+def bench_sparse(race, library, pixels, make, how):
+    """Compare 150 pixels with all of them (the paper: 50 times faster)."""
+    reference, queries = counts(641, pixels, 5), counts(1, pixels, 6)
+    expected = plain(reference, queries)
+    work = "one query against 641 places, 150 pixels of 346 x 260"
+    race(work, library, make(reference, queries), expected, **how)
