@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from edge_vpr.errors import MapError
 from edge_vpr.events import Sensor
 from edge_vpr.pixels import PixelMap
 from edge_vpr.settings import Settings
-from edge_vpr.windows import Descriptors
+from edge_vpr.windows import Descriptors, narrow
 from fixedpoint.codes import PixelCodes, packed_bytes
 
 KIND = "reference map"
@@ -53,6 +53,12 @@ class ReferenceMap:
     def codes(self) -> PixelCodes | None:
         """What the places hold in place of event counts; None where they hold those."""
         return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
+
+    def decoded(self, descriptors: Descriptors) -> Descriptors:
+        """Put counts back in place of codes, each in the middle of its code's, for plots."""
+        if self.codes is None:
+            return descriptors
+        return replace(descriptors, counts=narrow(self.codes.decode(descriptors.counts)))
 
     @property
     def bytes_per_place(self) -> int:

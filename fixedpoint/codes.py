@@ -210,6 +210,20 @@ class PixelCodes:
         codes = self.tables[self.row, np.minimum(counts, np.uint16(self.tables.shape[1] - 1))]
         return codes.astype(self.codes[0].format.numpy_dtype())
 
+    def decode(self, codes: Counts) -> npt.NDArray[np.int64]:
+        """Give a count in the middle of those with each code, for plots.
+
+        Parameters
+        ----------
+        codes : ndarray of int, shape (..., J)
+
+        Returns
+        -------
+        ndarray of int64, of the same shape
+        """
+        columns = [self.codes[row].decode(codes[..., j]) for j, row in enumerate(self.row.tolist())]
+        return np.stack(columns, axis=-1)
+
 
 def learn_full_scale(counts: Counts) -> npt.NDArray[np.uint16]:
     """Choose a full scale for each counter by what it counted in a reference traverse.

@@ -97,6 +97,8 @@ def test_pixel_codes_are_one_code_a_counter(seed, kind, bits, counters):
     expected = [[code.encode(c) for code, c in zip(single, row, strict=True)] for row in counts]
     assert found.encode(counts).tolist() == expected
     assert [found.codes[r] for r in found.row] == single
+    codes = found.encode(counts)
+    assert np.array_equal(found.encode(found.decode(codes)), codes)
     for j, code in enumerate(single):
         row = found.tables[found.row[j]]
         assert row[: code.full_scale + 1].tolist() == code.table.tolist()

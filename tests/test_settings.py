@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+
 import pytest
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS, Settings, resolve_settings
+from edge_vpr_tools.setting_flags import add_map_flags, map_settings
 
 
 def test_flags_lie_over_the_file_and_the_file_over_the_preset(tmp_path):
@@ -73,3 +76,13 @@ def test_a_missing_file_and_an_unknown_preset_are_wrong_use(tmp_path):
         resolve_settings(config=tmp_path / "none.toml")
     with pytest.raises(UsageError, match="choose from paper, seed-code, tiny"):
         resolve_settings("huge")
+
+
+def test_the_flags_of_a_counter_code_reach_the_settings():
+    parser = argparse.ArgumentParser()
+    add_map_flags(parser)
+    flags = "--counter-code log --counter-bits 4 --counter-full-scale 63 --counter-scaling shared"
+    found = map_settings(parser.parse_args(flags.split()))
+    assert (found.counter_code, found.counter_bits) == ("log", 4)
+    assert (found.counter_full_scale, found.counter_scaling) == (63, "shared")
+    assert map_settings(parser.parse_args([])) == Settings()

@@ -56,10 +56,13 @@ def run(args: argparse.Namespace) -> None:
 
     places = reference.places
     counts = places.counts
+    packed = ""
+    if reference.codes is not None:
+        packed = f", {reference.packed_bytes_per_place} packed at {reference.counter_bits} bits"
     print(
         f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels of "
         f"{reference.pixel_map.sensor}, {reference.bytes_per_place} bytes a place "
-        f"({counts.dtype}), {counts.nbytes / 1e3:.1f} kB in all"
+        f"({counts.dtype}){packed}, {counts.nbytes / 1e3:.1f} kB in all"
     )
     print(
         f"read {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "

@@ -65,7 +65,9 @@ def run(args: argparse.Namespace) -> None:
     recording = open_source(args, args.recording)
 
     start = time.perf_counter()
-    queries = describe(tracked(recording, "counting"), reference.pixel_map, settings)
+    queries = describe(
+        tracked(recording, "counting"), reference.pixel_map, settings, reference.full_scale
+    )
     described = time.perf_counter()
     matches = match_descriptors(reference.places, queries, settings)
     matched = time.perf_counter()
@@ -75,6 +77,7 @@ def run(args: argparse.Namespace) -> None:
         "places": len(reference),
         "pixels": len(reference.pixel_map),
         "bytes_per_place": reference.bytes_per_place,
+        "packed_bytes_per_place": reference.packed_bytes_per_place,
         "events": int(queries.events.sum()),
         "counting_s": described - start,
         "matching_s": matched - described,

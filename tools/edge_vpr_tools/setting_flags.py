@@ -55,6 +55,23 @@ def add_map_flags(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--clip", type=int, metavar="N", help="largest count; 0 = no limit")
     group.add_argument(
+        "--counter-code",
+        metavar="KIND",
+        help="what is compared in place of a count: none, linear, sqrt or log",
+    )
+    group.add_argument("--counter-bits", type=int, metavar="B", help="bits of a code, 1 to 16")
+    group.add_argument(
+        "--counter-full-scale",
+        type=int,
+        metavar="N",
+        help="largest count that the code tells apart; 0 = the code's own",
+    )
+    group.add_argument(
+        "--counter-scaling",
+        metavar="SCALING",
+        help="shared, or per-pixel: a full scale for each pixel, learned from the reference",
+    )
+    group.add_argument(
         "--hot-pixels",
         metavar="find|keep|FILE",
         help="find and leave out, keep, or leave out those listed in FILE (x, y a line)",
@@ -104,6 +121,10 @@ def map_settings(args: argparse.Namespace) -> Settings:
             "events_per_pixel",
             "polarity",
             "clip",
+            "counter_code",
+            "counter_bits",
+            "counter_full_scale",
+            "counter_scaling",
             "keep_incomplete",
         )
     }

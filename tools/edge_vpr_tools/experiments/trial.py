@@ -89,7 +89,7 @@ def run_trial(
     mapped = map_traverse(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)
-    queries = describe(query, mapped.pixel_map, mapped.settings)
+    queries = describe(query, mapped.pixel_map, mapped.settings, mapped.full_scale)
     match_descriptors(mapped.places, queries, mapped.settings)  # compiled and in the cache
     start = time.perf_counter()
     matches = match_descriptors(mapped.places, queries, mapped.settings)

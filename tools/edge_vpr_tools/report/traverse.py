@@ -42,7 +42,10 @@ def write_report(
     matches = Matches.load(folder / results.MATCHES)
     arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
     queries = Descriptors.from_arrays(arrays)
-    drives = [("reference", reference.places), ("query", queries)]
+    drives = [
+        (name, reference.decoded(drive))
+        for name, drive in (("reference", reference.places), ("query", queries))
+    ]
     distances, stride = shown_distances(reference.places, queries, matches)
 
     page = Page("edge-vpr: matches of a drive")
@@ -50,7 +53,8 @@ def write_report(
     page.text(
         f"{len(matches)} query windows matched against {len(reference)} places, "
         f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels} pixels, "
-        f"{reference.bytes_per_place} bytes a place, sequences of {settings.sequence_length}."
+        f"{reference.bytes_per_place} bytes a place ({reference.packed_bytes_per_place} packed), "
+        f"sequences of {settings.sequence_length}."
     )
     if found is not None and truth is not None:
         page.heading("How many are right")
@@ -68,7 +72,8 @@ def write_report(
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
     page.heading("Events and windows")
     _add(page, folder, "event_rate.png", lambda: figures.event_rate(drives),
-         "The selected pixels follow the whole sensor, at a fraction of the events.")  # fmt: skip
+         "The selected pixels follow the whole sensor, at a fraction of the events."
+         + ("" if reference.codes is None else " Theirs are estimated from codes."))  # fmt: skip
     _add(page, folder, "window_lengths.png", lambda: figures.window_lengths(drives),
          "A fixed-count window is short where much moves.")  # fmt: skip
     page.heading("Settings, versions and inputs")
