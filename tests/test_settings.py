@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 
 import pytest
+from edge_vpr_tools.setting_flags import add_map_flags, map_settings
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS, Settings, resolve_settings
-from edge_vpr_tools.setting_flags import add_map_flags, map_settings
 
 
 def test_flags_lie_over_the_file_and_the_file_over_the_preset(tmp_path):
