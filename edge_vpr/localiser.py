@@ -9,28 +9,24 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from edge_vpr.archive import Arrays, read_archive, write_archive
 from edge_vpr.counters import select_events
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.incremental import BLOCK, LANES, MAX_STEPS, least_in
-from edge_vpr.matcher import ReferenceIndex
+from edge_vpr.follow import DONE, NEXT_TICK, RING_FULL, follow
 from edge_vpr.pipeline import window_of
 from edge_vpr.pixels import PixelMap
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.sliding import (
     BASE,
-    MAX_MOVES,
-    MOVES,
-    RING_EVENTS,
-    Sliding,
     advance,
-    age,
+    grown,
+    recount,
     settle,
-    take_moves,
+    start,
+    with_distances,
 )
 from edge_vpr.windows import MAX_WINDOWS, Descriptors, FixedTime, narrow
 
@@ -51,10 +47,7 @@ MATCH_DTYPE = np.dtype(
 KIND = "localiser state"
 
 _MATCHES_AT_ONCE = 1_024
-# why the kernel returned
-_DONE, _MATCHES_FULL, _RING_FULL = range(3)
-# indices into the array of the policy's state
-_NEXT_TICK, _LAST_PLACE = range(2)
+_EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
 
 
 @dataclass(frozen=True)
@@ -145,8 +138,8 @@ class Localiser:
             )
         self._policy = np.array([self.every.interval_us, -1], dtype=np.int64)
         self._now = 0
-        self._s = self._empty()
-        self._out = np.empty(_MATCHES_AT_ONCE, dtype=MATCH_DTYPE)
+        self._s = start(self._places, self._window, self._length, self._codes)
+        self._out = np.empty((_MATCHES_AT_ONCE, 6), dtype=np.int64)
 
     def __len__(self) -> int:
         return len(self._places)
@@ -203,9 +196,7 @@ class Localiser:
                 "events, or drop the late ones"
             )
         self._check_ticks(int(t[-1]))
-        p = events["p"] if self.settings.polarity else None
-        index, slots = select_events(self._table, events["x"], events["y"], p)
-        times = t[index]
+        slots, times = self._selected(events)
         if np.any(times[1:] < times[:-1]) or (times.size and times[-1] > t[-1]):
             raise EventError("time runs backwards within the chunk: sort the events, or drop some")
         matches = self._run(slots, times, int(t[-1]))
@@ -259,7 +250,7 @@ class Localiser:
         wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
         self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
         settle(self._s)
-        self._s = self._with_distances(self._s)
+        self._s = with_distances(self._s, self._places, self._codes)
         return len(self._places) - 1
 
     def save(self, path: str | Path) -> None:
@@ -318,15 +309,26 @@ class Localiser:
         bound = arrays["bound"]
         first = int(bound[-1])
         while self._s.slot.size < arrays["slot"].size:
-            self._s = _grown(self._s)
+            self._s = grown(self._s)
         at = np.arange(first, first + arrays["slot"].size) & (self._s.slot.size - 1)
         self._s.slot[at] = arrays["slot"]
         self._s.time[at] = arrays["time"]
         self._s.bound[:] = bound
-        self._s.counts[:] = self._recount()
+        self._s.counts[:] = recount(self._s)
         self._policy[:] = arrays["policy"]
         self._now = now_us
-        self._s = self._with_distances(self._s)
+        self._s = with_distances(self._s, self._places, self._codes)
+
+    def _selected(self, events: Events) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """Slots and times of the events at selected pixels."""
+        slots, times = [], []
+        for begin in range(0, events.size, _EVENTS_AT_ONCE):
+            some = events[begin : begin + _EVENTS_AT_ONCE]
+            p = some["p"] if self.settings.polarity else None
+            index, found = select_events(self._table, some["x"], some["y"], p)
+            slots.append(found)
+            times.append(some["t"][index])
+        return np.concatenate(slots), np.concatenate(times)
 
     def _run(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
@@ -334,11 +336,11 @@ class Localiser:
         """Feed selected events, then the ticks up to `until`, in pieces that fit the buffers."""
         found = []
         step = self._check_every or max(slots.size, 1)
-        for start in range(0, max(slots.size, 1), step):
-            stop = min(start + step, slots.size)
+        for begin in range(0, max(slots.size, 1), step):
+            stop = min(begin + step, slots.size)
             last = stop == slots.size
             found += self._run_piece(
-                slots[start:stop], times[start:stop], until if last else int(times[stop - 1])
+                slots[begin:stop], times[begin:stop], until if last else int(times[stop - 1])
             )
             if self._check_every:
                 self.verify()
@@ -349,7 +351,7 @@ class Localiser:
     ) -> list[npt.NDArray[np.void]]:
         found, consumed = [], 0
         while True:
-            read, given, why = _localise(
+            read, given, why = follow(
                 self._s,
                 slots[consumed:],
                 times[consumed:],
@@ -363,10 +365,10 @@ class Localiser:
                 self._out,
             )
             consumed += read
-            found.append(self._out[:given].copy())
-            if why == _RING_FULL:
-                self._s = _grown(self._s)
-            elif why == _DONE:
+            found.append(_matches(self._out[:given]))
+            if why == RING_FULL:
+                self._s = grown(self._s)
+            elif why == DONE:
                 return found
 
     def verify(self) -> None:
@@ -378,9 +380,9 @@ class Localiser:
             If anything differs, which no sequence of events can bring about.
         """
         settle(self._s)
-        fresh = self._with_distances(self._s)
+        fresh = with_distances(self._s, self._places, self._codes)
         same = (
-            np.array_equal(self._recount(), self._s.counts)
+            np.array_equal(recount(self._s), self._s.counts)
             and np.array_equal(fresh.sums[: fresh.shape[1]], self._s.sums[: fresh.shape[1]])
             and fresh.number[BASE] == self._s.number[BASE]
         )
@@ -390,83 +392,9 @@ class Localiser:
                 "edge-vpr, report it with the recording"
             )
 
-    def _recount(self) -> npt.NDArray[np.int64]:
-        """Count the events in the ring, window by window."""
-        counts = np.zeros_like(self._s.counts)
-        for lag in range(self._length):
-            numbers = np.arange(self._s.bound[lag + 1], self._s.bound[lag])
-            slots = self._s.slot[numbers & (self._s.slot.size - 1)]
-            counts[lag] = np.bincount(slots, minlength=counts.shape[1])
-        return counts
-
-    def _empty(self) -> Sliding:
-        """Build the state before the first event."""
-        counters = self._places.shape[1]
-        tables, row = np.empty((1, 0), dtype=np.uint16), np.zeros(counters, dtype=np.uint8)
-        if self._codes is not None:
-            tables, row = self._codes.tables, self._codes.row.copy()
-        no_sums, none = np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.int64)
-        empty = Sliding(
-            slot=np.zeros(RING_EVENTS, dtype=np.int32),
-            time=np.zeros(RING_EVENTS, dtype=np.int64),
-            bound=np.zeros(self._length + 1, dtype=np.int64),
-            moves=np.zeros((MAX_MOVES, 2), dtype=np.int32),
-            counts=np.zeros((self._length, counters), dtype=np.int64),
-            tau=self._window.tau_us if isinstance(self._window, FixedTime) else 0,
-            n=0 if isinstance(self._window, FixedTime) else self._window.events,
-            code=tables,
-            row=row,
-            columns=np.empty(0, dtype=np.uint8),
-            low=none,
-            high=none,
-            sums=no_sums,
-            block_least=no_sums,
-            offset=np.zeros(MAX_STEPS, dtype=np.int64),
-            level=np.empty(0, dtype=np.uint8),
-            number=np.zeros(2, dtype=np.int64),
-            shape=np.zeros(2, dtype=np.int64),
-        )
-        return self._with_distances(empty)
-
-    def _with_distances(self, s: Sliding) -> Sliding:
-        """Lay the map out by pixel and compute every distance of the present counters."""
-        places, length = self._places, self._length
-        count, stride = len(places) - length + 1, len(places) + LANES
-        columns = np.zeros(places.shape[1] * stride + LANES, dtype=places.dtype)
-        columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
-        low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
-
-        codes = s.counts
-        if self._codes is not None:
-            codes = self._codes.encode(s.counts).astype(np.int64)
-        index = ReferenceIndex(places)
-        sums = np.zeros(count, dtype=np.int64)
-        for lag in range(length):
-            end = length - 1 - lag
-            sums += index.distances(codes[lag])[end : end + count]
-        base = int(np.abs(codes - np.clip(codes, low, high)).sum())
-        largest = length * int((high - low).sum())
-        dtype: type[np.unsignedinteger] = (
-            np.uint16 if largest <= np.iinfo(np.uint16).max else np.uint32
-        )
-
-        padded: npt.NDArray[np.unsignedinteger] = np.zeros(count + LANES, dtype=dtype)
-        padded[:count] = sums - base
-        blocks = padded[: count - count % BLOCK].reshape(-1, BLOCK)
-        return s._replace(
-            columns=columns,
-            low=low,
-            high=high,
-            sums=padded,
-            block_least=blocks.min(axis=1) if len(blocks) else np.zeros(1, dtype=dtype),
-            level=np.zeros(MAX_STEPS, dtype=places.dtype),
-            number=np.array([base, 0], dtype=np.int64),
-            shape=np.array([stride, count], dtype=np.int64),
-        )
-
     def _check_ticks(self, until: int) -> None:
         interval = self.every.interval_us
-        if interval and (until - self._policy[_NEXT_TICK]) // interval > MAX_WINDOWS:
+        if interval and (until - self._policy[NEXT_TICK]) // interval > MAX_WINDOWS:
             raise UsageError(
                 f"time jumps to {until} us, over more than {MAX_WINDOWS} matches every {interval} "
                 "us: check the recording's clock, or ask for fewer matches"
@@ -487,94 +415,14 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any], source: str) -> Reference
     )
 
 
-def _grown(s: Sliding) -> Sliding:
-    """Double the ring."""
-    numbers = np.arange(s.bound[-1], s.bound[0])
-    old, size = numbers & (s.slot.size - 1), 2 * s.slot.size
-    slot, time = np.zeros(size, dtype=np.int32), np.zeros(size, dtype=np.int64)
-    slot[numbers & (size - 1)] = s.slot[old]
-    time[numbers & (size - 1)] = s.time[old]
-    return s._replace(slot=slot, time=time)
-
-
-@njit(cache=True, nogil=True)
-def _localise(  # type: ignore[no-untyped-def]
-    s, slots, times, until, every, interval, change, exclusion, places, policy, out
-):
-    """Feed selected events, then let time pass to `until`; stop where a buffer is full."""
-    ring_slot, ring_time, bound, moves, number = s.slot, s.time, s.bound, s.moves, s.number
-    counts, code, row, low, high, columns = s.counts, s.code, s.row, s.low, s.high, s.columns
-    sums, block_least, offset, level, shape = s.sums, s.block_least, s.offset, s.level, s.shape
-    tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
-    given, i = 0, 0
-    # one turn is a tick, or the next event, until both have come to an end
-    while True:
-        now = times[i] if i < slots.size else until
-        tick = interval > 0 and policy[_NEXT_TICK] <= now
-        if not tick and i == slots.size:
-            return i, given, _DONE
-        if given == out.size:
-            return i, given, _MATCHES_FULL
-        now = policy[_NEXT_TICK] if tick else now
-        seen_until = now if tick else now + 1
-        while not (
-            age(ring_time, ring_slot, bound, moves, number, tau, 0 if tick else n, seen_until)
-            and number[MOVES] < len(moves)
-        ):
-            take_moves(
-                moves, counts, code, row, low, high, columns, sums, block_least, offset, level,
-                number, shape,
-            )  # fmt: skip
-        if tick:
-            policy[_NEXT_TICK] += interval
-        else:
-            if bound[0] - bound[length] > mask:
-                return i, given, _RING_FULL
-            ring_slot[bound[0] & mask] = slots[i]
-            ring_time[bound[0] & mask] = now
-            bound[0] += 1
-            moves[number[MOVES], 0] = slots[i]
-            moves[number[MOVES], 1] = -1
-            number[MOVES] += 1
-            i += 1
-            if every == 0 or bound[0] % every != 0:
-                continue
-        complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
-        if not complete:
-            continue
-        take_moves(
-            moves, counts, code, row, low, high, columns, sums, block_least, offset, level,
-            number, shape,
-        )  # fmt: skip
-        best, least = least_in(sums, block_least, 0, places)
-        if change and best == policy[_LAST_PLACE]:
-            continue
-        policy[_LAST_PLACE] = best
-        match = out[given]
-        match["t"] = now
-        match["events"] = bound[0] - bound[1]
-        _describe(match, sums, block_least, best, least, number[BASE], length, exclusion, places)
-        given += 1
-
-
-@njit(cache=True, nogil=True)
-def _describe(match, sums, block_least, best, least, base, length, exclusion, places):  # type: ignore[no-untyped-def]
-    """Write the best place, and look for the second best outside the exclusion zone."""
-    second, second_least = -1, least
-    if best - exclusion > 0:
-        second, second_least = least_in(sums, block_least, 0, best - exclusion)
-    if best + exclusion + 1 < places:
-        after, after_least = least_in(sums, block_least, best + exclusion + 1, places)
-        if second < 0 or after_least < second_least:
-            second, second_least = after, after_least
-    distance = np.int64(least) + base
-    match["place"] = best + length - 1
-    match["distance_sum"] = distance
-    match["second"] = -1
-    match["second_sum"] = -1
-    match["ratio"] = np.nan
-    if second >= 0:
-        second_distance = np.int64(second_least) + base
-        match["second"] = second + length - 1
-        match["second_sum"] = second_distance
-        match["ratio"] = distance / second_distance if second_distance > 0 else 1.0
+def _matches(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
+    """Name the columns of the kernel's rows, and add the ratio."""
+    matches = np.empty(len(rows), dtype=MATCH_DTYPE)
+    names = [name for name in MATCH_DTYPE.names or () if name != "ratio"]
+    for name, column in zip(names, rows.T, strict=True):
+        matches[name] = column
+    best, second = matches["distance_sum"], matches["second_sum"]
+    matches["ratio"] = np.nan
+    matches["ratio"][second == 0] = 1.0
+    np.divide(best, second, out=matches["ratio"], where=second > 0)
+    return matches

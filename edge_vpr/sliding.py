@@ -19,7 +19,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from edge_vpr.incremental import MAX_STEPS, update_blocks
+from edge_vpr.codes import PixelCodes
+from edge_vpr.incremental import BLOCK, LANES, MAX_STEPS, update_blocks
+from edge_vpr.matcher import ReferenceIndex
+from edge_vpr.windows import FixedTime, Window
 
 #: events that the ring holds before it first grows
 RING_EVENTS = 4096
@@ -190,3 +193,101 @@ def advance(s, until):
     if s.tau > 0:
         while not age(s.time, s.slot, s.bound, s.moves, s.number, s.tau, 0, until):
             settle(s)
+
+
+def start(
+    places: npt.NDArray[np.unsignedinteger], window: Window, length: int, codes: PixelCodes | None
+) -> Sliding:
+    """Build the state before the first event.
+
+    Parameters
+    ----------
+    places : ndarray of unsigned int, shape (K, J)
+        Map, in codes if there are any.
+    window : FixedTime or FixedCount
+    length : int
+        L.
+    codes : PixelCodes, optional
+        What the counts of a window become before they are compared.
+    """
+    counters = places.shape[1]
+    tables, row = np.empty((1, 0), dtype=np.uint16), np.zeros(counters, dtype=np.uint8)
+    if codes is not None:
+        tables, row = codes.tables, codes.row.copy()
+    no_sums, none = np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.int64)
+    bare = Sliding(
+        slot=np.zeros(RING_EVENTS, dtype=np.int32),
+        time=np.zeros(RING_EVENTS, dtype=np.int64),
+        bound=np.zeros(length + 1, dtype=np.int64),
+        moves=np.zeros((MAX_MOVES, 2), dtype=np.int32),
+        counts=np.zeros((length, counters), dtype=np.int64),
+        tau=window.tau_us if isinstance(window, FixedTime) else 0,
+        n=0 if isinstance(window, FixedTime) else window.events,
+        code=tables,
+        row=row,
+        columns=np.empty(0, dtype=np.uint8),
+        low=none,
+        high=none,
+        sums=no_sums,
+        block_least=no_sums,
+        offset=np.zeros(MAX_STEPS, dtype=np.int64),
+        level=np.empty(0, dtype=np.uint8),
+        number=np.zeros(2, dtype=np.int64),
+        shape=np.zeros(2, dtype=np.int64),
+    )
+    return with_distances(bare, places, codes)
+
+
+def with_distances(
+    s: Sliding, places: npt.NDArray[np.unsignedinteger], codes: PixelCodes | None
+) -> Sliding:
+    """Lay a map out by pixel and compute every distance of the present counters anew."""
+    length = len(s.counts)
+    count, stride = len(places) - length + 1, len(places) + LANES
+    columns = np.zeros(places.shape[1] * stride + LANES, dtype=places.dtype)
+    columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
+    low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
+
+    coded = s.counts if codes is None else codes.encode(s.counts).astype(np.int64)
+    index = ReferenceIndex(places)
+    sums = np.zeros(count, dtype=np.int64)
+    for lag in range(length):
+        end = length - 1 - lag
+        sums += index.distances(coded[lag])[end : end + count]
+    base = int(np.abs(coded - np.clip(coded, low, high)).sum())
+    largest = length * int((high - low).sum())
+    dtype: type[np.unsignedinteger] = np.uint16 if largest <= 0xFFFF else np.uint32
+
+    padded: npt.NDArray[np.unsignedinteger] = np.zeros(count + LANES, dtype=dtype)
+    padded[:count] = sums - base
+    blocks = padded[: count - count % BLOCK].reshape(-1, BLOCK)
+    return s._replace(
+        columns=columns,
+        low=low,
+        high=high,
+        sums=padded,
+        block_least=blocks.min(axis=1) if len(blocks) else np.zeros(1, dtype=dtype),
+        level=np.zeros(MAX_STEPS, dtype=places.dtype),
+        number=np.array([base, 0], dtype=np.int64),
+        shape=np.array([stride, count], dtype=np.int64),
+    )
+
+
+def recount(s: Sliding) -> npt.NDArray[np.int64]:
+    """Count the events in the ring anew, shape (L, J)."""
+    counts = np.zeros_like(s.counts)
+    for lag in range(len(counts)):
+        numbers = np.arange(s.bound[lag + 1], s.bound[lag])
+        slots = s.slot[numbers & (s.slot.size - 1)]
+        counts[lag] = np.bincount(slots, minlength=counts.shape[1])
+    return counts
+
+
+def grown(s: Sliding) -> Sliding:
+    """Double the ring."""
+    numbers = np.arange(s.bound[-1], s.bound[0])
+    old, size = numbers & (s.slot.size - 1), 2 * s.slot.size
+    slot, time = np.zeros(size, dtype=np.int32), np.zeros(size, dtype=np.int64)
+    slot[numbers & (size - 1)] = s.slot[old]
+    time[numbers & (size - 1)] = s.time[old]
+    return s._replace(slot=slot, time=time)
