@@ -21,7 +21,7 @@ types: $(call STAMP,test)
 	$(BIN)/mypy
 
 bench: $(call STAMP,bench)
-	$(BIN)/python -m pytest tools/bench --write docs/benchmarks.md
+	$(BIN)/python -m pytest tools/bench --write=docs/benchmarks.md
 
 clean:
 	rm -rf $(VENV) results

@@ -1,6 +1,6 @@
 """What the benchmarks share: a race between libraries on one work, and the table of its results.
 
-``python -m pytest tools/bench`` prints the table; ``--write FILE`` also writes it as a page.
+``python -m pytest tools/bench`` prints the table; ``--write=FILE`` also writes it as a page.
 Every contestant runs on one thread. Its result is compared with ours before it is timed.
 """
 
