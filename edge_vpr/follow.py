@@ -45,6 +45,8 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
     sums, block_least, offset, level, shape = s.sums, s.block_least, s.offset, s.level, s.shape
     tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     given, i = 0, 0
+    # counted down: a division for each event would take as long as the rest of its bookkeeping
+    left = every - bound[0] % every if every > 0 else np.int64(-1)
     # one turn is a tick, or the next event, until both have come to an end
     while True:
         now = times[i] if i < slots.size else until
@@ -75,8 +77,10 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
             moves[number[MOVES], 1] = -1
             number[MOVES] += 1
             i += 1
-            if every == 0 or bound[0] % every != 0:
+            left -= 1
+            if left != 0:
                 continue
+            left = every
         complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
         if not complete:
             continue

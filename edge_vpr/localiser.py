@@ -46,7 +46,7 @@ MATCH_DTYPE = np.dtype(
 )
 KIND = "localiser state"
 
-_MATCHES_AT_ONCE = 1_024
+_MATCHES_AT_ONCE = 4_096
 _EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
 
 

@@ -13,7 +13,7 @@ exactly the last L windows of `edge_vpr.windows`.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from edge_vpr.incremental import BLOCK, LANES, MAX_STEPS, update_blocks
 from edge_vpr.matcher import ReferenceIndex
 from edge_vpr.windows import FixedTime, Window
 
+_CACHE_LINE = 64
 #: events that the ring holds before it first grows
 RING_EVENTS = 4096
 #: moves that are noted before the counters must take them
@@ -243,8 +244,10 @@ def with_distances(
 ) -> Sliding:
     """Lay a map out by pixel and compute every distance of the present counters anew."""
     length = len(s.counts)
-    count, stride = len(places) - length + 1, len(places) + LANES
-    columns = np.zeros(places.shape[1] * stride + LANES, dtype=places.dtype)
+    # whole vectors, and an odd number of them: a power of two would make all columns of a place
+    # fall on the same lines of the cache
+    count, stride = len(places) - length + 1, (len(places) // LANES + 2 | 1) * LANES
+    columns = _aligned(places.shape[1] * stride + LANES, places.dtype)
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
@@ -258,7 +261,7 @@ def with_distances(
     largest = length * int((high - low).sum())
     dtype: type[np.unsignedinteger] = np.uint16 if largest <= 0xFFFF else np.uint32
 
-    padded: npt.NDArray[np.unsignedinteger] = np.zeros(count + LANES, dtype=dtype)
+    padded = _aligned(count + LANES, dtype)
     padded[:count] = sums - base
     blocks = padded[: count - count % BLOCK].reshape(-1, BLOCK)
     return s._replace(
@@ -271,6 +274,14 @@ def with_distances(
         number=np.array([base, 0], dtype=np.int64),
         shape=np.array([stride, count], dtype=np.int64),
     )
+
+
+def _aligned(size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Make zeros that start at a cache line: a vector across two lines costs twice."""
+    itemsize = np.dtype(dtype).itemsize
+    spacious = np.zeros(size + _CACHE_LINE // itemsize, dtype=dtype)
+    first = -spacious.ctypes.data % _CACHE_LINE // itemsize
+    return spacious[first : first + size]
 
 
 def recount(s: Sliding) -> npt.NDArray[np.int64]:
