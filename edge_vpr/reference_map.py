@@ -54,6 +54,12 @@ class ReferenceMap:
         """What the places hold in place of event counts; None where they hold those."""
         return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
 
+    def coded(self, counted: Descriptors) -> Descriptors:
+        """Put codes in place of counts, as in the places of this map."""
+        if self.codes is None:
+            return counted
+        return replace(counted, counts=narrow(self.codes.encode(counted.counts)))
+
     def decoded(self, descriptors: Descriptors) -> Descriptors:
         """Put counts back in place of codes, each in the middle of its code's, for plots."""
         if self.codes is None:

@@ -177,7 +177,8 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
     matches, queries = match_traverse(found, drive)
     assert np.array_equal(queries.counts, found.places.counts)
     assert not matches.distance_sum.any()
-    assert counts.decoded(counts.places) is counts.places
+    assert counts.decoded(counts.places) is counts.places is counts.coded(counts.places)
+    assert np.array_equal(found.coded(counts.places).counts, found.places.counts)
     back = found.decoded(found.places)
     assert np.array_equal(found.codes.encode(back.counts), found.places.counts)
 

@@ -1,0 +1,269 @@
+"""What a few bits a counter are worth: right matches against bytes a place, on real data.
+
+Each map is made once; its counts and the query's are then put into every code, so that all codes
+see the same pixels and the same events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr.evaluation import evaluate
+from edge_vpr.ground_truth import GroundTruth, from_alignment, from_tracks, load_nmea
+from edge_vpr.matches import match_descriptors
+from edge_vpr.pipeline import EventSource, WindowSource, code_places, describe, map_traverse
+from edge_vpr.published import PublishedWindows
+from edge_vpr.recordings import open_recording
+from edge_vpr.settings import PRESETS, Settings
+from edge_vpr_tools.experiments import brisbane, speck_walks
+from edge_vpr_tools.experiments.trial import Kept, Summary, Times, TruthOf, markdown_table
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure
+from fixedpoint.codes import packed_bytes
+
+FOLDER = "speck_indoor"
+BITS = (1, 2, 3, 4, 6, 8)
+FULL_SCALES = (15, 31, 63, 127, 255, 511)
+CODES: Mapping[str, Mapping[str, Any]] = {
+    "saturating": {"counter_code": "linear"},
+    "square root": {"counter_code": "sqrt"},
+    "logarithm": {"counter_code": "log"},
+    "linear, per pixel": {"counter_code": "linear", "counter_scaling": "per-pixel"},
+    "square root, per pixel": {"counter_code": "sqrt", "counter_scaling": "per-pixel"},
+    "logarithm, per pixel": {"counter_code": "log", "counter_scaling": "per-pixel"},
+}
+#: what is to be beaten: counts of 8 bits
+RAW = ("saturating", 8)
+
+# No ground truth was published for speck_indoor. Matching all pixels with long sequences shows the
+# query 8 frames ahead, from query frame 20 on (data set's README).
+_INDOOR_LAG, _INDOOR_FROM, _INDOOR_TOLERANCE = 8, 20, 3
+_INDOOR_PERIOD = Fraction(1)
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two drives, and how they are matched.
+
+    Parameters
+    ----------
+    name : str
+    reference, query : EventSource or WindowSource
+    settings : Settings
+    truth_of : callable
+    drawn : bool
+        Whether pixels are drawn, so that several draws differ.
+    """
+
+    name: str
+    reference: EventSource | WindowSource
+    query: EventSource | WindowSource
+    settings: Settings
+    truth_of: TruthOf
+    drawn: bool = True
+
+
+#: P@100R of each draw, by code and bits (or full scale)
+Scores = dict[tuple[str, int], list[float]]
+
+
+def pairs(data: Path) -> Iterator[Pair]:
+    """Open the pairs of drives, one after another.
+
+    Parameters
+    ----------
+    data : path
+        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+    """
+    drives: list[EventSource | WindowSource] = [
+        PublishedWindows(data / FOLDER / f"{name}.npz", period=_INDOOR_PERIOD)
+        for name in ("reference", "query")
+    ]
+    for pixels in (25, 150):
+        yield Pair(
+            f"Speck indoor, {pixels} px",
+            drives[0],
+            drives[1],
+            PRESETS["paper"].replaced({"pixels": pixels, "sequence_length": 15}, "indoor"),
+            _truth_indoor,
+        )
+    folder = data / speck_walks.FOLDER
+    drives = [
+        Kept(open_recording(folder / f"{name}.npz", frame_period=speck_walks.FRAME_PERIOD))
+        for name in ("reference", "query")
+    ]
+    for pixels in (25, 150):
+        yield Pair(
+            f"Speck walks, {pixels} px",
+            drives[0],
+            drives[1],
+            speck_walks.SETTINGS.replaced({"pixels": pixels}, "walks"),
+            speck_walks.truth_of_walks(folder),
+        )
+    folder = data / brisbane.FOLDER
+    drives = [PublishedWindows(folder / f"{name}.npz") for name in ("sunset2", "sunset1")]
+    drawn = brisbane.SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
+    truth_of = _truth_brisbane(folder)
+    yield Pair("Brisbane, 25 of 49 px", drives[0], drives[1], drawn, truth_of)
+    yield Pair("Brisbane, 49 px", drives[0], drives[1], brisbane.SETTINGS, truth_of, drawn=False)
+
+
+def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str, Any]]) -> Scores:
+    """Match a pair in every code.
+
+    Parameters
+    ----------
+    pair : Pair
+    seeds : int
+        Draws of pixels.
+    variants : mapping of (name, number) to settings of a code
+
+    Returns
+    -------
+    dict of (name, number) to list of float
+        P@100R of each draw.
+    """
+    found: Scores = {variant: [] for variant in variants}
+    for seed in range(seeds if pair.drawn else 1):
+        settings = pair.settings.replaced({"seed": seed}, "seed")
+        mapped = map_traverse(pair.reference, settings)
+        queries = describe(pair.query, mapped.pixel_map, settings)
+        truth = pair.truth_of(mapped.places.centre_us, queries.centre_us)
+        for variant, changes in variants.items():
+            coded = settings.replaced(changes, str(variant))
+            places, full_scale = code_places(mapped.places, coded)
+            coded_map = replace(mapped, settings=coded, places=places, full_scale=full_scale)
+            matches = match_descriptors(places, coded_map.coded(queries), coded)
+            found[variant].append(evaluate(matches, truth).precision_at_100_recall)
+    return found
+
+
+def run(
+    data: Path, seeds: int, on_start: Callable[[str], None], figure_path: Path | None = None
+) -> str:
+    """Try every code on every pair of drives, as Markdown tables.
+
+    Parameters
+    ----------
+    data : path
+        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+    seeds : int
+        Draws of pixels.
+    on_start : callable
+        Told the name of each pair as it begins.
+    figure_path : path, optional
+        Where to write the figure, as PNG.
+    """
+    from edge_vpr_tools.report.style import save
+
+    by_width = {
+        (name, bits): {**code, "counter_bits": bits}
+        for name, code in CODES.items()
+        for bits in BITS
+    }
+    by_scale = {
+        (name, scale): {**CODES[name], "counter_bits": 3, "counter_full_scale": scale}
+        for name in ("square root", "logarithm")
+        for scale in FULL_SCALES
+    }
+    widths: dict[str, Scores] = {}
+    scales: dict[str, Scores] = {}
+    pixels: dict[str, int] = {}
+    for pair in pairs(data):
+        on_start(pair.name)
+        widths[pair.name] = score(pair, seeds, by_width)
+        scales[pair.name] = score(pair, seeds, by_scale)
+        pixels[pair.name] = pair.settings.pixels
+    if figure_path is not None:
+        save(draw(widths, pixels), figure_path)
+    return "\n\n".join(
+        [
+            "P@100R by code and bits a counter:",
+            _table(widths, lambda name, bits: f"{name}, {bits} bit{'s' * (bits > 1)}"),
+            "Bytes a place, packed:",
+            _bytes_table(sorted(set(pixels.values()))),
+            "P@100R of codes of 3 bits by full scale:",
+            _table(scales, lambda name, scale: f"{name} up to {scale}"),
+        ]
+    )
+
+
+def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
+    """Draw P@100R against packed bytes a place, a panel for each pair of drives.
+
+    Parameters
+    ----------
+    found : mapping of pair to scores by code and bits
+    pixels : mapping of pair to J
+    """
+    with figure(11.5, 8.0) as (drawing, only):
+        only.remove()
+        panels = drawing.subplots(2, 3)
+        for axes, (pair, scores) in zip(panels.T.flat, found.items(), strict=True):
+            for i, name in enumerate(CODES):
+                values = [scores[name, bits] for bits in BITS]
+                axes.errorbar(
+                    # a little apart, so that the spreads can be told
+                    [packed_bytes(pixels[pair], bits) * 1.015 ** (i - 2.5) for bits in BITS],
+                    [np.mean(v) for v in values],
+                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    color=CYCLE[i],
+                    linestyle=DASHES[i],
+                    lw=1.6,
+                    elinewidth=0.8,
+                    marker="o",
+                    ms=3.5,
+                    label=name,
+                )
+            raw = float(np.mean(scores[RAW]))
+            axes.axhline(raw, color="gray", lw=0.9)
+            axes.set_xscale("log", base=2)
+            ticks = [packed_bytes(pixels[pair], bits) for bits in BITS]
+            axes.set_xticks(ticks, [f"{tick}" for tick in ticks])
+            axes.minorticks_off()
+            axes.set(title=pair, xlabel=f"bytes a place ({', '.join(map(str, BITS))} bits)")
+            lowest = min(float(np.mean(values)) for values in scores.values())
+            axes.set_ylim(max(0.2, lowest - 0.07), 1.01)
+        for axes in panels[:, 0]:
+            axes.set_ylabel("P@100R (grey: counts of 8 bits)")
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+        drawing.suptitle("Right matches against memory, for each code of the event counts")
+    return drawing
+
+
+def _table(found: Mapping[str, Scores], title: Callable[[str, int], str]) -> str:
+    rows = []
+    for variant in next(iter(found.values())):
+        values = [scores[variant] for scores in found.values()]
+        mean = float(np.mean([np.mean(v) for v in values]))
+        rows.append([title(*variant), *(str(Summary(v)) for v in values), f"{mean:.3f}"])
+    return markdown_table(("code", *found, "mean"), rows)
+
+
+def _bytes_table(pixels: Sequence[int]) -> str:
+    rows = [[str(bits), *(str(packed_bytes(j, bits)) for j in pixels)] for bits in BITS]
+    return markdown_table(("bits", *(f"{j} pixels" for j in pixels)), rows)
+
+
+def _truth_indoor(places_us: Times, queries_us: Times) -> GroundTruth:
+    period_us = float(_INDOOR_PERIOD * 1_000_000)
+    places, queries = (np.floor(times / period_us) for times in (places_us, queries_us))
+    first, last = float(_INDOOR_FROM), float(queries.max())
+    alignment = np.array([[first, first - _INDOOR_LAG], [last, last - _INDOOR_LAG]])
+    return from_alignment(alignment, queries, places, _INDOOR_TOLERANCE, "frames")
+
+
+def _truth_brisbane(folder: Path) -> TruthOf:
+    reference, query = (load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1"))
+
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return from_tracks(reference, query, places_us, queries_us, brisbane.TOLERANCE_M)
+
+    return truth_of
