@@ -96,14 +96,10 @@ class SearchModel:
 
     @property
     def accepted(self) -> bool:
-        """Whether the second best is far enough behind the best, in integers."""
+        """Whether there is a second best, far enough behind the best."""
         if self.best is None or self.second is None:
             return False
-        best, second = self.best.sum, self.second.sum
-        if self.design.accept == "margin":
-            return second - best >= self.design.margin
-        numerator, denominator = self.design.ratio
-        return second > 0 and best * denominator <= second * numerator
+        return accepts(self.design, self.best.sum, self.second.sum)
 
     def result(self, window: int) -> MatchResult | None:
         """Give the match; None if no sum was taken."""
@@ -111,6 +107,14 @@ class SearchModel:
             return None
         second, second_sum = self.second or (None, None)
         return MatchResult(window, *self.best, second, second_sum, self.ties, self.accepted)
+
+
+def accepts(design: Design, best: int, second: int) -> bool:
+    """Whether the second best sum is far enough behind the best, in integers."""
+    if design.accept == "margin":
+        return second - best >= design.margin
+    numerator, denominator = design.ratio
+    return second > 0 and best * denominator <= second * numerator
 
 
 def _nearer(held: Candidate | None, later: Candidate) -> Candidate:

@@ -45,6 +45,8 @@ class DescriptorModel:
 
     Attributes
     ----------
+    memories : Memories
+    lookup : Lookup
     counts : list of int, length slots
         Of the open window.
     start : int
@@ -58,8 +60,8 @@ class DescriptorModel:
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
         self.design = memories.design
-        self._memories = memories
-        self._lookup = memories.lookup()
+        self.memories = memories
+        self.lookup = memories.lookup()
         self._period = 1 << self.design.timestamp_bits
         self.counts = [0] * self.design.slots
         self.start = start % self._period
@@ -70,7 +72,7 @@ class DescriptorModel:
     @property
     def codes(self) -> Codes:
         """Codes of the counts as they are now."""
-        return tuple(self._memories.encode(slot, count) for slot, count in enumerate(self.counts))
+        return tuple(self.memories.encode(slot, count) for slot, count in enumerate(self.counts))
 
     def elapsed(self, t: int) -> int:
         """Time since the open window's start; negative for an event from before it."""
@@ -105,7 +107,7 @@ class DescriptorModel:
         design = self.design
         if event.x >= design.width or event.y >= design.height:
             return None
-        slot = self._lookup(event.x, event.y)
+        slot = self.lookup(event.x, event.y)
         if slot is not None and design.polarity and not event.on:
             return slot + design.pixels
         return slot

@@ -36,6 +36,10 @@ class Lookup:
         at = (x + self.displacement[y]) % len(self.owner)
         return self.slot[at] if self.owner[at] == y else None
 
+    def taken(self, x: int, y: int) -> bool:
+        """Whether a pixel's entry holds a selected pixel, be it this one or another row's."""
+        return self.owner[(x + self.displacement[y]) % len(self.owner)] < len(self.displacement)
+
 
 @dataclass(frozen=True)
 class Memories:

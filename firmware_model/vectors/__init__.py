@@ -1,0 +1,33 @@
+"""Golden vectors: stimuli, memory images and expected results, for a device to be held against."""
+
+from firmware_model.vectors.case import Case, from_binary, in_order, records, to_binary
+from firmware_model.vectors.corners import corner_cases
+from firmware_model.vectors.coverage import CORNERS, coverage
+from firmware_model.vectors.random_cases import random_cases
+from firmware_model.vectors.suite import standard_suites, write_suites
+from firmware_model.vectors.verify import (
+    Verdict,
+    check_files,
+    load_manifest,
+    read_results,
+    verify,
+)
+
+__all__ = [
+    "CORNERS",
+    "Case",
+    "Verdict",
+    "check_files",
+    "corner_cases",
+    "coverage",
+    "from_binary",
+    "in_order",
+    "load_manifest",
+    "random_cases",
+    "read_results",
+    "records",
+    "standard_suites",
+    "to_binary",
+    "verify",
+    "write_suites",
+]

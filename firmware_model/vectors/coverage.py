@@ -1,0 +1,164 @@
+"""Which corners a case reaches, counted in the model's states while it runs."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from firmware_model.comparator import MatchResult, accepts
+from firmware_model.descriptor import DescriptorModel, Event, WindowResult
+from firmware_model.design import Design
+from firmware_model.machine import Machine
+from firmware_model.vectors.case import Case
+
+#: what is counted, and what one of it is
+CORNERS = {
+    "saturated": "an event at a counter that is full",
+    "filled": "an event that fills a counter",
+    "same_pixel_twice": "an event at the selected pixel of the event before",
+    "a_b_a": "an event at the selected pixel of the one before the last, with another between",
+    "on_the_boundary": "an event at the very end of a window, which belongs to the next one",
+    "before_the_boundary": "an event in the last microsecond of a window",
+    "late": "an event from before the open window's start",
+    "unselected": "an event at a pixel that is not selected",
+    "entry_of_another_row": "an event at such a pixel whose look-up entry belongs to another row",
+    "off_the_sensor": "an event that names no pixel of the sensor",
+    "on": "an ON event at a selected pixel",
+    "off": "an OFF event at a selected pixel",
+    "sensor_corner": "an event at one of the four corners of the sensor",
+    "clock_wrapped": "a window whose end is behind the clock's wrap",
+    "gap": "an event that ends three windows or more",
+    "empty_window": "a window without events at selected pixels",
+    "full_window": "a window that ends with its last event",
+    "all_equal_counts": "a window with the same count, not zero, in every counter",
+    "incomplete_sequence": "a window before which there were fewer than L - 1",
+    "zero_distance": "a place at distance zero",
+    "largest_distance": "a place at the largest distance that there can be",
+    "diagonal_off_the_map": "a window nearest to a place at which no sequence can end",
+    "tie_of_two": "a match with one more place at its sum",
+    "tie_of_three": "a match with two more places, or more",
+    "tie_across_zone": "a match whose second best has the same sum",
+    "tie_of_seconds": "a match with two places or more at the second best sum, outside the zone",
+    "tie_of_seconds_on_the_left": "such a match with two or more of them below the best",
+    "tie_of_seconds_on_both_sides": "such a match with one of them below the best, and one above",
+    "second_on_the_left": "a match whose second best place is lower",
+    "second_on_the_right": "a match whose second best place is higher",
+    "nearer_in_the_zone": "a match with a place in the zone that is nearer than the second best",
+    "no_second": "a match without a second best",
+    "one_place": "a match in a map of one place",
+    "accepted": "a match that is accepted",
+    "rejected": "a match that has a second best and is not accepted",
+    "accepted_at_threshold": "a match that is accepted, and would not be were its sum one larger",
+    "rejected_at_threshold": "a match that is rejected, and would not be were its sum one smaller",
+    "lanes_unfilled": "a window whose last memory word is not full",
+    "several_tables": "a window with counters of different code tables",
+}
+
+
+def coverage(case: Case) -> dict[str, int]:
+    """Count how often a case reaches each of `CORNERS`.
+
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    dict of str to int
+        All corners, also those that are not reached.
+    """
+    machine = Machine(case.memories, case.start)
+    found: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))
+    before: list[int | None] = [None, None]
+    rows: list[list[int]] = []
+    for event in case.events:
+        _see_event(machine.descriptor, event, before, found)
+        ended = 0
+        for result in machine.take(event):
+            if isinstance(result, WindowResult):
+                ended += 1
+                _see_window(machine, result, found)
+                compare = machine.comparator.distance
+                distances = [compare(k, result.codes) for k in range(case.design.places)]
+                rows = [distances, *rows[: case.design.length - 1]]
+                _see_distances(case.design, distances, found)
+            elif isinstance(result, MatchResult):
+                _see_match(case.design, result, rows, found)
+        found["gap"] += ended >= 3
+    return dict(found)
+
+
+def _see_event(
+    descriptor: DescriptorModel, event: Event, before: list[int | None], found: Counter[str]
+) -> None:
+    design, slot = descriptor.design, descriptor.slot(event)
+    elapsed, tau = descriptor.elapsed(event.t), design.tau_us
+    if design.window == "time":
+        found["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
+        found["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
+        found["late"] += elapsed < 0
+    on_sensor = event.x < design.width and event.y < design.height
+    found["off_the_sensor"] += not on_sensor
+    edges = (event.x in (0, design.width - 1), event.y in (0, design.height - 1))
+    found["sensor_corner"] += all(edges)
+    if slot is None:
+        found["unselected"] += on_sensor
+        found["entry_of_another_row"] += on_sensor and descriptor.lookup.taken(event.x, event.y)
+    else:
+        # a window's end clears the counter first
+        ends = design.window == "time" and elapsed >= tau
+        count = 0 if ends else descriptor.counts[slot]
+        found["saturated"] += count == design.count_max
+        found["filled"] += count == design.count_max - 1
+        found["same_pixel_twice"] += before[-1] == slot
+        found["a_b_a"] += before[-2] == slot != before[-1]
+        found["on" if event.on else "off"] += 1
+    before[:] = [before[-1], slot]
+
+
+def _see_window(machine: Machine, window: WindowResult, found: Counter[str]) -> None:
+    design, descriptor = machine.design, machine.descriptor
+    counts = descriptor.counts
+    found["empty_window"] += not any(counts)
+    found["full_window"] += descriptor.counted == design.window_events and design.window == "count"
+    found["all_equal_counts"] += counts[0] > 0 and len(set(counts)) == 1 and len(counts) > 1
+    if design.window == "time":
+        found["clock_wrapped"] += descriptor.start + design.tau_us >= 1 << design.timestamp_bits
+    found["incomplete_sequence"] += window.number + 1 < design.length
+    found["lanes_unfilled"] += design.slots % design.lanes > 0
+    found["several_tables"] += len(set(descriptor.memories.tables)) > 1
+
+
+def _see_distances(design: Design, distances: list[int], found: Counter[str]) -> None:
+    found["zero_distance"] += 0 in distances
+    found["largest_distance"] += design.slots * design.code_max in distances
+    found["diagonal_off_the_map"] += min(distances) < min(distances[design.length - 1 :])
+
+
+def _see_match(
+    design: Design, match: MatchResult, rows: list[list[int]], found: Counter[str]
+) -> None:
+    """Count a match; `rows` are the distances of the last L windows, newest first."""
+    ends = range(design.length - 1, design.places)
+    sums = [(k, sum(row[k - ago] for ago, row in enumerate(rows))) for k in ends]
+    found["tie_of_two"] += match.ties == 1
+    found["tie_of_three"] += match.ties >= 2
+    found["one_place"] += design.places == 1
+    found["accepted"] += match.accepted
+    if match.second is None or match.second_sum is None:
+        found["no_second"] += 1
+        return
+    found["rejected"] += not match.accepted
+    found["tie_across_zone"] += match.second_sum == match.sum
+    outside = [(k, s) for k, s in sums if abs(k - match.place) > design.exclusion]
+    seconds = [k for k, s in outside if s == match.second_sum]
+    inside = [s for k, s in sums if 0 < abs(k - match.place) <= design.exclusion]
+    found["tie_of_seconds"] += len(seconds) > 1
+    found["tie_of_seconds_on_the_left"] += sum(k < match.place for k in seconds) > 1
+    found["tie_of_seconds_on_both_sides"] += min(seconds) < match.place < max(seconds)
+    found["nearer_in_the_zone"] += min(inside, default=match.second_sum) < match.second_sum
+    left = match.second < match.place
+    found["second_on_the_left" if left else "second_on_the_right"] += 1
+    one_more = accepts(design, match.sum + 1, match.second_sum)
+    one_less = match.sum > 0 and accepts(design, match.sum - 1, match.second_sum)
+    found["accepted_at_threshold"] += match.accepted and not one_more
+    found["rejected_at_threshold"] += not match.accepted and one_less

@@ -1,0 +1,158 @@
+"""The forms in which engineers take memories and tables: words, packed as the manifest says."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+
+class Packing(NamedTuple):
+    """A word of several fields, the first in the least significant bits.
+
+    Attributes
+    ----------
+    fields : tuple of (name, bits)
+    """
+
+    fields: tuple[tuple[str, int], ...]
+
+    @property
+    def bits(self) -> int:
+        """Of the word."""
+        return sum(bits for _, bits in self.fields)
+
+    def word(self, values: Sequence[int]) -> int:
+        """Pack one value a field.
+
+        Raises
+        ------
+        ValueError
+            If there are too many or too few, or one does not fit.
+        """
+        packed, at = 0, 0
+        for value, (name, bits) in zip(values, self.fields, strict=True):
+            if not 0 <= value < 1 << bits:
+                raise ValueError(f"{name} = {value} does not fit {bits} bits")
+            packed |= value << at
+            at += bits
+        return packed
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Name and place of each field."""
+        found, at = [], 0
+        for name, bits in self.fields:
+            found.append({"field": name, "lowest_bit": at, "bits": bits})
+            at += bits
+        return found
+
+
+class Table(NamedTuple):
+    """Words of a memory, all of one width."""
+
+    bits: int
+    words: tuple[int, ...]
+
+
+def pack(packing: Packing, rows: Iterable[Sequence[int]]) -> Table:
+    """Pack each row into a word."""
+    return Table(packing.bits, tuple(packing.word(row) for row in rows))
+
+
+def lanes(codes: Sequence[int], per_word: int, bits: int) -> list[int]:
+    """Pack a row of codes, lane 0 least significant; the last word is filled up with zeros."""
+    words = []
+    for first in range(0, len(codes), per_word):
+        chunk = codes[first : first + per_word]
+        words.append(sum(code << (lane * bits) for lane, code in enumerate(chunk)))
+    return words
+
+
+def readmemh(table: Table) -> str:
+    """Verilog's ``$readmemh``: a hexadecimal word a line, from address 0 on."""
+    digits = -(-table.bits // 4)
+    return "".join(f"{word:0{digits}x}\n" for word in table.words)
+
+
+def coe(table: Table) -> str:
+    """AMD's memory initialisation for block memories."""
+    words = ",\n".join(readmemh(table).split())
+    return f"memory_initialization_radix=16;\nmemory_initialization_vector=\n{words};\n"
+
+
+def mif(table: Table) -> str:
+    """Intel's memory initialisation file."""
+    digits = -(-table.bits // 4)
+    lines = [
+        f"DEPTH = {len(table.words)};",
+        f"WIDTH = {table.bits};",
+        "ADDRESS_RADIX = HEX;",
+        "DATA_RADIX = HEX;",
+        "CONTENT BEGIN",
+        *(f"{address:x} : {word:0{digits}x};" for address, word in enumerate(table.words)),
+        "END;",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def intel_hex(data: bytes, address: int = 0) -> str:
+    """Intel HEX of bytes from an address on: 16 a line, 32-bit addresses."""
+    lines, upper = [], -1
+    for first in range(0, len(data), 16):
+        at = address + first
+        if at >> 16 != upper:
+            upper = at >> 16
+            lines.append(_hex_line(0, 4, upper.to_bytes(2, "big")))
+        # a line ends where the upper half of the address changes
+        room = 0x10000 - (at & 0xFFFF)
+        chunk = data[first : first + 16]
+        lines.append(_hex_line(at & 0xFFFF, 0, chunk[:room]))
+        if len(chunk) > room:
+            upper += 1
+            lines.append(_hex_line(0, 4, upper.to_bytes(2, "big")))
+            lines.append(_hex_line(0, 0, chunk[room:]))
+    lines.append(":00000001FF")
+    return "\n".join(lines) + "\n"
+
+
+def _hex_line(address: int, kind: int, data: bytes) -> str:
+    body = bytes([len(data), address >> 8, address & 0xFF, kind]) + data
+    return f":{(body + bytes([-sum(body) & 0xFF])).hex().upper()}"
+
+
+def csv(names: Sequence[str], rows: Iterable[Sequence[int]]) -> str:
+    """Comma-separated integers under a line of names."""
+    lines = [",".join(names), *(",".join(map(str, row)) for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def npz(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
+    """NumPy's archive, uncompressed and without times: the same arrays make the same bytes."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            member = io.BytesIO()
+            np.lib.format.write_array(member, array, allow_pickle=False)
+            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            entry.create_system = 3  # not the system that this runs on
+            archive.writestr(entry, member.getvalue())
+    return out.getvalue()
+
+
+def c_array(name: str, data: bytes) -> str:
+    """Write a constant array of 32-bit words, aligned to 16 bytes, and the number of its bytes."""
+    words = np.frombuffer(data, dtype="<u4").tolist()
+    lines = [
+        "    " + ", ".join(f"0x{word:08X}U" for word in words[i : i + 6]) + ","
+        for i in range(0, len(words), 6)
+    ]
+    # C has no empty arrays
+    body = "\n".join(lines) or "    0U,"
+    return (
+        f"#define {name.upper()}_BYTES {len(data)}U\n"
+        f"static _Alignas(16) const uint32_t {name}[] = {{\n{body}\n}};\n"
+    )

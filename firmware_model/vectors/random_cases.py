@@ -1,0 +1,74 @@
+"""Random stimuli: bursts and pauses at random pixels, by a map that the stream comes by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from firmware_model.descriptor import DescriptorModel, Event, WindowResult
+from firmware_model.design import Design
+from firmware_model.memories import Memories
+from firmware_model.vectors.case import Case
+
+#: events of one stream
+EVENTS = 2000
+
+
+def random_cases(design: Design, rng: np.random.Generator, number: int = 3) -> list[Case]:
+    """Make the cases of the suite ``random``.
+
+    Parameters
+    ----------
+    design : Design
+    rng : numpy.random.Generator
+    number : int
+        Of cases, each with pixels, places and a stimulus of its own.
+
+    Returns
+    -------
+    list of Case
+    """
+    return [_case(f"random_{i}", design, rng) for i in range(number)]
+
+
+def _case(name: str, design: Design, rng: np.random.Generator) -> Case:
+    flat = rng.choice(design.width * design.height, design.pixels, replace=False)
+    pixels = [(f % design.width, f // design.width) for f in flat.tolist()]
+    tables = rng.integers(0, len(design.full_scales), design.slots).tolist()
+    start = int(rng.integers(0, 1 << min(design.timestamp_bits, 62)))
+    events = _stream(design, pixels, start, rng)
+    blank = replace(design, places=design.length)
+    model = DescriptorModel(
+        Memories(blank, pixels, [[0] * design.slots] * design.length, tables), start
+    )
+    results = [result for event in events for result in model.take(event)]
+    seen = [result.codes for result in results if isinstance(result, WindowResult)]
+    places = rng.integers(0, design.code_max + 1, (design.places, design.slots))
+    # most of the map is what the stream shows in some order, with a code in five one up or down
+    for k in range(design.places if seen else 0):
+        if rng.random() < 0.8:
+            noise = rng.integers(-1, 2, design.slots) * (rng.random(design.slots) < 0.2)
+            places[k] = np.clip(np.array(seen[k % len(seen)]) + noise, 0, design.code_max)
+    return Case(name, Memories(design, pixels, places.tolist(), tables), tuple(events), start)
+
+
+def _stream(
+    design: Design, pixels: list[tuple[int, int]], start: int, rng: np.random.Generator
+) -> list[Event]:
+    longest = (1 << (design.timestamp_bits - 1)) - design.tau_us
+    # some thirty windows by time, and now and then a pause of up to three
+    step = max(1, design.tau_us * 30 // EVENTS)
+    steps = rng.integers(0, 2 * step + 1, EVENTS)
+    pauses = rng.random(EVENTS) < 0.002
+    steps = np.where(pauses, rng.integers(0, 3 * design.tau_us + 1, EVENTS), steps)
+    times = start + np.cumsum(np.minimum(steps, longest).astype(object))
+    # a few pixels are busy, as on a real sensor
+    busy = rng.integers(0, design.pixels, EVENTS) * rng.integers(0, 2, EVENTS)
+    events = []
+    for t, choice in zip(times.tolist(), busy.tolist(), strict=True):
+        x, y = pixels[choice]
+        if rng.random() < 0.3:
+            x, y = int(rng.integers(design.width)), int(rng.integers(design.height))
+        events.append(Event(t % (1 << design.timestamp_bits), x, y, bool(rng.integers(2))))
+    return events

@@ -1,0 +1,270 @@
+"""Suites of cases on disk: stimuli, memory images, expected results, and a manifest of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_model.design import Design
+from firmware_model.errors import DesignError, VectorError
+from firmware_model.image import image
+from firmware_model.machine import Trace
+from firmware_model.vectors import formats
+from firmware_model.vectors.case import Case, in_order, records, to_binary
+from firmware_model.vectors.corners import corner_cases
+from firmware_model.vectors.coverage import CORNERS, coverage
+from firmware_model.vectors.formats import Packing, Table
+from firmware_model.vectors.random_cases import random_cases
+
+SCHEMA = 1
+MANIFEST = "manifest.json"
+
+Suites = Mapping[str, Sequence[Case]]
+
+
+def standard_suites(design: Design, seed: int) -> dict[str, list[Case]]:
+    """Make the suites that need nothing but a design: ``corners`` and ``random``.
+
+    Parameters
+    ----------
+    design : Design
+    seed : int
+        Of the random ones.
+
+    Returns
+    -------
+    dict of str to list of Case
+    """
+    rng = np.random.default_rng(seed)
+    return {"corners": corner_cases(design), "random": random_cases(design, rng)}
+
+
+def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) -> dict[str, Any]:
+    """Write suites of cases, and a manifest of all files.
+
+    The same design, suites and seed make the same bytes, by the same version.
+
+    Parameters
+    ----------
+    folder : path
+        Made if it does not exist; must be empty.
+    design : Design
+        For which they were made.
+    suites : mapping of str to sequence of Case
+    seed : int
+
+    Returns
+    -------
+    dict
+        The manifest.
+
+    Raises
+    ------
+    VectorError
+        If the folder is not empty.
+    """
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise VectorError(f"{folder} is not an empty folder: name a new one")
+    folder.mkdir(parents=True, exist_ok=True)
+    design.save(folder / "design.toml")
+    written = []
+    number = 0
+    for suite, cases in suites.items():
+        described = []
+        for case in cases:
+            described.append(_write_case(folder, suite, case, number))
+            number += 1
+        total: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))
+        for entry in described:
+            total.update(entry["coverage"])
+        written.append({"name": suite, "coverage": dict(total), "cases": described})
+    manifest = {
+        "schema": SCHEMA,
+        "kind": "golden vectors",
+        "versions": {"edge-vpr": version("edge-vpr")},
+        "seed": seed,
+        "byte_order": "little",
+        "packing": "the first field, and lane 0, in the least significant bits",
+        "none": "0xFFFFFFFF in records and CSV",
+        "corners": CORNERS,
+        "design": design.to_dict(),
+        "suites": written,
+    }
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    return manifest
+
+
+def _write_case(folder: Path, suite: str, case: Case, number: int) -> dict[str, Any]:
+    place = folder / suite / case.name
+    place.mkdir(parents=True)
+    done = case.trace()
+    packed = _tables(case, done)
+    files: dict[str, str | bytes] = {"design.toml": case.design.to_toml()}
+    for name, (_, table) in packed.items():
+        files[f"{name}.mem"] = formats.readmemh(table)
+    for name in ("displacement", "lookup", "codes", "code_tables", "places"):
+        files[f"{name}.coe"] = formats.coe(packed[name][1])
+        files[f"{name}.mif"] = formats.mif(packed[name][1])
+    files |= _csv_files(case, done)
+    files["case.npz"] = formats.npz(_arrays(case, done))
+    expected = to_binary(records(in_order(done)))
+    files["expected.bin"] = expected
+    try:
+        flash, events = image(case.memories), case.event_bytes()
+    except (DesignError, VectorError) as error:
+        firmware = str(error)
+    else:
+        firmware = "image.bin and events.bin are for it"
+        files |= {"image.bin": flash, "events.bin": events}
+        files["image.hex"] = formats.intel_hex(flash)
+        files["case.h"] = _header(case, flash, events, expected)
+    hashes = {}
+    for name, content in files.items():
+        data = content.encode("ascii") if isinstance(content, str) else content
+        (place / name).write_bytes(data)
+        hashes[name] = {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        stem, _, suffix = name.rpartition(".")
+        if stem in packed and suffix in ("mem", "coe", "mif"):
+            hashes[name] |= {"words": len(packed[stem][1].words), "bits": packed[stem][1].bits}
+    return {
+        "name": case.name,
+        "number": number,
+        "start": case.start,
+        "events": len(done.events),
+        "windows": len(done.windows),
+        "matches": len(done.matches),
+        "design": case.design.to_dict(),
+        "widths": {name: form.width for name, form in case.design.formats.items()},
+        "reference_firmware": firmware,
+        "words": {name: packing.to_json() for name, (packing, _) in packed.items()},
+        "coverage": coverage(case),
+        "files": hashes,
+    }
+
+
+def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
+    """Everything that is told by words, and what a word of it holds."""
+    design, lookup = case.design, case.memories.lookup()
+    bits = {name: form.width for name, form in design.formats.items()}
+    time_bits = 32 if design.timestamp_bits <= 32 else 64
+    code = tuple((f"lane_{lane}", bits["code"]) for lane in range(design.lanes))
+    event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
+    match = (
+        ("window", 32),
+        ("place", bits["place"]),
+        ("sum", bits["sequence"]),
+        ("has_second", 1),
+        ("second", bits["place"]),
+        ("second_sum", bits["sequence"]),
+        ("ties", bits["place"]),
+        ("accepted", 1),
+    )
+    rows: dict[str, tuple[tuple[tuple[str, int], ...], Iterable[Sequence[int]]]] = {
+        "events": (event, case.events),
+        "displacement": (
+            (("address", bits["address"]),),
+            [(value,) for value in lookup.displacement],
+        ),
+        "lookup": (
+            (("slot", bits["slot"]), ("owner", bits["owner"])),
+            zip(lookup.slot, lookup.owner, strict=True),
+        ),
+        "codes": ((("code", bits["code"]),), [(c,) for table in design.tables for c in table]),
+        "code_tables": ((("table", bits["table"]),), [(t,) for t in case.memories.tables]),
+        "expected_events": (
+            (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"])),
+            [(r.slot is not None, r.slot or 0, r.counted) for r in done.events],
+        ),
+        "expected_matches": (
+            match,
+            [
+                (*m[:3], m.second is not None, m.second or 0, m.second_sum or 0, *m[5:])
+                for m in done.matches
+            ],
+        ),
+    }
+    packed = {}
+    for name, (fields, values) in rows.items():
+        packing = Packing(fields)
+        integers = (tuple(map(int, row)) for row in values)
+        packed[name] = packing, formats.pack(packing, integers)
+    for name, descriptors in (
+        ("places", case.memories.places),
+        ("expected_windows", tuple(window.codes for window in done.windows)),
+    ):
+        words = [formats.lanes(codes, design.lanes, bits["code"]) for codes in descriptors]
+        flat = tuple(word for row in words for word in row)
+        packed[name] = Packing(code), Table(design.lanes * bits["code"], flat)
+    return packed
+
+
+_EVENT = ("event", "slot", "count")
+_MATCH = ("window", "place", "sum", "second", "second_sum", "ties", "accepted")
+
+
+def _csv_files(case: Case, done: Trace) -> dict[str, str]:
+    slots = range(case.design.slots)
+    numbered: dict[str, list[tuple[int, ...]]] = {"event": [], "window": [], "match": []}
+    for kind, values in records(in_order(done)):
+        numbered[kind].append(values)
+    window = ("window", "events", *(f"slot_{slot}" for slot in slots))
+    return {
+        "events.csv": formats.csv(("t", "x", "y", "on"), [tuple(map(int, e)) for e in case.events]),
+        "pixels.csv": formats.csv(("x", "y"), case.memories.pixels),
+        "places.csv": formats.csv([f"slot_{slot}" for slot in slots], case.memories.places),
+        "expected_events.csv": formats.csv(_EVENT, numbered["event"]),
+        "expected_windows.csv": formats.csv(window, numbered["window"]),
+        "expected_matches.csv": formats.csv(_MATCH, numbered["match"]),
+    }
+
+
+def _arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
+    """Arrays by name; -1 in place of what there is none of."""
+    lookup, design = case.memories.lookup(), case.design
+    t, x, y, on = zip(*case.events, strict=True) if case.events else ((),) * 4
+    matches = [[-1 if v is None else int(v) for v in match] for match in done.matches]
+    windows = [window.codes for window in done.windows]
+    ended = [window.events for window in done.windows]
+    shape = (-1, design.slots)
+    return {
+        "t": np.array(t, dtype="<u8"),
+        "x": np.array(x, dtype="<u2"),
+        "y": np.array(y, dtype="<u2"),
+        "on": np.array(on, dtype="?"),
+        "start": np.array(case.start, dtype="<u8"),
+        "pixels": np.array(case.memories.pixels, dtype="<u2"),
+        "displacement": np.array(lookup.displacement, dtype="<u4"),
+        "owner": np.array(lookup.owner, dtype="<u4"),
+        "slot": np.array(lookup.slot, dtype="<u4"),
+        "codes": np.array(design.tables, dtype="<u2"),
+        "code_tables": np.array(case.memories.tables, dtype="u1"),
+        "places": np.array(case.memories.places, dtype="<u2"),
+        "expected_slot": np.array([-1 if r.slot is None else r.slot for r in done.events], "<i4"),
+        "expected_count": np.array([r.counted for r in done.events], dtype="<u4"),
+        "expected_window_events": np.array(ended, dtype="<u4"),
+        "expected_windows": np.array(windows, dtype="<u2").reshape(shape),
+        "expected_matches": np.array(matches, dtype="<i8").reshape(-1, len(_MATCH)),
+    }
+
+
+def _header(case: Case, flash: bytes, events: bytes, expected: bytes) -> str:
+    guard = f"VPR_CASE_{case.name.upper()}_H"
+    return "\n".join(
+        [
+            f"/* Case {case.name}: the arguments of vpr_replay, and the records that it writes. */",
+            f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
+            f"#define CASE_START {case.start}U\n",
+            formats.c_array("case_image", flash),
+            formats.c_array("case_events", events),
+            formats.c_array("case_expected", expected),
+            "#endif\n",
+        ]
+    )

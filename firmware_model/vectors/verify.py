@@ -1,0 +1,263 @@
+"""Compare what a device returned with the vectors, and point at the first difference."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from firmware_model.errors import VectorError
+from firmware_model.vectors.case import KINDS, NONE, Record, from_binary
+from firmware_model.vectors.suite import MANIFEST, SCHEMA
+
+COMPARED = ("event", "window", "match")
+_FIELDS = {
+    "event": ("number", "slot", "count"),
+    "window": ("number", "events"),
+    "match": ("window", "place", "sum", "second", "second_sum", "ties", "accepted"),
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Outcome of a comparison.
+
+    Attributes
+    ----------
+    difference : str
+        The first one of each case that has one, a line each; empty if there is none.
+    compared : dict of str to int
+        Records that were compared and equal, by kind.
+    cases : int
+        That were compared.
+    """
+
+    difference: str
+    compared: dict[str, int]
+    cases: int
+
+
+def load_manifest(folder: str | Path) -> dict[str, Any]:
+    """Read a manifest.
+
+    Raises
+    ------
+    VectorError
+        If there is none, or it is of another schema.
+    """
+    path = Path(folder) / MANIFEST
+    try:
+        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise VectorError(f"cannot read {path}: {error}: name a folder of vectors") from error
+    if manifest.get("schema") != SCHEMA:
+        raise VectorError(
+            f"{path} has schema {manifest.get('schema')!r}: this version reads {SCHEMA}"
+        )
+    return manifest
+
+
+def check_files(folder: str | Path) -> int:
+    """Hold every file of the vectors to its hash; give their number.
+
+    Raises
+    ------
+    VectorError
+        If one is missing or was changed.
+    """
+    number = 0
+    for suite in load_manifest(folder)["suites"]:
+        for case in suite["cases"]:
+            for name in case["files"]:
+                _read(Path(folder), suite["name"], case, name)
+                number += 1
+    return number
+
+
+def _read(folder: Path, suite: str, case: dict[str, Any], name: str) -> bytes:
+    path = folder / suite / case["name"] / name
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise VectorError(f"cannot read {path}: {error.strerror}: make the vectors anew") from error
+    if hashlib.sha256(data).hexdigest() != case["files"][name]["sha256"]:
+        raise VectorError(f"{path} was changed since it was made: make the vectors anew")
+    return data
+
+
+def read_results(path: str | Path) -> list[Record]:
+    """Read a device's results.
+
+    A CSV has a record a line: ``case,corners/tie_of_two`` first, then ``event,0,3,1`` and so on,
+    the values as in ``expected_*.csv``. Any other suffix is binary: 32-bit little-endian words, a
+    record being its kind (0 case, 1 event, 2 window, 3 match), the number of its values, and the
+    values; a case's value is its number in the manifest.
+
+    Raises
+    ------
+    VectorError
+        If it cannot be read.
+    """
+    path = Path(path)
+    try:
+        if path.suffix.lower() != ".csv":
+            return list(from_binary(path.read_bytes(), str(path)))
+        text = path.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        raise VectorError(f"cannot read results from {path}: {error}") from error
+    return [
+        _from_line(line, f"{path}, line {number}")
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip()
+    ]
+
+
+def _from_line(line: str, where: str) -> Record:
+    kind, *values = (part.strip() for part in line.split(","))
+    if kind not in KINDS:
+        raise VectorError(f"{where}: record of kind {kind!r}: expected {', '.join(KINDS)}")
+    if kind == "case":
+        return f"case {','.join(values)}", ()
+    try:
+        return kind, tuple(NONE if value == "-1" else int(value) for value in values)
+    except ValueError:
+        raise VectorError(f"{where}: {line[:60]!r} are not integers") from None
+
+
+def verify(
+    folder: str | Path,
+    results: Iterable[Record],
+    *,
+    case: str | None = None,
+    kinds: Sequence[str] = COMPARED,
+) -> Verdict:
+    """Compare a device's results with the vectors.
+
+    Parameters
+    ----------
+    folder : path
+        Of the vectors; the files that are read are held to their hashes.
+    results : iterable of Record
+    case : str, optional
+        The case, as ``suite/name``, to which records belong before the first one that names a case.
+    kinds : sequence of {"event", "window", "match"}
+        Which records the device returns; others are not expected, and not looked at.
+
+    Returns
+    -------
+    Verdict
+
+    Raises
+    ------
+    VectorError
+        If a record belongs to no case, or no case was returned.
+    """
+    folder = Path(folder)
+    cases = {
+        f"{suite['name']}/{entry['name']}": (suite["name"], entry)
+        for suite in load_manifest(folder)["suites"]
+        for entry in suite["cases"]
+    }
+    returned = _by_case(results, {e["number"]: name for name, (_, e) in cases.items()}, case)
+    compared = dict.fromkeys(kinds, 0)
+    differences = []
+    for name, found in returned.items():
+        if name not in cases:
+            raise VectorError(
+                f"results of a case {name!r}, which the vectors have not: they have for example "
+                f"{next(iter(cases))!r}"
+            )
+        suite, entry = cases[name]
+        expected = list(from_binary(_read(folder, suite, entry, "expected.bin")))
+        pixels = _pixels(_read(folder, suite, entry, "pixels.csv"))
+        difference = _compare(expected, found, kinds, pixels, compared)
+        if difference:
+            differences.append(f"{name}: {difference}")
+    if not returned:
+        raise VectorError("the results are empty: expected at least one case")
+    return Verdict("\n".join(differences), compared, len(returned))
+
+
+def _by_case(
+    results: Iterable[Record], names: dict[int, str], case: str | None
+) -> dict[str, list[Record]]:
+    found: dict[str, list[Record]] = {} if case is None else {case: []}
+    for kind, values in results:
+        if kind.startswith("case"):
+            if kind == "case" and (not values or values[0] not in names):
+                raise VectorError(f"results of case number {list(values)}: the vectors have not")
+            case = names[values[0]] if kind == "case" else kind.removeprefix("case ")
+            found.setdefault(case, [])
+        elif case is None:
+            raise VectorError(
+                "the first record names no case: begin with one, or say which case it is"
+            )
+        else:
+            found[case].append((kind, values))
+    return found
+
+
+def _compare(
+    expected: Sequence[Record],
+    found: Sequence[Record],
+    kinds: Sequence[str],
+    pixels: Sequence[str],
+    compared: dict[str, int],
+) -> str:
+    """First difference in the order in which things happened; empty if there is none."""
+    left: dict[str, Iterator[tuple[int, ...]]] = {
+        kind: iter([values for k, values in found if k == kind]) for kind in kinds
+    }
+    taken = 0
+    for kind, wanted in expected:
+        if kind == "event":
+            taken = wanted[0]
+        if kind not in kinds:
+            continue
+        got = next(left[kind], None)
+        if got != wanted:
+            return _describe(kind, wanted, got, pixels, taken)
+        compared[kind] += 1
+    for kind, rest in left.items():
+        extra = next(rest, None)
+        if extra is not None:
+            return f"{kind} {extra[0] if extra else ''} was returned beyond the last one expected"
+    return ""
+
+
+def _describe(
+    kind: str,
+    wanted: tuple[int, ...],
+    got: tuple[int, ...] | None,
+    pixels: Sequence[str],
+    taken: int,
+) -> str:
+    where = f"{kind if kind != 'match' else 'match of window'} {wanted[0]}"
+    if kind == "event" and wanted[1] != NONE:
+        where += f" at pixel {pixels[wanted[1] % len(pixels)]}"
+    elif kind != "event":
+        where += f" (after event {taken})"
+    if got is None:
+        return f"{where}: nothing was returned for it"
+    if len(got) != len(wanted):
+        return f"{where}: expected {len(wanted)} values, got {len(got)}"
+    at = next(i for i, (a, b) in enumerate(zip(wanted, got, strict=True)) if a != b)
+    names = _FIELDS[kind]
+    if at < len(names):
+        what = names[at]
+    else:
+        slot = at - len(names)
+        what = f"code of slot {slot}, pixel {pixels[slot % len(pixels)]}"
+    return f"{where}: {what}: expected {_said(wanted[at])}, got {_said(got[at])}"
+
+
+def _said(value: int) -> str:
+    return "none" if value == NONE else str(value)
+
+
+def _pixels(data: bytes) -> list[str]:
+    lines = data.decode("ascii").splitlines()[1:]
+    return ["({}, {})".format(*line.split(",")) for line in lines]
