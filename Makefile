@@ -22,6 +22,7 @@ types: $(call STAMP,test)
 
 bench: $(call STAMP,bench)
 	$(BIN)/python -m pytest tools/bench --write=docs/benchmarks.md
+	$(BIN)/python tools/bench/latency.py >> docs/benchmarks.md
 
 clean:
 	rm -rf $(VENV) results

@@ -161,6 +161,11 @@ class Localiser:
         return sums + self._s.number[BASE]
 
     @property
+    def map_bytes(self) -> int:
+        """Size of the map as it is searched: every place, laid out by pixel."""
+        return self._s.columns.nbytes
+
+    @property
     def complete(self) -> bool:
         """Whether the L windows are complete, so that matches are given."""
         if isinstance(self._window, FixedTime):
