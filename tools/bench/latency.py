@@ -79,9 +79,9 @@ def main() -> None:
     print("\n## From an event's arrival to its match\n")
     print(
         f"Machine: {machine()}. A camera of {EVENTS_PER_SECOND:,} events a second at random pixels "
-        f"of {SENSOR}, 150 of them selected, K = {PLACES:,}, windows of N = 450 events, a match for "
-        "every selected event, garbage collection off. Microseconds from the call with a chunk to "
-        "its return with matches.\n"
+        f"of {SENSOR}, 150 of them selected, K = {PLACES:,}, windows of N = 450 events, a match "
+        "for every selected event, garbage collection off. Microseconds from the call with a chunk "
+        "to its return with matches.\n"
     )
     for line in lines:
         print("| " + " | ".join(line) + " |")

@@ -12,6 +12,7 @@ EXPERIMENTS = {
     "adaptive": "adaptive",
     "speck-walks": "speck_walks",
     "brisbane": "brisbane",
+    "codes": "codes_frontier",
 }
 
 
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
     )
+    parser.add_argument("--figure", metavar="PNG", help="also draw the figure (codes only)")
     parser.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="trials with different seeds (5)"
     )
@@ -45,11 +47,14 @@ def run(args: argparse.Namespace) -> None:
     module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[args.name]}")
     folder = getattr(module, "FOLDER", None)
     data = None if args.data is None else Path(args.data)
+    if args.figure is not None and args.name != "codes":
+        raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
             f"experiment {args.name} reads the folder {folder} in {args.data}, which is not there: "
             "name the folder that holds it with --data"
         )
     with Console(stderr=True).status("starting") as status:
-        table = module.run(data, args.seeds, status.update)
+        more = () if args.figure is None else (Path(args.figure),)
+        table = module.run(data, args.seeds, status.update, *more)
     print(table)
