@@ -10,8 +10,12 @@ STAMP = $(VENV)/.installed-$(1)
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
 
+# what has compiled kernels runs a second time in plain Python
+KERNELS := cleaning codes counters fixedpoint localiser matcher matches pipeline simulate_pixels windows
+
 test: lint types
 	$(BIN)/python -m pytest
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q $(KERNELS:%=tests/test_%.py)
 
 lint: $(call STAMP,test)
 	$(BIN)/ruff check .

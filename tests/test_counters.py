@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from no_compiler import run_without_compiler
 from streams import as_tuples, cut_up, random_events
 
 from edge_vpr.counters import _BLOCK, count_events, count_frame, count_until, select_events
@@ -200,7 +199,3 @@ def test_arrays_that_do_not_fit_are_refused(arguments, message):
 def test_a_negative_budget_is_refused():
     with pytest.raises(UsageError, match="budget of -1"):
         count_until(TABLE, X, X, COUNTS, -1)
-
-
-def test_all_of_this_holds_without_the_compiler():
-    run_without_compiler(__file__)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from no_compiler import run_without_compiler
 from numba import njit
 
 from edge_vpr import sad
@@ -215,7 +214,3 @@ def test_each_processor_gets_its_own_instructions(kernel_ir, triple, cpu, instru
     assembly = machine.emit_assembly(module)
     for instruction in instructions:
         assert f"\t{instruction}" in assembly
-
-
-def test_all_of_this_holds_without_the_compiler():
-    run_without_compiler(__file__)
