@@ -101,12 +101,15 @@ def test_an_image_that_cannot_be_is_refused(emulator, cases, word):
 def test_designs_beyond_the_firmware_are_refused():
     """Wide codes and clocks, and sums that would not fit, each named."""
     for changes, message in (
-        ({"code": "linear", "code_bits": 9}, "codes up to 511"),
+        ({"code": "linear", "code_bits": 9, "full_scales": (0,)}, "codes up to 511"),
         ({"timestamp_bits": 40}, "timestamps"),
         ({"pixels": 3000, "code_bits": 5}, "a distance up to"),
-        ({"accept": "ratio", "ratio": (1, 65_535), "pixels": 3000}, "sums times"),
+        (
+            {"accept": "ratio", "ratio": (1, 65_535), "pixels": 2000, "length": 40, "places": 40},
+            "sums times",
+        ),
     ):
-        design = replace(DESIGN, places=4, lookup_depth=0, **changes)
+        design = replace(DESIGN, **({"lookup_depth": 0} | changes))
         memories = random_memories(np.random.default_rng(0), design)
         with pytest.raises(DesignError, match=message):
             image(memories)

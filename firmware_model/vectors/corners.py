@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 from firmware_model.descriptor import DescriptorModel, Event, WindowResult
 from firmware_model.design import Design
@@ -71,22 +72,22 @@ class Stream:
 def choose_pixels(design: Design) -> list[Pixel]:
     """Pixels that lie in the sensor's corners, two in a column and two in a row, and elsewhere.
 
-    The last pixel of the last row is left out while there are others, so that one corner of the
-    sensor is not selected.
+    The last pixel of the last row is left out where not all are selected.
     """
     right, bottom = design.width - 1, design.height - 1
-    wanted = [(0, 0), (right, 0), (0, bottom), (right // 2, bottom // 2), (right // 2, 0)]
-    spread = design.width * design.height
+    first = [(0, 0), (right, 0), (0, bottom), (right // 2, bottom // 2), (right // 2, 0)]
+    number = design.width * design.height
     # steps of a prime visit every pixel, unless it divides their number
-    step = next(p for p in (7919, 104_729, 1) if spread % p)
-    wanted += [(i % design.width, i // design.width) for i in _visit(spread, step)]
-    distinct = list(dict.fromkeys(wanted))
-    distinct.remove((right, bottom))
-    return [*distinct, (right, bottom)][: design.pixels]
-
-
-def _visit(number: int, step: int) -> list[int]:
-    return [i * step % number for i in range(number)]
+    step = next(p for p in (7919, 104_729, 1) if number % p or p == 1)
+    visited = (i * step % number for i in range(number))
+    elsewhere = ((flat % design.width, flat // design.width) for flat in visited)
+    chosen: dict[Pixel, None] = {}
+    for pixel in chain(first, elsewhere):
+        if len(chosen) == design.pixels:
+            break
+        if pixel != (right, bottom) or design.pixels == number:
+            chosen[pixel] = None
+    return list(chosen)
 
 
 def corner_cases(design: Design) -> list[Case]:

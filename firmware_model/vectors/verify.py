@@ -27,17 +27,18 @@ class Verdict:
 
     Attributes
     ----------
-    difference : str
-        The first one of each case that has one, a line each; empty if there is none.
+    differences : list of str
+        The first one of each case that has one.
     compared : dict of str to int
         Records that were compared and equal, by kind.
-    cases : int
-        That were compared.
+    cases, known : int
+        That were returned, and that the vectors have.
     """
 
-    difference: str
+    differences: list[str]
     compared: dict[str, int]
     cases: int
+    known: int
 
 
 def load_manifest(folder: str | Path) -> dict[str, Any]:
@@ -55,7 +56,8 @@ def load_manifest(folder: str | Path) -> dict[str, Any]:
         raise VectorError(f"cannot read {path}: {error}: name a folder of vectors") from error
     if manifest.get("schema") != SCHEMA:
         raise VectorError(
-            f"{path} has schema {manifest.get('schema')!r}: this version reads {SCHEMA}"
+            f"{path} has schema {manifest.get('schema')!r} and this version reads {SCHEMA}: make "
+            "the vectors anew"
         )
     return manifest
 
@@ -178,7 +180,7 @@ def verify(
             differences.append(f"{name}: {difference}")
     if not returned:
         raise VectorError("the results are empty: expected at least one case")
-    return Verdict("\n".join(differences), compared, len(returned))
+    return Verdict(differences, compared, len(returned), len(cases))
 
 
 def _by_case(

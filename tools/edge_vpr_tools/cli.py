@@ -9,7 +9,17 @@ import traceback
 from collections.abc import Sequence
 
 #: each verb is a module of this package with HELP, add_arguments(parser) and run(args)
-COMMANDS = ("demo", "map", "match", "evaluate", "info", "convert", "simulate", "experiment")
+COMMANDS = (
+    "demo",
+    "map",
+    "match",
+    "evaluate",
+    "info",
+    "convert",
+    "simulate",
+    "experiment",
+    "golden",
+)
 
 EXIT_FAILED, EXIT_WRONG_USE, EXIT_INTERRUPTED = 1, 2, 130
 

@@ -1,0 +1,409 @@
+"""Golden vectors: what is on disk, how it is verified, and that real drives agree with them."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from streams import random_events
+
+from edge_vpr.events import Sensor
+from edge_vpr.matches import match_descriptors
+from edge_vpr.pipeline import describe
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from firmware_model import Design, VectorError
+from firmware_model.build import SOURCES
+from firmware_model.vectors import (
+    CORNERS,
+    check_files,
+    formats,
+    from_binary,
+    load_manifest,
+    read_results,
+    standard_suites,
+    to_binary,
+    verify,
+    write_suites,
+)
+
+DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
+
+
+@pytest.fixture(scope="module")
+def vectors(tmp_path_factory):
+    """Vectors of a small design."""
+    folder = tmp_path_factory.mktemp("golden") / "vectors"
+    write_suites(folder, DESIGN, standard_suites(DESIGN, 3), 3)
+    return folder
+
+
+def each_case(folder):
+    for suite in load_manifest(folder)["suites"]:
+        for case in suite["cases"]:
+            yield f"{suite['name']}/{case['name']}", case, folder / suite["name"] / case["name"]
+
+
+def correct_results(folder):
+    """What a perfect device returns, a list of records."""
+    for _, case, place in each_case(folder):
+        yield "case", (case["number"],)
+        yield from from_binary((place / "expected.bin").read_bytes())
+
+
+def test_the_same_seed_makes_the_same_bytes(vectors, tmp_path):
+    """Every file, archives too; another seed makes other random cases and the same corners."""
+    write_suites(tmp_path / "again", DESIGN, standard_suites(DESIGN, 3), 3)
+    write_suites(tmp_path / "other", DESIGN, standard_suites(DESIGN, 4), 4)
+    files = sorted(p.relative_to(vectors) for p in vectors.rglob("*") if p.is_file())
+    assert len(files) > 500
+    differ = set()
+    for file in files:
+        data = (vectors / file).read_bytes()
+        assert data == (tmp_path / "again" / file).read_bytes(), file
+        if data != (tmp_path / "other" / file).read_bytes():
+            differ.add(file.parts[0])
+    assert differ == {"random", "manifest.json"}
+
+
+@pytest.mark.parametrize("window", ["time", "count"])
+@pytest.mark.parametrize("polarity", [False, True])
+def test_the_corner_suite_reaches_every_corner(window, polarity):
+    """Whatever windows and polarity a design has, as counted in the model's states."""
+    from dataclasses import replace
+
+    from firmware_model.vectors import corner_cases, coverage
+
+    design = replace(DESIGN, window=window, polarity=polarity, window_events=30)
+    cases = corner_cases(design)
+    reached = {corner for case in cases for corner, n in coverage(case).items() if n}
+    assert reached == set(CORNERS)
+    # and no case could stand for all the others
+    assert max(sum(map(bool, coverage(case).values())) for case in cases) < len(CORNERS) - 5
+
+
+def test_the_manifest_names_every_file_and_its_hash(vectors):
+    """No file beside those of the manifest; each as long as it says, with its SHA-256."""
+    named = {vectors / "manifest.json", vectors / "design.toml"}
+    for _, case, place in each_case(vectors):
+        for name, told in case["files"].items():
+            data = (place / name).read_bytes()
+            assert (len(data), hashlib.sha256(data).hexdigest()) == (told["bytes"], told["sha256"])
+            named.add(place / name)
+    assert named == {path for path in vectors.rglob("*") if path.is_file()}
+    assert check_files(vectors) == len(named) - 2
+
+
+def test_a_changed_file_is_found(vectors, tmp_path):
+    """One byte of one file."""
+    import shutil
+
+    shutil.copytree(vectors, tmp_path / "copy")
+    changed = tmp_path / "copy" / "corners" / "tie_of_two" / "places.mem"
+    data = bytearray(changed.read_bytes())
+    data[3] ^= 1
+    changed.write_bytes(data)
+    with pytest.raises(VectorError, match=r"places\.mem was changed"):
+        check_files(tmp_path / "copy")
+    changed.unlink()
+    with pytest.raises(VectorError, match="cannot read"):
+        check_files(tmp_path / "copy")
+
+
+def unpack(word: int, fields: list[dict]) -> dict[str, int]:
+    return {f["field"]: word >> f["lowest_bit"] & ((1 << f["bits"]) - 1) for f in fields}
+
+
+def test_all_forms_of_a_memory_hold_the_same(vectors):
+    """`.mem`, COE and MIF word by word; unpacked by the manifest alone, they are the NPZ's."""
+    for name, case, place in each_case(vectors):
+        arrays = np.load(place / "case.npz")
+        words = {
+            stem: [int(line, 16) for line in (place / f"{stem}.mem").read_text().split()]
+            for stem in case["words"]
+        }
+        for stem in ("displacement", "lookup", "codes", "code_tables", "places"):
+            coe = (place / f"{stem}.coe").read_text().split("vector=")[1]
+            assert [int(w.strip(" ;\n"), 16) for w in coe.split(",")] == words[stem]
+            mif = (place / f"{stem}.mif").read_text().split("CONTENT BEGIN")[1].split("\n")[1:-2]
+            pairs = [line.rstrip(";").split(" : ") for line in mif]
+            assert [int(a, 16) for a, _ in pairs] == list(range(len(words[stem])))
+            assert [int(w, 16) for _, w in pairs] == words[stem]
+        taken = {
+            stem: [unpack(word, case["words"][stem]) for word in words[stem]] for stem in words
+        }
+        assert [e["t"] for e in taken["events"]] == arrays["t"].tolist(), name
+        assert [(e["x"], e["y"], e["on"]) for e in taken["events"]] == list(
+            zip(*(arrays[column].tolist() for column in ("x", "y", "on")), strict=True)
+        )
+        assert [e["owner"] for e in taken["lookup"]] == arrays["owner"].tolist()
+        lanes, slots = case["design"]["lanes"], arrays["places"].shape[1]
+        for stem, rows in (("places", "places"), ("expected_windows", "expected_windows")):
+            flat = [word[f"lane_{i}"] for word in taken[stem] for i in range(lanes)]
+            table = np.array(flat).reshape(len(arrays[rows]), -1)
+            assert np.array_equal(table[:, :slots], arrays[rows]) and not table[:, slots:].any()
+        for match, row in zip(
+            taken["expected_matches"], arrays["expected_matches"].tolist(), strict=True
+        ):
+            window, best, total, second, second_sum, ties, accepted = row
+            assert (match["window"], match["place"], match["sum"]) == (window, best, total)
+            assert (match["ties"], match["accepted"]) == (ties, accepted)
+            assert match["has_second"] == (second >= 0)
+            assert second < 0 or (match["second"], match["second_sum"]) == (second, second_sum)
+
+
+def test_intel_hex_gives_the_image_back(vectors):
+    """Lines of a correct checksum, also across 64 KiB and from an odd address."""
+
+    def decode(text: str) -> dict[int, int]:
+        found, upper = {}, 0
+        for line in text.split():
+            data = bytes.fromhex(line[1:])
+            assert line[0] == ":" and sum(data) & 0xFF == 0 and data[0] == len(data) - 5
+            if data[3] == 4:
+                upper = int.from_bytes(data[4:6], "big") << 16
+            elif data[3] == 0:
+                at = upper | int.from_bytes(data[1:3], "big")
+                found |= {at + i: byte for i, byte in enumerate(data[4:-1])}
+        assert text.endswith(":00000001FF\n")
+        return found
+
+    _, _, place = next(each_case(vectors))
+    image = (place / "image.bin").read_bytes()
+    assert decode((place / "image.hex").read_text()) == dict(enumerate(image))
+    data = bytes(range(256)) * 3
+    assert decode(formats.intel_hex(data, 0x1_FEFB)) == {
+        0x1_FEFB + i: b for i, b in enumerate(data)
+    }
+
+
+def test_a_c_program_of_nothing_but_a_header_passes(vectors, tmp_path):
+    """The C header holds all that a device needs to test itself."""
+    pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
+    main_c = tmp_path / "main.c"
+    main_c.write_text(
+        '#include <string.h>\n#include "replay.h"\n#include "case.h"\n'
+        "static uint32_t ram[1U << 14];\nstatic uint32_t out[1U << 18];\n"
+        "int main(void)\n{\n"
+        "    const uint32_t words = vpr_replay(case_image, CASE_IMAGE_BYTES,\n"
+        "        (const vpr_event_t *)(const void *)case_events, CASE_EVENTS_BYTES / 8U,\n"
+        "        CASE_START, ram, sizeof ram, out, 1U << 18);\n"
+        "    return (words * 4U == CASE_EXPECTED_BYTES) && "
+        "(memcmp(out, case_expected, CASE_EXPECTED_BYTES) == 0) ? 0 : 1;\n}\n"
+    )
+    program = tmp_path / "self-test"
+    place = vectors / "corners" / "events_by_time"
+    command = [
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        "-std=c11",
+        "-O2",
+        f"-I{SOURCES}",
+        f"-I{place}",
+    ]
+    command += [str(main_c), str(SOURCES / "vpr.c"), str(SOURCES / "replay.c"), "-o", str(program)]
+    environment = os.environ | {"ZIG_LOCAL_CACHE_DIR": str(tmp_path)}
+    subprocess.run(command, check=True, capture_output=True, env=environment)
+    assert subprocess.run([program], check=False).returncode == 0
+
+
+def test_correct_results_pass(vectors, tmp_path):
+    """As binary and as CSV, all cases or some, and where only matches are returned."""
+    records = list(correct_results(vectors))
+    (tmp_path / "r.bin").write_bytes(to_binary(records))
+    verdict = verify(vectors, read_results(tmp_path / "r.bin"))
+    cases = len(list(each_case(vectors)))
+    assert verdict.differences == [] and verdict.cases == verdict.known == cases
+    assert verdict.compared["event"] > 10_000 and verdict.compared["match"] > 100
+    names = {case["number"]: name for name, case, _ in each_case(vectors)}
+    with (tmp_path / "r.csv").open("w") as file:
+        for kind, values in records:
+            told = [names[values[0]]] if kind == "case" else values
+            file.write(",".join(map(str, (kind, *told))).replace("4294967295", "-1") + "\n")
+    assert verify(vectors, read_results(tmp_path / "r.csv")) == verdict
+    matches = [r for r in records if r[0] in ("case", "match")]
+    assert verify(vectors, matches, kinds=("match",)).differences == []
+    assert len(verify(vectors, matches).differences) == cases
+
+
+def test_the_first_difference_is_pointed_at(vectors):
+    """Event, pixel, expected and got; window and slot; a match's field; and what is missing."""
+    name = "corners/events_by_time"
+    place = vectors / "corners" / "events_by_time"
+    good = list(from_binary((place / "expected.bin").read_bytes()))
+    pixels = list(csv.reader((place / "pixels.csv").read_text().splitlines()))[1:]
+
+    def said(change) -> str:
+        records = list(good)
+        change(records)
+        found = verify(vectors, records, case=name).differences
+        assert len(found) == 1 and found[0].startswith(name)
+        return found[0].removeprefix(f"{name}: ")
+
+    def first(kind, of=good, after=0):
+        return next(i for i, r in enumerate(of) if r[0] == kind and i >= after)
+
+    at = next(i for i, (kind, v) in enumerate(good) if kind == "event" and i > 50 and v[2] > 2)
+    number, slot, count = good[at][1]
+
+    def count_less(records):
+        records[at] = ("event", (number, slot, count - 1))
+        # a later fault is not the first
+        records[-1] = (records[-1][0], (999, *records[-1][1][1:]))
+
+    x, y = pixels[slot]
+    expected = f"event {number} at pixel ({x}, {y}): count: expected {count}, got {count - 1}"
+    assert said(count_less) == expected
+
+    at_window = first("window", after=20)
+    values = list(good[at_window][1])
+    values[2 + 4] ^= 1
+
+    def code_wrong(records):
+        records[at_window] = ("window", tuple(values))
+
+    x, y = pixels[4]
+    assert f"code of slot 4, pixel ({x}, {y}): expected" in said(code_wrong)
+
+    at_match = first("match")
+    match = list(good[at_match][1])
+    match[3] = 0xFFFF_FFFF
+
+    def no_second(records):
+        records[at_match] = ("match", tuple(match))
+
+    assert f"match of window {match[0]} (after event" in said(no_second)
+    assert said(no_second).endswith("got none")
+
+    assert "nothing was returned" in said(lambda records: records.pop())
+    assert "expected 3 values, got 2" in said(
+        lambda records: records.__setitem__(at, ("event", (number, slot)))
+    )
+    assert "beyond the last one" in said(lambda records: records.append(records[0]))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("r.bin", b"123", "expected 32-bit words"),
+        ("r.bin", b"\x09\0\0\0\0\0\0\0", "begins no whole record"),
+        ("r.bin", b"\x01\0\0\0\x03\0\0\0", "begins no whole record"),
+        ("r.csv", b"evnt,1,2,3\n", "line 1: record of kind 'evnt'"),
+        ("r.csv", b"case,a/b\nevent,1,x,3\n", "line 2: 'event,1,x,3' are not integers"),
+        ("r.csv", b"case,a/b\nevent,0,0,0\n", "results of a case 'a/b'"),
+        ("r.csv", b"event,0,0,0\n", "names no case"),
+        ("r.csv", b"\n", "empty"),
+        ("r.bin", b"\0\0\0\0\x01\0\0\0\xff\0\0\0", "case number"),
+    ],
+)
+def test_results_that_cannot_be_read_are_refused(vectors, tmp_path, name, content, message):
+    """Each error says where and what was expected."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(VectorError, match=message):
+        verify(vectors, read_results(tmp_path / name))
+
+
+def test_only_an_empty_folder_is_written_to(vectors):
+    """Vectors are not mixed with others."""
+    with pytest.raises(VectorError, match="not an empty folder"):
+        write_suites(vectors, DESIGN, {}, 0)
+    with pytest.raises(VectorError, match="name a folder of vectors"):
+        load_manifest(vectors / "corners")
+
+
+def test_the_command_makes_and_verifies_vectors(tmp_path, capsys):
+    """From a design's file; the summary counts cases; a wrong result ends with exit code 1."""
+    DESIGN.save(tmp_path / "design.toml")
+    vectors = tmp_path / "vectors"
+    made = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(vectors)]
+    assert main(made) == 0
+    assert f"{len(CORNERS)} of {len(CORNERS)} corners" in capsys.readouterr().out
+    assert main(["golden", "verify", str(vectors)]) == 0
+    assert "files are as they were made" in capsys.readouterr().out
+    records = list(correct_results(vectors))
+    results = tmp_path / "results.bin"
+    verified = ["golden", "verify", str(vectors), "--results", str(results)]
+    results.write_bytes(to_binary(records))
+    assert main(verified) == 0
+    assert "equal records" in capsys.readouterr().out
+    at = next(i for i, (kind, _) in enumerate(records) if kind == "match")
+    records[at] = ("match", (*records[at][1][:6], 1 - records[at][1][6]))
+    results.write_bytes(to_binary(records))
+    assert main(verified) == 1
+    out, error = capsys.readouterr()
+    assert "accepted: expected" in out and "1 of " in error
+    assert main(made) == 2 and "not an empty folder" in capsys.readouterr().err
+    for wrong in (
+        ["golden"],
+        ["golden", "verify"],
+        ["golden", "make", "x"],
+        [*verified, "--only", "a"],
+    ):
+        assert main(wrong) == 2, wrong
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+def same_as_the_pipeline(folder, map_file, query) -> int:
+    """Hold the suite `recording` to what the pipeline makes of the same drive."""
+    reference = ReferenceMap.load(map_file)
+    arrays = np.load(folder / "recording" / "drive" / "case.npz")
+    recording = open_recording(query)
+    found = describe(recording, reference.pixel_map, reference.settings, reference.full_scale)
+    windows = arrays["expected_windows"]
+    assert 0 < len(windows) <= len(found)
+    assert np.array_equal(windows, found.counts[: len(windows)])
+    matches = match_descriptors(reference.places, found, reference.settings)
+    end = reference.settings.sequence_length - 1 - reference.settings.sequence_length // 2
+    for row, i in zip(arrays["expected_matches"].tolist(), range(len(matches)), strict=False):
+        assert row[0] == matches.query[i] + end
+        assert row[1] == matches.place[i] + end and row[2] == matches.distance_sum[i]
+        assert row[4] == matches.second_sum[i] and row[5] == matches.ties[i]
+        assert row[3] == (matches.second[i] + end if matches.second[i] >= 0 else -1)
+    return len(arrays["expected_matches"])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        [],
+        ["--polarity", "--window", "count", "--counter-code", "log", "--counter-bits", "4"],
+        ["--counter-code", "sqrt", "--counter-scaling", "per-pixel"],
+    ],
+    ids=["counts", "codes and polarities", "codes of each pixel"],
+)
+def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_path, settings):
+    """All windows and matches of a random drive, by counts and by codes."""
+    rng = np.random.default_rng(5)
+    sensor = Sensor(16, 12)
+    for name in ("reference", "query"):
+        events = random_events(rng, 6_000, sensor, 3_000_000)
+        write_recording(tmp_path / f"{name}.npz", [events], sensor=sensor)
+    made = tmp_path / "map.npz"
+    flags = ["--pixels", "8", "--sigma", "1", "--tau", "50ms", "-L", "3", *settings]
+    assert main(["map", str(tmp_path / "reference.npz"), "-o", str(made), *flags]) == 0
+    query = tmp_path / "query.npz"
+    golden = ["golden", "--map", str(made), "--recording", str(query)]
+    assert main([*golden, "-o", str(tmp_path / "vectors")]) == 0
+    assert same_as_the_pipeline(tmp_path / "vectors", made, query) > 5
+    manifest = json.loads((tmp_path / "vectors" / "manifest.json").read_text())
+    assert [suite["name"] for suite in manifest["suites"]] == ["corners", "random", "recording"]
+
+
+def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, shared_data):
+    """Events of a camera in a car, at 30 of 1280 x 720 pixels."""
+    drive = shared_data / "recordings" / "evt3_gen41_1280x720_driving.raw"
+    made = tmp_path / "map.npz"
+    flags = ["--pixels", "30", "--tau", "200us", "-L", "5", "--counter-code", "log"]
+    assert main(["map", str(drive), "-o", str(made), *flags]) == 0
+    golden = ["golden", "--map", str(made), "--recording", str(drive), "--max-events", "100000"]
+    assert main([*golden, "-o", str(tmp_path / "vectors")]) == 0
+    assert same_as_the_pipeline(tmp_path / "vectors", made, drive) > 10
