@@ -93,7 +93,8 @@ def distance_matrix(
             handles.append(_dot(RED, "x", f"wrong match ({wrong.sum()})"))
         bar = drawing.colorbar(image, ax=axes, shrink=0.8)
         length = matches.settings.sequence_length
-        bar.set_label(f"distance, mean over sequences of {length} windows (events)")
+        unit = "events" if matches.settings.counter_code == "none" else "codes"
+        bar.set_label(f"distance, mean over sequences of {length} windows ({unit})")
         axes.set(
             title="Distance of each query to each place, and the best matches",
             xlabel="query window",
@@ -190,11 +191,16 @@ def online_places(matches: npt.NDArray[np.void], places: int) -> Figure:
 
 def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-def]
     places, queries = truth.correct.shape
-    band = np.ma.masked_equal(truth.correct[:: 1 + places // 2000, :: 1 + queries // 2000], False)
+    widened = truth.correct.copy()
+    # one place among hundreds would be thinner than a pixel of the picture
+    for shift in range(1, 1 + places // 250):
+        widened[shift:] |= truth.correct[:-shift]
+        widened[:-shift] |= truth.correct[shift:]
+    band = np.ma.masked_equal(widened[:: 1 + places // 2000, :: 1 + queries // 2000], False)
     axes.imshow(
         band,
         cmap=_single_colour(SKY),
-        alpha=0.45,
+        alpha=0.55,
         origin="lower",
         aspect="auto",
         extent=(-0.5, queries - 0.5, -0.5, places - 0.5),
