@@ -11,7 +11,8 @@ demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
 
 # what has compiled kernels runs a second time in plain Python
-KERNELS := cleaning codes counters fixedpoint localiser matcher matches pipeline simulate_pixels windows
+KERNELS := cleaning codes counters fixedpoint localiser matcher matches pipeline simulate_pixels \
+           sliding_window windows
 
 test: lint types
 	$(BIN)/python -m pytest

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, read_archive, write_archive
-from edge_vpr.counters import select_events
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.follow import DONE, NEXT_TICK, RING_FULL, follow
 from edge_vpr.pipeline import window_of
 from edge_vpr.pixels import PixelMap
+from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.sliding import (
@@ -28,7 +28,8 @@ from edge_vpr.sliding import (
     start,
     with_distances,
 )
-from edge_vpr.windows import MAX_WINDOWS, Descriptors, FixedTime, narrow
+from edge_vpr.sliding_window import selected_in_order
+from edge_vpr.windows import Descriptors, FixedTime, narrow
 
 #: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
 #: exclusion zone (-1: none); their distances, summed over the L windows of the sequence; best over
@@ -47,40 +48,6 @@ MATCH_DTYPE = np.dtype(
 KIND = "localiser state"
 
 _MATCHES_AT_ONCE = 4_096
-_EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
-
-
-@dataclass(frozen=True)
-class Every:
-    """When to say where we are; at least one of them.
-
-    Parameters
-    ----------
-    events : int
-        After so many events at the selected pixels; 1 is after each. 0: not by events.
-    interval_us : int
-        At every multiple of so many microseconds, before the events of that time. 0: not by time.
-    change : bool
-        Of what the others ask for, only matches whose place differs from the one said before.
-    """
-
-    events: int = 0
-    interval_us: int = 0
-    change: bool = False
-
-    def __post_init__(self) -> None:
-        if self.events < 0 or self.interval_us < 0 or not (self.events or self.interval_us):
-            raise UsageError(
-                f"a match every {self.events} events and every {self.interval_us} us: "
-                "expected a positive number of one of them"
-            )
-
-    @classmethod
-    def window(cls, settings: Settings) -> Every:
-        """At the end of every window of the main job, which makes the windows not overlap."""
-        if settings.window == "time":
-            return cls(interval_us=settings.tau_us)
-        return cls(events=settings.events_per_window)
 
 
 class Localiser:
@@ -194,18 +161,11 @@ class Localiser:
         """
         if events.size == 0:
             return np.empty(0, dtype=MATCH_DTYPE)
-        t = events["t"]
-        if t[0] < self._now - 1 or t[-1] < t[0]:
-            raise EventError(
-                f"time runs backwards, from {self._now - 1} to {min(t[0], t[-1])} us: sort the "
-                "events, or drop the late ones"
-            )
-        self._check_ticks(int(t[-1]))
-        slots, times = self._selected(events)
-        if np.any(times[1:] < times[:-1]) or (times.size and times[-1] > t[-1]):
-            raise EventError("time runs backwards within the chunk: sort the events, or drop some")
-        matches = self._run(slots, times, int(t[-1]))
-        self._now = int(t[-1]) + 1
+        last = int(events["t"][-1])
+        slots, times = selected_in_order(self._table, events, self._now, self.settings.polarity)
+        self.every.check_ticks(int(self._policy[NEXT_TICK]), last)
+        matches = self._run(slots, times, last)
+        self._now = last + 1
         advance(self._s, self._now)
         return matches
 
@@ -223,7 +183,7 @@ class Localiser:
         """
         if until_us < self._now:
             raise EventError(f"time runs backwards, from {self._now} to {until_us} us")
-        self._check_ticks(until_us)
+        self.every.check_ticks(int(self._policy[NEXT_TICK]), until_us)
         nothing = np.empty(0, dtype=np.int64)
         matches = self._run(nothing.astype(np.int32), nothing, until_us)
         advance(self._s, until_us)
@@ -324,17 +284,6 @@ class Localiser:
         self._now = now_us
         self._s = with_distances(self._s, self._places, self._codes)
 
-    def _selected(self, events: Events) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-        """Slots and times of the events at selected pixels."""
-        slots, times = [], []
-        for begin in range(0, events.size, _EVENTS_AT_ONCE):
-            some = events[begin : begin + _EVENTS_AT_ONCE]
-            p = some["p"] if self.settings.polarity else None
-            index, found = select_events(self._table, some["x"], some["y"], p)
-            slots.append(found)
-            times.append(some["t"][index])
-        return np.concatenate(slots), np.concatenate(times)
-
     def _run(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> npt.NDArray[np.void]:
@@ -395,14 +344,6 @@ class Localiser:
             raise EdgeVprError(
                 f"counters or distances have drifted by {self._now} us: this is a fault of "
                 "edge-vpr, report it with the recording"
-            )
-
-    def _check_ticks(self, until: int) -> None:
-        interval = self.every.interval_us
-        if interval and (until - self._policy[NEXT_TICK]) // interval > MAX_WINDOWS:
-            raise UsageError(
-                f"time jumps to {until} us, over more than {MAX_WINDOWS} matches every {interval} "
-                "us: check the recording's clock, or ask for fewer matches"
             )
 
 

@@ -196,6 +196,26 @@ def advance(s, until):
             settle(s)
 
 
+@njit(cache=True, nogil=True)
+def push(s, slot, time):
+    """Take the next selected event; False if the ring is full: let it grow, and call again."""
+    while not (
+        age(s.time, s.slot, s.bound, s.moves, s.number, s.tau, s.n, time + 1)
+        and s.number[MOVES] < len(s.moves)
+    ):
+        settle(s)
+    mask = s.slot.size - 1
+    if s.bound[0] - s.bound[-1] > mask:
+        return False
+    s.slot[s.bound[0] & mask] = slot
+    s.time[s.bound[0] & mask] = time
+    s.bound[0] += 1
+    s.moves[s.number[MOVES], 0] = slot
+    s.moves[s.number[MOVES], 1] = -1
+    s.number[MOVES] += 1
+    return True
+
+
 def start(
     places: npt.NDArray[np.unsignedinteger], window: Window, length: int, codes: PixelCodes | None
 ) -> Sliding:

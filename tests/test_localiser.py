@@ -13,10 +13,11 @@ from streams import Drive, as_tuples, cut_up, descriptors, random_events
 
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.localiser import MATCH_DTYPE, Every, Localiser
+from edge_vpr.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.matches import match_descriptors
 from edge_vpr.pipeline import describe
 from edge_vpr.pixels import PixelMap
+from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

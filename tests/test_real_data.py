@@ -11,8 +11,9 @@ from edge_vpr_tools.experiments import brisbane, speck_walks
 from edge_vpr_tools.experiments.trial import Kept, Variant, run_trial
 
 from edge_vpr.ground_truth import from_tracks, load_nmea
-from edge_vpr.localiser import Every, Localiser
+from edge_vpr.localiser import Localiser
 from edge_vpr.pipeline import map_traverse, match_traverse
+from edge_vpr.policy import Every
 from edge_vpr.published import PublishedWindows
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS

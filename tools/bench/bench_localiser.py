@@ -11,9 +11,10 @@ from table import OURS
 
 from edge_vpr.counters import count_events
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.localiser import Every, Localiser
+from edge_vpr.localiser import Localiser
 from edge_vpr.matcher import ReferenceIndex, best_match
 from edge_vpr.pixels import PixelMap
+from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.windows import Descriptors

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from edge_vpr.localiser import Every
+    from edge_vpr.policy import Every
     from edge_vpr.reference_map import ReferenceMap
 
 ONLINE, ONLINE_CSV, ONLINE_FIGURE = "online.npz", "online.csv", "online.png"
@@ -22,7 +22,7 @@ def parse_every(text: str, reference: ReferenceMap) -> Every:
     UsageError
         If it is none of these.
     """
-    from edge_vpr.localiser import Every
+    from edge_vpr.policy import Every
     from edge_vpr_tools.setting_flags import duration_us
 
     if text == "event":

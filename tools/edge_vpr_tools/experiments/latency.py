@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.localiser import Every, Localiser
+from edge_vpr.localiser import Localiser
 from edge_vpr.pipeline import EventSource, cleaned
+from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.tracks import Track
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from edge_vpr.ground_truth import GroundTruth, from_tracks
-from edge_vpr.localiser import Every
+from edge_vpr.policy import Every
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
 from edge_vpr_tools.experiments.latency import Latency, measure_latency

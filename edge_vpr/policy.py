@@ -1,0 +1,50 @@
+"""When a stream is asked what it shows: after events, at times, or when something changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from edge_vpr.errors import UsageError
+from edge_vpr.settings import Settings
+from edge_vpr.windows import MAX_WINDOWS
+
+
+@dataclass(frozen=True)
+class Every:
+    """When to take a match, or a descriptor; by events, by time, or by both.
+
+    Parameters
+    ----------
+    events : int
+        After so many events at the selected pixels; 1 is after each. 0: not by events.
+    interval_us : int
+        At every multiple of so many microseconds, before the events of that time. 0: not by time.
+    change : bool
+        Of what the others ask for, only matches whose place differs from the one said before.
+    """
+
+    events: int = 0
+    interval_us: int = 0
+    change: bool = False
+
+    def __post_init__(self) -> None:
+        if self.events < 0 or self.interval_us < 0 or not (self.events or self.interval_us):
+            raise UsageError(
+                f"a match every {self.events} events and every {self.interval_us} us: "
+                "expected a positive number of one of them"
+            )
+
+    @classmethod
+    def window(cls, settings: Settings) -> Every:
+        """At the end of every window of the main job, which makes the windows not overlap."""
+        if settings.window == "time":
+            return cls(interval_us=settings.tau_us)
+        return cls(events=settings.events_per_window)
+
+    def check_ticks(self, from_us: int, until_us: int) -> None:
+        """Raise UsageError if time jumps over more than ten million intervals."""
+        if self.interval_us and (until_us - from_us) // self.interval_us > MAX_WINDOWS:
+            raise UsageError(
+                f"time jumps to {until_us} us, over more than {MAX_WINDOWS} times every "
+                f"{self.interval_us} us: check the recording's clock, or ask less often"
+            )

@@ -1,0 +1,165 @@
+"""Descriptors of windows that slide, without a map: as often as asked, overlapping or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.counters import select_events
+from edge_vpr.errors import EventError
+from edge_vpr.events import Events
+from edge_vpr.pixels import PixelMap
+from edge_vpr.policy import Every
+from edge_vpr.sliding import advance, grown, push, settle, start
+from edge_vpr.windows import Descriptors, FixedTime, Window, WindowCounts, collect
+
+_EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
+
+
+class SlidingWindow:
+    """The newest `tau` microseconds, or the newest N events at the selected pixels.
+
+    A ring of (slot, time) holds the events of the window; each arriving one expires the old ones.
+    With a policy of one descriptor a window (`Every.window`) the windows do not overlap, and are
+    those of `DescriptorStream`.
+
+    Parameters
+    ----------
+    pixel_map : PixelMap
+    window : FixedTime or FixedCount
+        Its length.
+    every : Every
+        When to give a descriptor. None is given before the window is full.
+    polarity : bool
+        Count ON and OFF events apart.
+
+    Examples
+    --------
+    >>> from edge_vpr.events import Sensor, make_events
+    >>> from edge_vpr.windows import FixedTime
+    >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
+    >>> window = SlidingWindow(two, FixedTime(tau_us=10), every=Every(interval_us=5))
+    >>> window.update(make_events(t=[0, 4, 9, 16], x=[1, 2, 1, 1], y=[0, 0, 0, 0])).counts
+    array([[2, 1],
+           [1, 0]], dtype=uint8)
+    """
+
+    def __init__(
+        self, pixel_map: PixelMap, window: Window, *, every: Every, polarity: bool = False
+    ) -> None:
+        self.every = every
+        self._table = pixel_map.table()
+        self._polarity = polarity
+        self._window = window
+        self._now = 0
+        self._next_tick = every.interval_us
+        # a map of one place, all zeros, whose distance nobody asks for
+        no_map = np.zeros((1, len(pixel_map) * (2 if polarity else 1)), dtype=np.uint8)
+        self._s = start(no_map, window, 1, None)
+
+    @property
+    def counts(self) -> npt.NDArray[np.int64]:
+        """Events in the window by slot, shape (J,) or with polarity (2 J,); a copy."""
+        settle(self._s)
+        return self._s.counts[0].copy()
+
+    def update(self, events: Events) -> Descriptors:
+        """Feed the next events.
+
+        Parameters
+        ----------
+        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+            In time order, after all those before.
+
+        Returns
+        -------
+        Descriptors
+            Of the moments that the policy asks for. A window of N events spans its first and last
+            event; `events` counts those at the selected pixels.
+
+        Raises
+        ------
+        EventError
+            If time runs backwards or a pixel lies off the sensor; the state is then as it was.
+        UsageError
+            If time jumps over more than ten million intervals of the policy.
+        """
+        taken: list[WindowCounts] = []
+        if events.size:
+            last = int(events["t"][-1])
+            slots, times = selected_in_order(self._table, events, self._now, self._polarity)
+            self.every.check_ticks(self._next_tick, last)
+            for slot, time in zip(slots.tolist(), times.tolist(), strict=True):
+                self._tick(time, taken)
+                self._push(slot, time)
+                if self.every.events and self._s.bound[0] % self.every.events == 0:
+                    self._take(time, time + 1, taken)
+            self._tick(last, taken)
+            self._now = last + 1
+            advance(self._s, self._now)
+        return collect(taken, self._s.counts.shape[1])
+
+    def _push(self, slot: int, time: int) -> None:
+        while not push(self._s, slot, time):
+            self._s = grown(self._s)
+
+    def _tick(self, until: int, taken: list[WindowCounts]) -> None:
+        while self.every.interval_us and self._next_tick <= until:
+            advance(self._s, self._next_tick)
+            self._take(self._next_tick, self._next_tick, taken)
+            self._next_tick += self.every.interval_us
+
+    def _take(self, time: int, until: int, taken: list[WindowCounts]) -> None:
+        if isinstance(self._window, FixedTime):
+            begin, end, full = until - self._window.tau_us, until, until >= self._window.tau_us
+        else:
+            full = bool(self._s.bound[0] >= self._window.events)
+            begin, end = int(self._s.time[self._s.bound[1] & (self._s.time.size - 1)]), time
+        if full:
+            counts = self.counts
+            taken.append(WindowCounts(counts, begin, end, int(counts.sum())))
+
+
+def selected_in_order(
+    table: npt.NDArray[np.signedinteger], events: Events, now_us: int, polarity: bool
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """Find the events at selected pixels, and check that time does not run backwards.
+
+    Parameters
+    ----------
+    table : ndarray of int16 or int32, shape (height, width)
+        Of `PixelMap.table`.
+    events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+        At least one.
+    now_us : int
+        One more than the time of the last event before these.
+    polarity : bool
+        Give OFF events slots of their own.
+
+    Returns
+    -------
+    slots : ndarray of int32, shape (m,)
+    times : ndarray of int64, shape (m,)
+
+    Raises
+    ------
+    EventError
+        If time runs backwards or a pixel lies off the sensor.
+    """
+    t = events["t"]
+    if t[0] < now_us - 1 or t[-1] < t[0]:
+        raise EventError(
+            f"time runs backwards, from {now_us - 1} to {min(t[0], t[-1])} us: sort the events, or "
+            "drop the late ones"
+        )
+    slots, times = [], []
+    for begin in range(0, events.size, _EVENTS_AT_ONCE):
+        some = events[begin : begin + _EVENTS_AT_ONCE]
+        p = some["p"] if polarity else None
+        index, found = select_events(table, some["x"], some["y"], p)
+        slots.append(found)
+        times.append(some["t"][index])
+    joined = np.concatenate(times)
+    if np.any(joined[1:] < joined[:-1]) or (joined.size and joined[-1] > t[-1]):
+        raise EventError("time runs backwards within the chunk: sort the events, or drop some")
+    return np.concatenate(slots), joined
