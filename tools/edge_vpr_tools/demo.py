@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
 def _metrics(trial: Trial) -> dict[str, Any]:
     return {
         **trial.evaluation.to_dict(),
-        "bytes_per_place": trial.reference.bytes_per_place,
+        "bytes_per_place": trial.reference.packed_bytes_per_place,
         "microseconds_per_match": trial.microseconds_per_match,
         "places": len(trial.reference),
     }
@@ -78,7 +78,7 @@ def _rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:
             f"{trial.evaluation.precision_at_100_recall:.3f}",
             f"{trial.evaluation.recall_at_99_precision:.3f}",
             f"{trial.microseconds_per_match:,.1f}",
-            f"{trial.reference.bytes_per_place:,}",
+            f"{trial.reference.packed_bytes_per_place:,}",
         )
         for name, trial in trials.items()
     ]
@@ -99,6 +99,7 @@ def _reading(trials: dict[str, Trial]) -> list[str]:
     return [
         compare("Fixed N against fixed tau, at another speed", simulated.BEST, simulated.BY_TIME),
         compare("150 pixels against all 16,384", simulated.BEST, simulated.DENSE),
+        compare("Counts as 3-bit logarithms against counts", simulated.CODED, simulated.BEST),
         compare("25 varying pixels against 25 random ones", simulated.FEW, simulated.FEW_RANDOM),
         "P@100R: share of right matches when every window is matched; R@99P: recall at 99 % "
         f"precision; right is within {simulated.TOLERANCE_M:g} m.",

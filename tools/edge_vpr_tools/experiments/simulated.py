@@ -23,10 +23,12 @@ from edge_vpr_tools.experiments.trial import (
 TOLERANCE_M = 10.0
 SETTINGS = PRESETS["paper"]
 BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
+CODED = "150 varying pixels, fixed N, 3-bit log"
 FEW, FEW_RANDOM = "25 varying pixels, fixed N", "25 random pixels, fixed N"
 DENSE = "all pixels, fixed N"
 VARIANTS = (
     Variant(BEST, {"window": "count"}),
+    Variant(CODED, {"window": "count", "counter_code": "log"}),
     Variant(BY_TIME),
     Variant("150 random pixels, fixed N", {"window": "count", "strategy": "random"}),
     Variant(FEW, {"window": "count", "pixels": 25}),
@@ -121,7 +123,7 @@ def summary(pairs: Sequence[dict[str, Trial]]) -> str:
                 variant.name,
                 str(Summary([t.evaluation.precision_at_100_recall for t in trials])),
                 str(Summary([t.evaluation.recall_at_99_precision for t in trials])),
-                f"{max(t.reference.bytes_per_place for t in trials):,}",
+                f"{max(t.reference.packed_bytes_per_place for t in trials):,}",
             ]
         )
     return markdown_table(("variant", "P@100R", "R@99P", "bytes per place"), rows)
