@@ -17,6 +17,7 @@ from firmware_model.errors import ToolError
 
 SOURCES = Path(__file__).parent / "c"
 FIRMWARE = ("vpr.c", "replay.c")
+OPTIMISATION = ("-O2", "-fomit-frame-pointer")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-pedantic", "-Werror")
 
 
@@ -54,7 +55,7 @@ def build(
     folder: str | Path,
     *,
     sources: Path = SOURCES,
-    extra: Sequence[str] = (),
+    files: Sequence[str] = FIRMWARE,
     name: str = "firmware",
 ) -> Path:
     """Compile and link the firmware.
@@ -62,13 +63,13 @@ def build(
     Parameters
     ----------
     target : Target
-        For the host, the program ``replay``; for the others, an image with the entry `vpr_replay`.
+        For the host, the program ``replay``; for the others, an image of all functions.
     folder : path
         Where the result and the compiler's cache go.
     sources : path
         Folder of the C files.
-    extra : sequence of str
-        Further C files.
+    files : sequence of str
+        C files; for the host, the program's are added.
     name : str
         Of the result.
 
@@ -92,11 +93,19 @@ def build(
     if target.triple:
         freestanding = ["-ffreestanding", "-fno-builtin", "-nostdlib", "-Wl,--no-gc-sections"]
         options = ["-target", target.triple, f"-mcpu={target.cpu}", *freestanding]
-        options.append("-Wl,--entry,vpr_replay")
-        files = [*FIRMWARE, *extra]
+        options.append("-Wl,--entry,vpr_events")  # any of them: it is called by address
     else:
-        options, files = [], [*FIRMWARE, "replay_main.c", *extra]
-    command = [sys.executable, "-m", "ziglang", "cc", "-std=c11", "-O2", *WARNINGS, *options]
+        options, files = [], [*files, "replay_main.c"]
+    command = [
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        "-std=c11",
+        *OPTIMISATION,
+        *WARNINGS,
+        *options,
+    ]
     command += [str(sources / file) for file in files] + ["-o", str(out)]
     environment = os.environ | {"ZIG_LOCAL_CACHE_DIR": str(folder / "zig")}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)

@@ -75,9 +75,14 @@ class DescriptorModel:
         return tuple(self.memories.encode(slot, count) for slot, count in enumerate(self.counts))
 
     def elapsed(self, t: int) -> int:
-        """Time since the open window's start; negative for an event from before it."""
-        ahead = (t - self.start) % self._period
-        return ahead if ahead < self._period // 2 else ahead - self._period
+        """Time since the open window's start; negative for an event from before it.
+
+        What is left of the window is taken as a signed number of the clock's width: any time is
+        within half of the clock's period of the window's end, before it or after.
+        """
+        end, half = self.start + self.design.tau_us, self._period // 2
+        left = (end - t + half) % self._period - half
+        return self.design.tau_us - left
 
     def take(self, event: Event) -> Iterator[EventResult | WindowResult]:
         """Take an event: first end the windows it lies behind, then count it.

@@ -49,8 +49,9 @@ class Design:
         `window_events`-th event at a selected pixel.
     tau_us, window_events : int
     timestamp_bits : int
-        Of the device's clock, in microseconds, which wraps. Times are compared by their difference
-        modulo 2 to this power, read as a signed number.
+        Of the device's clock, in microseconds, which wraps. What is left
+        of a window at some time is their difference modulo 2 to this power, read as a signed
+        number.
     places : int
         K.
     length : int
@@ -129,10 +130,10 @@ class Design:
             raise DesignError(f"design: {error}") from error
         # what 0 stood for, so that the file of a design says all
         object.__setattr__(self, "full_scales", tuple(code.full_scale for code in codes))
-        if self.tau_us > 1 << (self.timestamp_bits - 1):
+        if self.tau_us >= 1 << (self.timestamp_bits - 1):
             raise DesignError(
                 f"design: windows of {self.tau_us} us, and a clock of {self.timestamp_bits} bits: "
-                "expected at most half of the time after which it wraps"
+                "expected less than half of the time after which it wraps"
             )
         if self.length > self.places:
             raise DesignError(

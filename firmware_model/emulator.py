@@ -39,6 +39,8 @@ class Emulator:
     ----------
     symbols : dict of str to (address, bytes)
         Functions.
+    code_bytes : int
+        Functions and constants.
     instructions : int
         Executed by the last counted call.
     stack : int
@@ -67,6 +69,8 @@ class Emulator:
             for segment in parsed.iter_segments("PT_LOAD"):
                 self._load(segment["p_vaddr"], segment["p_memsz"], segment.data())
             table: Any = parsed.get_section_by_name(".symtab")
+            sections = (parsed.get_section_by_name(name) for name in (".text", ".rodata"))
+            self.code_bytes = sum(section["sh_size"] for section in sections if section)
             self.symbols = {
                 symbol.name: (symbol["st_value"], symbol["st_size"])
                 for symbol in table.iter_symbols()
@@ -133,6 +137,8 @@ class Emulator:
         hook = None
         if count:
             self.instructions = self.stack = 0
+            # code that has run uncounted is kept translated, and would go on uncounted
+            self._uc.ctl_flush_tb()
             hook = self._uc.hook_add(unicorn.UC_HOOK_CODE, self._step, stack)
         try:
             self._uc.emu_start(address, _RETURN)
@@ -178,7 +184,9 @@ class Emulator:
         self._uc.reg_write(link, _RETURN if self._wide else _RETURN | 1)
         return stack
 
-    def replay(self, image: bytes, events: bytes, start: int, ram_bytes: int) -> bytes:
+    def replay(
+        self, image: bytes, events: bytes, start: int, ram_bytes: int, batch: int = 1
+    ) -> bytes:
         """Run a case, as ``c/replay.c`` does.
 
         Parameters
@@ -190,6 +198,8 @@ class Emulator:
         start : int
             Time at which the first window opens.
         ram_bytes : int
+        batch : int
+            Events that are handed over at a time; their records are written only one by one.
 
         Returns
         -------
@@ -206,8 +216,8 @@ class Emulator:
         ram = self.put(b"\xa5" * ram_bytes)
         image_at, events_at = self.put(image), self.put(events)
         out = self.put(bytes(OUT_WORDS * 4))
-        arguments = (image_at, len(image), events_at, len(events) // 8, start, ram, ram_bytes)
-        words = self.call("vpr_replay", *arguments, out, OUT_WORDS)
+        stimulus = (image_at, len(image), events_at, len(events) // 8, batch, start)
+        words = self.call("vpr_replay", *stimulus, ram, ram_bytes, out, OUT_WORDS)
         if words == 0:
             raise ToolError(f"the firmware on {self.target.name} refuses the image or the RAM")
         return self.get(out, words * 4)

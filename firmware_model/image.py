@@ -39,11 +39,14 @@ def image(memories: Memories) -> bytes:
     design = memories.design
     check_limits(design)
     lookup, row = memories.lookup(), stride(design)
-    owners = (0xFFFF if y == design.height else y for y in lookup.owner)
-    entries = [y << 16 | slot for y, slot in zip(owners, lookup.slot, strict=True)]
+    entries = [struct.pack("<IHH", 0xFFFF_FFFF, 0, 0)] * design.lookup_depth
+    off = design.slots - design.pixels
+    for slot, (x, y) in enumerate(memories.pixels):
+        at = (x + lookup.displacement[y]) % design.lookup_depth
+        entries[at] = struct.pack("<IHH", y << 16 | x, slot + off, slot)
     tables = [
         struct.pack(f"<{design.height}H", *lookup.displacement),
-        struct.pack(f"<{len(entries)}I", *entries),
+        b"".join(entries),
         b"".join(map(bytes, design.tables)),
         bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),

@@ -108,7 +108,9 @@ class Memories:
         return self.design.tables[self.tables[slot]][count]
 
     def lookup(self) -> Lookup:
-        """Lay the rows into the look-up: fullest row first, each at the first place that fits.
+        """Lay the rows into the look-up: fullest row first, each at the last place that fits.
+
+        The last one, so that most addresses wrap: a device that does not let them is found out.
 
         Raises
         ------
@@ -122,7 +124,7 @@ class Memories:
         displacement = [0] * design.height
         owner, slots = [design.height] * depth, [0] * depth
         for y in sorted(rows, key=lambda row: (-len(rows[row]), row)):
-            for start in range(depth):
+            for start in reversed(range(depth)):
                 if all(owner[(x + start) % depth] == design.height for x, _ in rows[y]):
                     break
             else:

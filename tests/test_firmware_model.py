@@ -142,9 +142,9 @@ def test_the_clock_may_wrap_and_a_late_event_counts_in_the_open_window():
     assert machine.descriptor.start == 4
     assert [type(r) for r in machine.take(Event(255, 0, 0, True))] == [EventResult]  # 5 us late
     assert machine.descriptor.counts == [2, 0]
-    # half a period after the start is the past; one microsecond less is 12 windows on
-    assert [type(r) for r in machine.take(Event(132, 0, 0, True))] == [EventResult]
-    assert sum(isinstance(r, WindowResult) for r in machine.take(Event(131, 0, 0, True))) == 12
+    # from half a period behind the window's end on, a time is in the past
+    assert [type(r) for r in machine.take(Event(14 + 129, 0, 0, True))] == [EventResult]
+    assert sum(isinstance(r, WindowResult) for r in machine.take(Event(14 + 128, 0, 0, True))) == 13
 
 
 def test_cycles_and_results_of_the_stepped_machine():

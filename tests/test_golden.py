@@ -193,7 +193,7 @@ def test_a_c_program_of_nothing_but_a_header_passes(vectors, tmp_path):
         "static uint32_t ram[1U << 14];\nstatic uint32_t out[1U << 18];\n"
         "int main(void)\n{\n"
         "    const uint32_t words = vpr_replay(case_image, CASE_IMAGE_BYTES,\n"
-        "        (const vpr_event_t *)(const void *)case_events, CASE_EVENTS_BYTES / 8U,\n"
+        "        (const vpr_event_t *)(const void *)case_events, CASE_EVENTS_BYTES / 8U, 1U,\n"
         "        CASE_START, ram, sizeof ram, out, 1U << 18);\n"
         "    return (words * 4U == CASE_EXPECTED_BYTES) && "
         "(memcmp(out, case_expected, CASE_EXPECTED_BYTES) == 0) ? 0 : 1;\n}\n"

@@ -58,8 +58,8 @@ static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint3
 }
 
 uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event_t *events,
-                    uint32_t event_count, uint32_t start, uint32_t *ram, uint32_t ram_bytes,
-                    uint32_t *out, uint32_t out_words)
+                    uint32_t event_count, uint32_t batch, uint32_t start, uint32_t *ram,
+                    uint32_t ram_bytes, uint32_t *out, uint32_t out_words)
 {
     vpr_design_t design;
     vpr_state_t state;
@@ -69,15 +69,17 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
         return 0U;
     }
     vpr_reset(&design, &state, ram, start);
-    for (uint32_t i = 0U; i < event_count; i++) {
-        vpr_status_t status = vpr_event(&design, &state, &events[i]);
-        while (status == VPR_END_THEN_RETRY) {
-            end_window(&writer, &design, &state, i);
-            status = vpr_event(&design, &state, &events[i]);
+    const vpr_event_t *next = events;
+    const vpr_event_t *const end = &events[event_count];
+    while (next != end) {
+        const uint32_t taken = (uint32_t)(next - events);
+        const uint32_t step = ((event_count - taken) < batch) ? (event_count - taken) : batch;
+        const vpr_status_t status = vpr_events(&design, &state, &next, &next[step]);
+        if ((batch == 1U) && (next != &events[taken])) {
+            put_event(&writer, &state, taken, vpr_slot(&design, &events[taken]));
         }
-        put_event(&writer, &state, i, vpr_slot(&design, &events[i]));
-        if (status == VPR_END_NOW) {
-            end_window(&writer, &design, &state, i + 1U);
+        if (status == VPR_WINDOW_ENDS) {
+            end_window(&writer, &design, &state, (uint32_t)(next - events));
         }
     }
     return (writer.used <= out_words) ? writer.used : 0U;

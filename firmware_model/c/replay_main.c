@@ -31,7 +31,7 @@ int main(int argc, char **argv)
     const uint32_t start = (uint32_t)strtoul(argv[3], NULL, 10);
     const uint32_t written =
         vpr_replay(image, image_words * 4U, (const vpr_event_t *)(const void *)events,
-                   event_words / 2U, start, ram, (uint32_t)sizeof ram, out,
+                   event_words / 2U, 1U, start, ram, (uint32_t)sizeof ram, out,
                    (uint32_t)(sizeof out / sizeof *out));
     FILE *const file = fopen(argv[4], "wb");
     if ((written == 0U) || (file == NULL)) {

@@ -32,8 +32,10 @@ enum {
 };
 
 #define LIMIT 0xFFFFU /* of what is multiplied */
-#define ROW_MASK 0x7FFFU
-#define ON_BIT 0x8000U
+#define COLUMN_MASK 0xFFFFU
+#define ROW_SHIFT 16U
+#define PIXEL_MASK 0x7FFFFFFFU
+#define ON_SHIFT 31U
 
 /* The search over the places of one match, in ascending order. */
 typedef struct {
@@ -90,7 +92,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     const bool by_time = image[AT_WINDOW_KIND] == 0U;
     if (!within_limits(image) || (image[AT_LOOKUP_DEPTH] > (LIMIT + 1U)) ||
         !inside(image, AT_DISPLACEMENT_TABLE, image[AT_HEIGHT] * 2U) ||
-        !inside(image, AT_LOOKUP_TABLE, image[AT_LOOKUP_DEPTH] * 4U) ||
+        !inside(image, AT_LOOKUP_TABLE, image[AT_LOOKUP_DEPTH] * 8U) ||
         !inside(image, AT_CODE_TABLE, image[AT_CODES] * (image[AT_COUNT_MAX] + 1U)) ||
         !inside(image, AT_WHICH_CODE_TABLE, image[AT_SLOTS]) ||
         !inside(image, AT_PLACES_TABLE, image[AT_PLACES] * image[AT_STRIDE])) {
@@ -99,21 +101,18 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
 
     /* MISRA deviation 11.3: the tables lie aligned in the image */
     d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
-    d->lookup = (const uint32_t *)(const void *)&bytes[image[AT_LOOKUP_TABLE]];
+    d->lookup = (const vpr_entry_t *)(const void *)&bytes[image[AT_LOOKUP_TABLE]];
     d->code = &bytes[image[AT_CODE_TABLE]];
     d->code_table = &bytes[image[AT_WHICH_CODE_TABLE]];
     d->places = &bytes[image[AT_PLACES_TABLE]];
-    d->width = image[AT_WIDTH];
     d->height = image[AT_HEIGHT];
     d->lookup_mask = image[AT_LOOKUP_DEPTH] - 1U;
     d->slots = image[AT_SLOTS];
-    d->off_slot = d->slots - image[AT_PIXELS];
     d->stride = image[AT_STRIDE];
     d->count_max = image[AT_COUNT_MAX];
-    d->time_shift = 32U - image[AT_TIMESTAMP_BITS];
-    d->tau = by_time ? image[AT_WINDOW] : 0U;
+    d->time_scale = by_time ? (1U << (32U - image[AT_TIMESTAMP_BITS])) : 0U;
+    d->tau = image[AT_WINDOW] * d->time_scale;
     d->budget = by_time ? 0U : image[AT_WINDOW];
-    d->open_until = by_time ? (int32_t)((d->tau - 1U) << d->time_shift) : INT32_MAX;
     d->place_count = image[AT_PLACES];
     d->length = image[AT_LENGTH];
     d->exclusion = image[AT_EXCLUSION];
@@ -149,53 +148,77 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     for (uint32_t i = 0U; i < d->slots; i++) {
         s->counts[i] = 0U;
     }
-    s->start = start;
-    s->counted = 0U;
+    /* by count, all times are scaled to 0 */
+    s->window_end = (d->tau != 0U) ? ((start * d->time_scale) + d->tau) : 1U;
+    s->left = d->budget;
     s->windows = 0U;
     s->seen = 0U;
     s->newest = 0U;
 }
 
-/* Slot of the event's counter, or VPR_NONE. A row's pixels lie in the look-up from its displacement
- * on, between those of other rows: an entry names its owner. */
-static inline uint32_t slot_of(const vpr_design_t *d, const vpr_event_t *e)
-{
-    const uint32_t x = e->x;
-    const uint32_t y = e->y_on & ROW_MASK;
-    if ((x >= d->width) || (y >= d->height)) {
-        return VPR_NONE;
-    }
-    const uint32_t entry = d->lookup[(x + d->displacement[y]) & d->lookup_mask];
-    if ((entry >> 16) != y) {
-        return VPR_NONE;
-    }
-    const uint32_t slot = entry & 0xFFFFU;
-    return ((e->y_on & ON_BIT) != 0U) ? slot : (slot + d->off_slot);
-}
-
+/* A row's pixels lie in the look-up from its displacement on, between those of other rows: an entry
+ * names its owner. It also tells pixels beyond the sensor's width from those within. */
 uint32_t vpr_slot(const vpr_design_t *d, const vpr_event_t *e)
 {
-    return slot_of(d, e);
+    const uint32_t pixel = e->pixel & PIXEL_MASK;
+    const uint32_t y = pixel >> ROW_SHIFT;
+    if (y >= d->height) {
+        return VPR_NONE;
+    }
+    const uint32_t column = e->pixel & COLUMN_MASK;
+    const vpr_entry_t *const entry = &d->lookup[(column + d->displacement[y]) & d->lookup_mask];
+    if (entry->pixel != pixel) {
+        return VPR_NONE;
+    }
+    return entry->slot[e->pixel >> ON_SHIFT];
 }
 
-vpr_status_t vpr_event(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t *e)
+/* The same look-up as in vpr_slot stands in the loop: what does not change stays in registers. */
+vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t **next,
+                        const vpr_event_t *end)
 {
-    /* The difference modulo 2^timestamp_bits, read as a signed number: the clock may wrap, and an
-     * event from before the window's start counts in the open window. */
-    const int32_t elapsed = (int32_t)((e->t - s->start) << d->time_shift);
-    if (elapsed > d->open_until) {
-        return VPR_END_THEN_RETRY;
+    const uint16_t *const displacement = d->displacement;
+    const vpr_entry_t *const lookup = d->lookup;
+    const uint32_t height = d->height;
+    const uint32_t lookup_mask = d->lookup_mask;
+    const uint32_t count_max = d->count_max;
+    const uint32_t time_scale = d->time_scale;
+    const uint32_t window_end = s->window_end;
+    uint16_t *const counts = s->counts;
+    uint32_t left = s->left;
+    vpr_status_t status = VPR_ALL_TAKEN;
+    const vpr_event_t *e = *next;
+
+    while (e != end) {
+        /* What is left of the window, modulo 2^timestamp_bits, read as a signed number: the clock
+         * may wrap, and an event that is late counts in the open window. */
+        if ((int32_t)(window_end - (e->t * time_scale)) <= 0) {
+            status = VPR_WINDOW_ENDS;
+            break;
+        }
+        const uint32_t pixel_on = e->pixel;
+        const uint32_t pixel = pixel_on & PIXEL_MASK;
+        const uint32_t y = pixel >> ROW_SHIFT;
+        e = &e[1];
+        if (y >= height) {
+            continue;
+        }
+        const uint32_t at = ((pixel_on & COLUMN_MASK) + displacement[y]) & lookup_mask;
+        if (lookup[at].pixel != pixel) {
+            continue;
+        }
+        const uint32_t slot = lookup[at].slot[pixel_on >> ON_SHIFT];
+        const uint32_t count = counts[slot];
+        counts[slot] = (uint16_t)((count < count_max) ? (count + 1U) : count);
+        left--;
+        if (left == 0U) {
+            status = VPR_WINDOW_ENDS;
+            break;
+        }
     }
-    const uint32_t slot = slot_of(d, e);
-    if (slot == VPR_NONE) {
-        return VPR_TAKEN;
-    }
-    const uint32_t count = s->counts[slot];
-    if (count < d->count_max) {
-        s->counts[slot] = (uint16_t)(count + 1U);
-    }
-    s->counted++;
-    return (s->counted == d->budget) ? VPR_END_NOW : VPR_TAKEN;
+    s->left = left;
+    *next = e;
+    return status;
 }
 
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
@@ -204,8 +227,8 @@ void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
         s->query[i] = d->code[(d->code_table[i] * (d->count_max + 1U)) + s->counts[i]];
         s->counts[i] = 0U;
     }
-    s->start += d->tau;
-    s->counted = 0U;
+    s->window_end += d->tau;
+    s->left = d->budget; /* by time: 0, which becomes 0 again after 2^32 events only */
     s->windows++;
     if (s->seen < d->length) {
         s->seen++;

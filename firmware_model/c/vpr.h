@@ -6,13 +6,12 @@
  * One image in flash (see vpr_open) holds the design and its tables; one block of RAM from the
  * caller holds the state. The caller's loop is
  *
- *     status = vpr_event(&design, &state, &event);
- *     while (status == VPR_END_THEN_RETRY) {          time windows: the event lies behind the end
- *         vpr_window_end(&design, &state);
- *         found = vpr_match_places(&design, &state, &match);
- *         status = vpr_event(&design, &state, &event);
+ *     while (next != end) {                     events as they arrived, one or many
+ *         if (vpr_events(&design, &state, &next, end) == VPR_WINDOW_ENDS) {
+ *             vpr_window_end(&design, &state);
+ *             found = vpr_match_places(&design, &state, &match);
+ *         }
  *     }
- *     if (status == VPR_END_NOW) { ... the same two calls, and no retry ... }
  */
 #ifndef VPR_H
 #define VPR_H
@@ -25,31 +24,33 @@
 #define VPR_HEADER_WORDS 28U
 #define VPR_NONE 0xFFFFFFFFU
 
-/* As it arrives: 8 bytes, two little-endian words {time, polarity:1 row:15 column:16}. */
+/* As it arrives: 8 bytes. */
 typedef struct {
-    uint32_t t; /* microseconds; the upper bits beyond timestamp_bits are ignored */
-    uint16_t x;
-    uint16_t y_on; /* bit 15: 1 for ON; bits 14..0: row */
+    uint32_t t;     /* microseconds; the upper bits beyond timestamp_bits are ignored */
+    uint32_t pixel; /* bit 31: 1 for ON; bits 30..16: row; bits 15..0: column */
 } vpr_event_t;
+
+/* Of the look-up: whose entry it is, and the slots of its OFF and its ON events. */
+typedef struct {
+    uint32_t pixel; /* bits 30..16: row; bits 15..0: column; all ones: nobody's */
+    uint16_t slot[2];
+} vpr_entry_t;
 
 /* Constants: read from the image once, and the same ever after. */
 typedef struct {
     const uint16_t *displacement; /* [height]: where a row begins in the look-up */
-    const uint32_t *lookup;       /* [lookup_mask + 1]: owner row << 16 | slot */
+    const vpr_entry_t *lookup;    /* [lookup_mask + 1] */
     const uint8_t *code;          /* [tables][count_max + 1]: code of each count */
     const uint8_t *code_table;    /* [slots]: which of the tables a counter uses */
     const uint8_t *places;        /* [places][stride]: codes, padded with zeros */
-    uint32_t width;
     uint32_t height;
     uint32_t lookup_mask;
-    uint32_t off_slot; /* added to the slot of an OFF event: 0, or J where polarities are apart */
     uint32_t slots;
     uint32_t stride;
     uint32_t count_max;
-    int32_t open_until; /* elapsed time of a window's last microsecond, shifted */
-    uint32_t time_shift;
-    uint32_t tau;    /* 0 for windows by count */
-    uint32_t budget; /* 0 for windows by time */
+    uint32_t time_scale; /* brings times to 32 bits, so that the clock wraps there; by count: 0 */
+    uint32_t tau;        /* scaled; by count: 0 */
+    uint32_t budget;     /* events of a window by count; by time: 0 */
     uint32_t place_count;
     uint32_t length;
     uint32_t exclusion;
@@ -62,17 +63,16 @@ typedef struct {
     uint8_t *query;    /* [stride]: codes of the window that ended last */
     uint16_t *history; /* [length][place_count]: distances of the last windows, a ring */
     uint32_t *delay;   /* [exclusion + 1]: sums still within the exclusion zone, a ring */
-    uint32_t start;    /* of the open window */
-    uint32_t counted;  /* events at selected pixels in the open window */
+    uint32_t window_end; /* of the open window, scaled */
+    uint32_t left;       /* events at selected pixels that the open window still takes */
     uint32_t windows;  /* ended so far */
     uint32_t seen;     /* the same, at most length */
     uint32_t newest;   /* row of history */
 } vpr_state_t;
 
 typedef enum {
-    VPR_TAKEN = 0,          /* nothing more to do */
-    VPR_END_NOW = 1,        /* taken; it was the window's last event */
-    VPR_END_THEN_RETRY = 2  /* not taken: end the window first, then give the event again */
+    VPR_ALL_TAKEN = 0,
+    VPR_WINDOW_ENDS = 1 /* before the event at `next`, if there is one */
 } vpr_status_t;
 
 typedef struct {
@@ -99,8 +99,10 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
 /* Slot of the counter that an event belongs to, or VPR_NONE. */
 uint32_t vpr_slot(const vpr_design_t *d, const vpr_event_t *e);
 
-/* Take one event, in constant time. */
-vpr_status_t vpr_event(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t *e);
+/* Take the events from `*next` on, until a window ends or there are no more; `*next` is left at the
+ * first one that was not taken. Each takes constant time. */
+vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t **next,
+                        const vpr_event_t *end);
 
 /* End the open window: its codes go to `query`, its counters are cleared, the next one opens. */
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s);

@@ -137,7 +137,7 @@ def _event_designs(design: Design) -> dict[str, Design]:
             by_time, length=design.length + 9, places=design.places + 9
         ),
         "one_place": replace(by_time, places=1, length=1),
-        "narrow_clock": replace(by_time, timestamp_bits=(2 * by_time.tau_us).bit_length() + 1),
+        "narrow_clock": replace(by_time, timestamp_bits=by_time.tau_us.bit_length() + 2),
     }
 
 
