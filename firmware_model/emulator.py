@@ -15,11 +15,12 @@ from typing import Any
 from firmware_model.build import Target
 from firmware_model.errors import ToolError
 
-# where things are put, beyond the firmware's own addresses
+# where things are put, beyond the firmware's own addresses: in what Cortex-M takes for memory, not
+# for devices
 _STACK = 0x2000_0000
 _STACK_BYTES = 0x1_0000
 _RETURN = 0x3000_0000
-_HEAP = 0x4000_0000
+_HEAP = 0x6000_0000
 _PAGE = 0x1_0000
 
 #: words of results that a run may return
