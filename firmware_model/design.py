@@ -81,7 +81,7 @@ class Design:
     pixels: int
     polarity: bool = False
     code: CodeKind = "log"
-    code_bits: int = 4
+    code_bits: int = 3
     full_scales: tuple[int, ...] = (0,)
     window: WindowKind = "time"
     tau_us: int = 1_000_000

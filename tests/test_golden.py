@@ -20,7 +20,8 @@ from edge_vpr.pipeline import describe
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, VectorError
-from firmware_model.build import SOURCES
+from firmware_model.build import EMULATED, SOURCES, build
+from firmware_model.emulator import Emulator
 from firmware_model.vectors import (
     CORNERS,
     check_files,
@@ -407,3 +408,12 @@ def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, sha
     golden = ["golden", "--map", str(made), "--recording", str(drive), "--max-events", "100000"]
     assert main([*golden, "-o", str(tmp_path / "vectors")]) == 0
     assert same_as_the_pipeline(tmp_path / "vectors", made, drive) > 10
+    pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
+    pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
+    for target in EMULATED:
+        emulator = Emulator(target, build(target, tmp_path))
+        for name, case, place in each_case(tmp_path / "vectors"):
+            if name.startswith(("random", "recording")):
+                flash, events = ((place / f"{n}.bin").read_bytes() for n in ("image", "events"))
+                found = emulator.replay(flash, events, case["start"], 1 << 20)
+                assert found == (place / "expected.bin").read_bytes(), (target.name, name)
