@@ -88,11 +88,11 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
             moves, counts, code, row, low, high, columns, sums, block_least, offset, level,
             number, shape,
         )  # fmt: skip
-        best, least = least_in(sums, block_least, 0, places)
+        best, least = least_in(sums, block_least, shape[1], 0, places)
         if change and best == policy[LAST_PLACE]:
             continue
         policy[LAST_PLACE] = best
-        second, second_least = _second(sums, block_least, best, exclusion, places)
+        second, second_least = _second(sums, block_least, shape[1], best, exclusion, places)
         out[given, 0] = now
         out[given, 1] = best + length - 1
         out[given, 2] = np.int64(least) + number[BASE]
@@ -103,13 +103,13 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _second(sums, block_least, best, exclusion, places):
+def _second(sums, block_least, count, best, exclusion, places):
     """Look for the best outside the exclusion zone; -1 if there is nothing outside."""
     second, second_least = -1, sums[best]
     if best - exclusion > 0:
-        second, second_least = least_in(sums, block_least, 0, best - exclusion)
+        second, second_least = least_in(sums, block_least, count, 0, best - exclusion)
     if best + exclusion + 1 < places:
-        after, after_least = least_in(sums, block_least, best + exclusion + 1, places)
+        after, after_least = least_in(sums, block_least, count, best + exclusion + 1, places)
         if second < 0 or after_least < second_least:
             second, second_least = after, after_least
     return second, second_least

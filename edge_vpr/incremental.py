@@ -46,25 +46,44 @@ def _loop(builder, start, stop, step, carried, body):
     builder.position_at_end(head)
     i = builder.phi(_I64)
     i.add_incoming(start, before)
-    value = None
-    if carried is not None:
-        value = builder.phi(carried.type)
-        value.add_incoming(carried, before)
+    value = builder.phi(carried.type)
+    value.add_incoming(carried, before)
     builder.cbranch(builder.icmp_signed("<", i, stop), inside, after)
     builder.position_at_end(inside)
     new = body(i, value)
     i.add_incoming(builder.add(i, ir.Constant(_I64, step)), builder.block)
-    if value is not None:
-        value.add_incoming(new, builder.block)
+    value.add_incoming(new, builder.block)
     builder.branch(head)
     builder.position_at_end(after)
     return value
 
 
+def _smaller(builder, a, b):
+    return builder.select(builder.icmp_unsigned("<", a, b), a, b)
+
+
+def _least_lane(builder, vector):
+    """Halve the vector until one lane is left."""
+    width = LANES
+    while width > 1:
+        width //= 2
+        nothing = ir.Constant(vector.type, ir.Undefined)
+        low, high = (
+            builder.shuffle_vector(
+                vector,
+                nothing,
+                ir.Constant(ir.VectorType(_I32, width), list(range(first, first + width))),
+            )
+            for first in (0, width)
+        )
+        vector = _smaller(builder, low, high)
+    return builder.extract_element(vector, ir.Constant(_I32, 0))
+
+
 @intrinsic
 def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expiries, start, stop):
-    """Apply the first `arrivals` and the last `expiries` steps to the sums of whole vectors."""
-    signature = types.void(sums, columns, offsets, levels, arrivals, expiries, start, stop)
+    """Apply the first `arrivals` and the last `expiries` steps, and find the least sum."""
+    signature = sums.dtype(sums, columns, offsets, levels, arrivals, expiries, start, stop)
 
     def codegen(context, builder, signature, arguments):
         sums_a, columns_a, offsets_a, levels_a = (
@@ -80,7 +99,7 @@ def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expir
         change = builder.sub(arrivals, expiries)
         base = _splat(builder, builder.trunc(change, sum_vector.element))
 
-        def one_vector(place, _):
+        def one_vector(place, least):
             def add_above(sign):
                 def one_step(o, total):
                     offset = builder.load(builder.gep(offsets_a, [o]))
@@ -105,9 +124,10 @@ def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expir
             old = builder.load(pointer, align=1)
             new = builder.add(builder.add(old, base), builder.add(wide, wide))
             builder.store(new, pointer, align=1)
+            return _smaller(builder, new, least)
 
-        _loop(builder, start, stop, LANES, None, one_vector)
-        return context.get_dummy_value()
+        largest = ir.Constant(sum_vector, [2**sums.dtype.bitwidth - 1] * LANES)
+        return _least_lane(builder, _loop(builder, start, stop, LANES, largest, one_vector))
 
     return signature, codegen
 
@@ -121,9 +141,6 @@ def _vector_least(typing_context, sums, start, stop):
         start, stop = arguments[1:]
         vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
 
-        def smaller(a, b):
-            return builder.select(builder.icmp_unsigned("<", a, b), a, b)
-
         # the last vector may overlap the one before it
         last = builder.sub(stop, ir.Constant(_I64, LANES))
         least = _loop(
@@ -132,21 +149,9 @@ def _vector_least(typing_context, sums, start, stop):
             last,
             LANES,
             _load(builder, data, last, vector),
-            lambda i, value: smaller(value, _load(builder, data, i, vector)),
+            lambda i, value: _smaller(builder, value, _load(builder, data, i, vector)),
         )
-        width = LANES
-        while width > 1:
-            width //= 2
-            halves = (
-                builder.shuffle_vector(
-                    least,
-                    ir.Constant(least.type, ir.Undefined),
-                    ir.Constant(ir.VectorType(_I32, width), list(range(first, first + width))),
-                )
-                for first in (0, width)
-            )
-            least = smaller(*halves)
-        return builder.extract_element(least, ir.Constant(_I32, 0))
+        return _least_lane(builder, least)
 
     return sums.dtype(sums, start, stop), codegen
 
@@ -170,11 +175,12 @@ def _vector_find(typing_context, sums, start, value):
 if config.DISABLE_JIT:
 
     def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):
-        """Apply +-1 steps to ``sums[start:stop]``, as the compiled kernel below does."""
+        """Apply +-1 steps to ``sums[start:stop]`` and find the least, as the kernel below does."""
         for o in (*range(arrivals), *range(MAX_STEPS - expiries, MAX_STEPS)):
             column = columns[offsets[o] + start : offsets[o] + stop]
             change = np.where(column > levels[o], -1, 1) * (1 if o < arrivals else -1)
             sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as it must
+        return sums[start:stop].min()
 
     def _least(sums, start, stop):
         return sums[start:stop].min()
@@ -186,7 +192,9 @@ else:
 
     @njit(cache=True, nogil=True, inline="always")
     def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):
-        """Apply +-1 steps to ``sums[start:stop]``; spare elements after `stop` may change too.
+        """Apply +-1 steps to ``sums[start:stop]``, and find the least of them.
+
+        Spare elements after `stop` change too, like places of their own; they must be larger.
 
         Parameters
         ----------
@@ -202,8 +210,12 @@ else:
             MAX_STEPS.
         start, stop : int
             `start` is a multiple of LANES.
+
+        Returns
+        -------
+        least
         """
-        _vector_step(sums, columns, offsets, levels, arrivals, expiries, start, stop)
+        return _vector_step(sums, columns, offsets, levels, arrivals, expiries, start, stop)
 
     @njit(cache=True, nogil=True, inline="always")
     def _least(sums, start, stop):
@@ -226,17 +238,17 @@ else:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def least_in(sums, block_least, start, stop):
+def least_in(sums, block_least, count, start, stop):
     """Find the smallest of ``sums[start:stop]``, the first of equals.
 
     Parameters
     ----------
-    sums : ndarray of uint16 or uint32
-        With LANES spare elements at the end.
+    sums : ndarray of uint16 or uint32, shape (count + LANES,)
     block_least : ndarray of the same dtype, shape (blocks,)
-        Smallest of each BLOCK of sums that lies wholly inside, as `update_blocks` keeps them.
-    start, stop : int
-        ``start < stop``.
+        Smallest of each BLOCK of sums, the last of them cut at `count`, as `update_blocks` keeps
+        them.
+    count, start, stop : int
+        ``start < stop <= count``.
 
     Returns
     -------
@@ -245,20 +257,19 @@ def least_in(sums, block_least, start, stop):
     best_block = -1
     best = sums[start]
     for block in range(start // BLOCK, (stop - 1) // BLOCK + 1):
-        low, high = max(start, block * BLOCK), min(stop, (block + 1) * BLOCK)
-        whole = high - low == BLOCK
-        least = block_least[block] if whole else _least(sums, low, high)
+        first, end = block * BLOCK, min((block + 1) * BLOCK, count)
+        whole = start <= first and end <= stop
+        least = block_least[block] if whole else _least(sums, max(start, first), min(stop, end))
         if best_block < 0 or least < best:
             best_block, best = block, least
-    low = max(start, best_block * BLOCK)
-    return _first_equal(sums, low, min(stop, (best_block + 1) * BLOCK), best), best
+    return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
 
 
 @njit(cache=True, nogil=True, inline="always")
-def update_blocks(sums, block_least, columns, offsets, levels, arrivals, expiries, places):
-    """Apply steps to all places, keeping the smallest of each whole block while it is in cache."""
-    for start in range(0, places, BLOCK):
-        stop = min(start + BLOCK, places)
-        change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop)
-        if stop - start == BLOCK:
-            block_least[start // BLOCK] = _least(sums, start, stop)
+def update_blocks(sums, block_least, columns, offsets, levels, arrivals, expiries, count):
+    """Apply steps to all places, keeping the smallest of each block."""
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        block_least[start // BLOCK] = change_sums(
+            sums, columns, offsets, levels, arrivals, expiries, start, stop
+        )

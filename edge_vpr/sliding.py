@@ -272,24 +272,28 @@ def with_distances(
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
     coded = s.counts if codes is None else codes.encode(s.counts).astype(np.int64)
-    index = ReferenceIndex(places)
-    sums = np.zeros(count, dtype=np.int64)
+    # spare places of the smallest counts fill the last vector
+    spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
+    index = ReferenceIndex(np.concatenate([places, spare]))
+    distances = np.zeros(count + LANES, dtype=np.int64)
     for lag in range(length):
         end = length - 1 - lag
-        sums += index.distances(coded[lag])[end : end + count]
+        distances += index.distances(coded[lag])[end : end + count + LANES]
     base = int(np.abs(coded - np.clip(coded, low, high)).sum())
+    # without the base no distance is larger than this; spare ones always are, so that a search may
+    # run over them
     largest = length * int((high - low).sum())
-    dtype: type[np.unsignedinteger] = np.uint16 if largest <= 0xFFFF else np.uint32
-
-    padded = _aligned(count + LANES, dtype)
-    padded[:count] = sums - base
-    blocks = padded[: count - count % BLOCK].reshape(-1, BLOCK)
+    distances[count:] += largest + 1
+    dtype = np.uint16 if 2 * largest + 1 <= np.iinfo(np.uint16).max else np.uint32
+    sums = _aligned(count + LANES, dtype)
+    sums[:] = distances - base
+    block_least = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
     return s._replace(
         columns=columns,
         low=low,
         high=high,
-        sums=padded,
-        block_least=blocks.min(axis=1) if len(blocks) else np.zeros(1, dtype=dtype),
+        sums=sums,
+        block_least=block_least,
         level=np.zeros(MAX_STEPS, dtype=places.dtype),
         number=np.array([base, 0], dtype=np.int64),
         shape=np.array([stride, count], dtype=np.int64),
