@@ -157,7 +157,7 @@ class Localiser:
         EventError
             If time runs backwards or a pixel lies off the sensor; the state is then as it was.
         UsageError
-            If time jumps over more than ten million ticks of the policy.
+            If time jumps over more than a million ticks of the policy.
         """
         if events.size == 0:
             return np.empty(0, dtype=MATCH_DTYPE)

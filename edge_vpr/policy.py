@@ -42,7 +42,7 @@ class Every:
         return cls(events=settings.events_per_window)
 
     def check_ticks(self, from_us: int, until_us: int) -> None:
-        """Raise UsageError if time jumps over more than ten million intervals."""
+        """Raise UsageError if time jumps over more than a million intervals."""
         if self.interval_us and (until_us - from_us) // self.interval_us > MAX_WINDOWS:
             raise UsageError(
                 f"time jumps to {until_us} us, over more than {MAX_WINDOWS} times every "

@@ -82,7 +82,7 @@ class SlidingWindow:
         EventError
             If time runs backwards or a pixel lies off the sensor; the state is then as it was.
         UsageError
-            If time jumps over more than ten million intervals of the policy.
+            If time jumps over more than a million intervals of the policy.
         """
         taken: list[WindowCounts] = []
         if events.size:

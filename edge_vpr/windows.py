@@ -15,8 +15,9 @@ from edge_vpr.events import Events
 from edge_vpr.pixels import PixelMap
 from fixedpoint.codes import CounterCode, PixelCodes
 
-#: more windows than this in one recording are a fault of its clock, not a drive
-MAX_WINDOWS = 10_000_000
+#: more windows than this in one recording, or ticks in one jump of time, are a fault: of a clock
+#: that jumps, or of a window that was asked for in the wrong unit
+MAX_WINDOWS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,7 @@ class DescriptorStream:
         Raises
         ------
         UsageError
-            If time jumps over more than ten million windows.
+            If the recording lasts more than a million windows.
         """
         return collect(self.windows(events), self._counts.size)
 
@@ -232,9 +233,9 @@ class DescriptorStream:
     def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
         t = events["t"]
         windows = (int(t[-1]) - self._start) // tau
-        if windows > MAX_WINDOWS:
+        if int(t[-1]) // tau > MAX_WINDOWS:
             raise UsageError(
-                f"time jumps from {self._start} to {t[-1]} us, over {windows} windows of {tau} us: "
+                f"time runs to {t[-1]} us, over more than {MAX_WINDOWS} windows of {tau} us: "
                 "check the recording's clock, or take longer windows"
             )
         ends = self._start + tau * np.arange(1, windows + 1)
