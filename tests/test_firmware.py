@@ -93,6 +93,24 @@ def test_random_designs_on_every_emulated_processor(emulator):
         assert emulated(emulator, case) == told(case), seed
 
 
+ODD_DESIGNS = [
+    *(random_design(np.random.default_rng(seed)) for seed in range(8)),
+    Design(width=1, height=1, pixels=1, places=1, length=1, code="linear", code_bits=1),
+    Design(width=3, height=1, pixels=3, places=1, length=1, exclusion=0, lanes=1, tau_us=1),
+]
+
+
+@pytest.mark.parametrize("design", ODD_DESIGNS, ids=lambda d: f"{d.width}x{d.height}-{d.pixels}")
+def test_suites_can_be_made_for_any_design_and_pass(design, folder):
+    """Narrow clocks, one pixel, one bit: the cases that such a design has room for."""
+    target = EMULATED[1]
+    emulator = Emulator(target, build(target, folder))
+    suites = standard_suites(design, seed=1)
+    assert len(suites["corners"]) > 15
+    for case in (*suites["corners"], *suites["random"]):
+        assert emulated(emulator, case) == told(case), case.name
+
+
 def test_ram_is_what_the_model_says_and_no_more(emulator, cases):
     """With 16 bytes less than `ram_bytes` the firmware refuses; with it, nothing beyond is hurt."""
     case = cases["corners"][0]

@@ -86,6 +86,10 @@ def test_the_model_equals_the_pipeline_on_random_designs_and_streams():
         done = trace(memories, wrapped(events, design), start)
         assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
         assert done.matches == matches, seed
+        formats = design.formats
+        assert all(formats["count"].holds(event.counted) for event in done.events)
+        assert all(formats["code"].holds(max(window.codes)) for window in done.windows)
+        assert all(formats["sequence"].holds(match.sum) for match in done.matches)
         seen["windows"] += len(codes)
         seen["matches"] += len(matches)
         seen["ties"] += sum(match.ties > 0 for match in matches)

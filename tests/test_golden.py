@@ -6,8 +6,10 @@ import csv
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,6 +27,8 @@ from firmware_model.emulator import Emulator
 from firmware_model.vectors import (
     CORNERS,
     check_files,
+    corner_cases,
+    coverage,
     formats,
     from_binary,
     load_manifest,
@@ -78,10 +82,6 @@ def test_the_same_seed_makes_the_same_bytes(vectors, tmp_path):
 @pytest.mark.parametrize("polarity", [False, True])
 def test_the_corner_suite_reaches_every_corner(window, polarity):
     """Whatever windows and polarity a design has, as counted in the model's states."""
-    from dataclasses import replace
-
-    from firmware_model.vectors import corner_cases, coverage
-
     design = replace(DESIGN, window=window, polarity=polarity, window_events=30)
     cases = corner_cases(design)
     reached = {corner for case in cases for corner, n in coverage(case).items() if n}
@@ -104,8 +104,6 @@ def test_the_manifest_names_every_file_and_its_hash(vectors):
 
 def test_a_changed_file_is_found(vectors, tmp_path):
     """One byte of one file."""
-    import shutil
-
     shutil.copytree(vectors, tmp_path / "copy")
     changed = tmp_path / "copy" / "corners" / "tie_of_two" / "places.mem"
     data = bytearray(changed.read_bytes())

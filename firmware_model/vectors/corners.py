@@ -307,8 +307,11 @@ def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
     stream = Stream(design, pixels)
     windows = design.length + 2
     if name in ("all_places_far", "tie_of_two") and design.window == "time":
-        # all windows empty, so that nothing can be further than the largest code in every slot
-        stream.skip(windows)
+        # all windows empty, so that nothing can be further than the largest code in every slot; an
+        # event elsewhere in each of them, since a clock may be too narrow for such a silence
+        for _ in range(windows):
+            stream.at(*_unselected(design, pixels))
+            stream.end()
     else:
         for _ in range(windows):
             stream.fill([1 + (slot % 3 == 0) for slot in range(design.slots)])
