@@ -19,6 +19,7 @@ COMMANDS = (
     "simulate",
     "experiment",
     "golden",
+    "estimate",
 )
 
 EXIT_FAILED, EXIT_WRONG_USE, EXIT_INTERRUPTED = 1, 2, 130

@@ -1,0 +1,237 @@
+"""Exact counts of a design: operations, memory traffic and sizes, from its parameters alone.
+
+The numbers are those of the device that `firmware_model` states; a test holds them equal to what
+its plain oracle does when every operation and every access is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from firmware_model.cost import Memory, memories, operations
+from firmware_model.design import Design
+from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, stride
+from fixedpoint.codes import packed_bytes
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """Words read from and written to one memory, and bits of a word."""
+
+    reads: int
+    writes: int
+    width: int
+
+    @property
+    def bytes_read(self) -> float:
+        """Bytes, packed without gaps."""
+        return self.reads * self.width / 8
+
+    @property
+    def bytes_written(self) -> float:
+        """Bytes, packed without gaps."""
+        return self.writes * self.width / 8
+
+
+@dataclass(frozen=True)
+class Work:
+    """What one event, one window's end or one match does.
+
+    Attributes
+    ----------
+    counter_updates, absolute_differences, additions, comparisons, multiplications : int
+        An addition has two operands: the first term of a sum is not added to anything. A comparison
+        is one use of a comparator: best, best on the left and second for every place, though a
+        program may know without looking.
+    traffic : mapping of str to Traffic
+        By memory, named as by `firmware_model.cost.memories`.
+    """
+
+    counter_updates: int = 0
+    absolute_differences: int = 0
+    additions: int = 0
+    comparisons: int = 0
+    multiplications: int = 0
+    traffic: Mapping[str, Traffic] = field(default_factory=dict)
+
+    @property
+    def operations(self) -> dict[str, int]:
+        """Numbers of each kind by name."""
+        return {
+            "counter updates": self.counter_updates,
+            "absolute differences": self.absolute_differences,
+            "additions": self.additions,
+            "comparisons": self.comparisons,
+            "multiplications": self.multiplications,
+        }
+
+    @property
+    def bytes_read(self) -> float:
+        """Of all memories."""
+        return sum(part.bytes_read for part in self.traffic.values())
+
+    @property
+    def bytes_written(self) -> float:
+        """Of all memories."""
+        return sum(part.bytes_written for part in self.traffic.values())
+
+
+def event_work(design: Design, selected: bool) -> Work:
+    """Count what an event on the sensor does.
+
+    Parameters
+    ----------
+    design : Design
+    selected : bool
+        Whether it is at a selected pixel.
+    """
+    return Work(
+        counter_updates=int(selected),
+        traffic=_traffic(
+            design,
+            displacement=(1, 0),
+            lookup=(1, 0),
+            counts=(int(selected), int(selected)),
+        ),
+    )
+
+
+def window_work(design: Design) -> Work:
+    """Count what the end of a window does: code, and clear, every counter."""
+    return Work(
+        traffic=_traffic(
+            design,
+            counts=(design.slots, design.slots),
+            table=(design.slots if len(design.full_scales) > 1 else 0, 0),
+            code=(design.slots, 0),
+            query=(0, design.words),
+        )
+    )
+
+
+def match_work(design: Design) -> Work:
+    """Count what a match does when L windows have been seen."""
+    done = operations(design)
+    sums = design.places - design.length + 1
+    words = design.places * design.words
+    left = max(0, sums - design.exclusion - 1)
+    return Work(
+        absolute_differences=done.absolute_differences,
+        additions=done.additions,
+        comparisons=done.comparisons,
+        multiplications=done.multiplications,
+        traffic=_traffic(
+            design,
+            query=(words, 0),
+            places=(words, 0),
+            history=(sums * (design.length - 1), design.places),
+            delay=(left, sums),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Memory that a design takes.
+
+    Attributes
+    ----------
+    place_bytes : int
+        One descriptor, its codes packed without gaps.
+    packed_bytes : int
+        All memories of the device, without gaps.
+    flash_bytes, ram_bytes : int
+        Image and arrays of the reference firmware in C, which keeps a byte a code; without its
+        code, structures and stack.
+    """
+
+    place_bytes: int
+    packed_bytes: int
+    flash_bytes: int
+    ram_bytes: int
+
+
+def sizes(design: Design) -> Sizes:
+    """Size a design's memories."""
+    bits = sum(memory.bits for memory in memories(design).values())
+    return Sizes(
+        place_bytes=packed_bytes(design.slots, design.code_bits),
+        packed_bytes=-(-bits // 8),
+        flash_bytes=flash_bytes(design),
+        ram_bytes=ram_bytes(design),
+    )
+
+
+def flash_bytes(design: Design) -> int:
+    """Size the image that `firmware_model.image.image` would lay out, without laying it out."""
+    tables = (
+        2 * design.height,
+        8 * design.lookup_depth,
+        len(design.full_scales) * (design.count_max + 1),
+        design.slots,
+        design.places * stride(design),
+    )
+    return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)
+
+
+def block_memories(design: Design, shapes: list[tuple[int, int]]) -> int:
+    """Count block memories: each memory takes whole ones, in the shape that suits it best.
+
+    Parameters
+    ----------
+    design : Design
+    shapes : list of (depth, width)
+        In which a block can be used.
+    """
+    return sum(
+        min(memory.tiles(*shape) for shape in shapes)
+        for memory in memories(design).values()
+        if memory.depth
+    )
+
+
+def _traffic(design: Design, **accesses: tuple[int, int]) -> dict[str, Traffic]:
+    sized: dict[str, Memory] = memories(design)
+    return {
+        name: Traffic(reads, writes, sized[name].width)
+        for name, (reads, writes) in accesses.items()
+        if reads or writes
+    }
+
+
+@dataclass(frozen=True)
+class Headline:
+    """The counts by which a few pixels and all of them are compared."""
+
+    counters: int
+    counter_updates_per_s: float
+    absolute_differences: int
+    additions: int
+    comparisons: int
+    place_bytes: int
+    map_bytes: int
+
+
+def headline(slots: int, design: Design, selected_per_s: float) -> Headline:
+    """Count a match over so many counters, all else as in a design.
+
+    Parameters
+    ----------
+    slots : int
+        Also more than a `Design` may have.
+    design : Design
+    selected_per_s : float
+        Events a second that are counted.
+    """
+    sums = design.places - design.length + 1
+    place = packed_bytes(slots, design.code_bits)
+    return Headline(
+        counters=slots,
+        counter_updates_per_s=selected_per_s,
+        absolute_differences=design.places * slots,
+        additions=design.places * (slots - 1) + sums * (design.length - 1),
+        comparisons=3 * sums + 1,
+        place_bytes=place,
+        map_bytes=design.places * place,
+    )

@@ -1,0 +1,187 @@
+"""The largest design that stays within budgets of memory and power, and what limits it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.estimate.counts import sizes
+from edge_vpr_tools.estimate.model import Mission, cost, firmware
+from edge_vpr_tools.estimate.targets import Constant, Target
+from firmware_model.design import Design
+from firmware_model.errors import DesignError
+
+_UNITS = {
+    "b": ("bytes", 1.0), "kb": ("bytes", 1e3), "mb": ("bytes", 1e6),
+    "kib": ("bytes", 1024.0), "mib": ("bytes", 1024.0**2),
+    "uw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
+}  # fmt: skip
+_BITS = (8, 6, 4, 3, 2, 1)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """An upper limit: so many bytes of memory, or watts."""
+
+    text: str
+    quantity: str
+    limit: float
+
+    @classmethod
+    def parse(cls, text: str) -> Budget:
+        """Read ``64KiB`` or ``10mW``.
+
+        Raises
+        ------
+        UsageError
+            If it is neither.
+        """
+        form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Z]+)\s*", text)
+        if form and form[2].lower() in _UNITS and float(form[1]) > 0:
+            quantity, factor = _UNITS[form[2].lower()]
+            return cls(text, quantity, float(form[1]) * factor)
+        raise UsageError(f"budget {text!r}: expected memory or power, such as 64KiB or 10mW")
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The largest value of one parameter, the others as given.
+
+    Attributes
+    ----------
+    parameter : {"pixels", "places"}
+    code_bits : int
+    value : int
+        0 if not even one fits.
+    limited_by : str
+        The budget, or the range of the parameter.
+    """
+
+    parameter: str
+    code_bits: int
+    value: int
+    limited_by: str
+
+
+def memory_bytes(design: Design, target: Target) -> int:
+    """Memory that a budget is held against.
+
+    On a processor what the reference firmware in C takes, flash and RAM with code and stack; on
+    others all memories, packed.
+    """
+    if target.kind != "processor":
+        return sizes(design).packed_bytes
+    told, size = firmware()[target.core], sizes(design)
+    return size.flash_bytes + size.ram_bytes + told.code_bytes + told.stack_bytes
+
+
+def fit(
+    design: Design,
+    target: Target,
+    mission: Mission,
+    budgets: Sequence[Budget],
+    cycle_energy: Constant | None = None,
+) -> list[Fit]:
+    """Find the largest J, and the largest K, for some numbers of bits a code.
+
+    Parameters
+    ----------
+    design : Design
+        The parameters that are not searched.
+    target : Target
+    mission : Mission
+        Its share of selected events grows with J.
+    budgets : sequence of Budget
+        All must hold.
+    cycle_energy : Constant, optional
+        See `cost`.
+
+    Returns
+    -------
+    list of Fit
+
+    Raises
+    ------
+    UsageError
+        If a budget of power is given and the target's is unknown.
+    """
+
+    def broken(candidate: Design) -> str:
+        """Name the budget that a design breaks; empty if none."""
+        share = min(1.0, mission.selected_share * candidate.pixels / design.pixels)
+        for budget in budgets:
+            if budget.quantity == "bytes":
+                used: float = memory_bytes(candidate, target)
+            else:
+                used = _watts(
+                    cost(candidate, target, replace(mission, selected_share=share), cycle_energy),
+                    target,
+                )
+            if used > budget.limit:
+                return budget.text
+        return ""
+
+    # the firmware in C keeps a byte a code, so that fewer bits save a processor nothing
+    packed = target.kind != "processor"
+    found = []
+    for bits in _BITS if packed else (design.code_bits,):
+        for parameter, most in (
+            ("pixels", min(design.width * design.height, 1 << 15)),
+            ("places", 1 << 20),
+        ):
+            least = design.length if parameter == "places" else 1
+
+            def candidate(value: int, name: str = parameter, width: int = bits) -> Design:
+                return _changed(design, width, name, value)
+
+            found.append(_largest(parameter, bits, least, most, candidate, broken))
+    return found
+
+
+def _watts(of: object, target: Target) -> float:
+    from edge_vpr_tools.estimate.model import Cost
+
+    assert isinstance(of, Cost)
+    total = of.whole_w or of.marginal_w
+    if total is None:
+        raise UsageError(
+            f"the power of {target.name} is unknown, so that no budget of it can be met: "
+            "calibrate with a profile of your board (--calibrate)"
+        )
+    return total.central
+
+
+def _changed(design: Design, bits: int, name: str, value: int) -> Design:
+    values = design.to_dict() | {"code_bits": bits, "lookup_depth": 0, name: value}
+    if design.code == "linear":
+        values["full_scales"] = [0]
+    return Design.from_dict(values)
+
+
+def _largest(
+    parameter: str,
+    bits: int,
+    least: int,
+    most: int,
+    candidate: Callable[[int], Design],
+    broken: Callable[[Design], str],
+) -> Fit:
+    """Bisect: memory and power grow with J and with K."""
+    try:
+        limit = broken(candidate(least))
+        if limit:
+            return Fit(parameter, bits, 0, limit)
+        low, high = least, most + 1
+        limit = f"range up to {most}"
+        while high - low > 1:
+            middle = (low + high) // 2
+            why = broken(candidate(middle))
+            if why:
+                high, limit = middle, why
+            else:
+                low = middle
+    except DesignError as error:
+        raise UsageError(str(error)) from error
+    return Fit(parameter, bits, low, limit)

@@ -1,0 +1,239 @@
+"""What a design costs on a target: instructions or cycles, time, and modelled energy.
+
+The layers stay apart: counts are exact (`counts`), instructions come from tables that the emulated
+firmware wrote, time needs an assumed number of cycles per instruction, and energy a cited constant.
+What has no constant is None, which is shown as unknown.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.estimate.counts import Work, event_work, match_work, window_work
+from edge_vpr_tools.estimate.emulation import predict
+from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
+from firmware_model.cost import cycles
+from firmware_model.design import Design
+from firmware_model.instructions import TABLE
+
+_PICO = 1e-12
+_ZERO = Spread(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Mission:
+    """What a device has to keep up with.
+
+    Attributes
+    ----------
+    events_per_s : float
+        Of the whole sensor.
+    selected_share : float
+        Of those, at selected pixels.
+    matches_per_s : float
+    events_per_call : int
+        How many events the program takes in one call.
+    """
+
+    events_per_s: float
+    selected_share: float
+    matches_per_s: float
+    events_per_call: int = 64
+
+    def __post_init__(self) -> None:
+        if not (self.events_per_s >= 0 and 0 <= self.selected_share <= 1):
+            raise UsageError(
+                f"{self.events_per_s:g} events a second, a share of {self.selected_share:g} at "
+                "selected pixels: expected a rate from 0 and a share from 0 to 1"
+            )
+        if not self.matches_per_s > 0 or self.events_per_call < 1:
+            raise UsageError(
+                f"{self.matches_per_s:g} matches a second, {self.events_per_call} events a call: "
+                "expected positive numbers"
+            )
+
+    @property
+    def rates(self) -> dict[str, float]:
+        """How often a second each unit of work is done."""
+        selected = self.events_per_s * self.selected_share
+        return {
+            "selected event": selected,
+            "other event": self.events_per_s - selected,
+            "window": self.matches_per_s,
+            "match": self.matches_per_s,
+        }
+
+
+def work(design: Design) -> dict[str, Work]:
+    """Count the operations of each unit of work."""
+    return {
+        "selected event": event_work(design, selected=True),
+        "other event": event_work(design, selected=False),
+        "window": window_work(design),
+        "match": match_work(design),
+    }
+
+
+@dataclass(frozen=True)
+class Firmware:
+    """What the table beside the C sources says of a processor."""
+
+    compiler: str
+    event_selected: int
+    event_unselected: int
+    events_call: int
+    code_bytes: int
+    stack_bytes: int
+
+
+@cache
+def firmware() -> Mapping[str, Firmware]:
+    """Read the table that the emulated firmware wrote, by processor."""
+    with TABLE.open(encoding="ascii", newline="") as file:
+        return {
+            row["target"]: Firmware(
+                row["compiler"],
+                *(int(row[name]) for name in list(Firmware.__dataclass_fields__)[1:]),
+            )
+            for row in csv.DictReader(file)
+        }
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What each unit of work takes on a target.
+
+    Attributes
+    ----------
+    instructions : dict of str to float, optional
+        Processors only.
+    cycles : dict of str to Spread
+    seconds : dict of str to Spread
+    load : Spread
+        Share of the time that it is busy at the mission's rates; it must stay below 1.
+    energy_j : dict of str to Spread, optional
+        Modelled; None if unknown.
+    marginal_w, idle_w, whole_w : Spread, optional
+        Modelled: what the work adds at the mission's rates, what is used without it, and both,
+        which is None if either is unknown.
+    per_match_j, per_match_whole_j : Spread, optional
+        Those over the matches a second.
+    basis : tuple of Constant
+        What the energy rests on.
+    """
+
+    instructions: dict[str, float] | None
+    cycles: dict[str, Spread]
+    seconds: dict[str, Spread]
+    load: Spread
+    energy_j: dict[str, Spread] | None
+    marginal_w: Spread | None
+    idle_w: Spread | None
+    whole_w: Spread | None
+    per_match_j: Spread | None
+    per_match_whole_j: Spread | None
+    basis: tuple[Constant, ...]
+
+
+def cost(
+    design: Design, target: Target, mission: Mission, cycle_energy: Constant | None = None
+) -> Cost:
+    """Model a design on a target.
+
+    Parameters
+    ----------
+    design : Design
+    target : Target
+    mission : Mission
+    cycle_energy : Constant, optional
+        Measured on the user's own board, instead of the target's; pJ/cycle.
+
+    Returns
+    -------
+    Cost
+    """
+    instructions = None
+    if target.kind == "processor":
+        instructions = instructions_of(design, target.core, mission)
+        taken = {unit: Spread(*target.cpi) * number for unit, number in instructions.items()}
+    else:
+        device = cycles(design)
+        number = {
+            "selected event": device.event,
+            "other event": device.event,
+            "window": device.encode,
+            "match": device.compare + device.drain,
+        }
+        taken = {unit: Spread(1.0, 1.0, 1.0) * count for unit, count in number.items()}
+    seconds = {unit: value * (1 / target.clock_hz) for unit, value in taken.items()}
+    basis: list[Constant] = []
+    energy = None
+    if target.kind == "datapath":
+        energy, basis = _datapath(design)
+    elif cycle_energy is not None or target.cycle_energy:
+        per_cycle = cycle_energy or constants()[target.cycle_energy]
+        basis.append(per_cycle)
+        energy = {unit: value * per_cycle.value * _PICO for unit, value in taken.items()}
+    idle = None
+    if target.idle_power:
+        basis.append(constants()[target.idle_power])
+        idle = basis[-1].value
+    marginal = None if energy is None else _per_second(energy, mission)
+    whole = None if marginal is None or idle is None else marginal + idle
+    a_match = 1 / mission.matches_per_s
+    return Cost(
+        instructions=instructions,
+        cycles=taken,
+        seconds=seconds,
+        load=_per_second(seconds, mission),
+        energy_j=energy,
+        marginal_w=marginal,
+        idle_w=idle,
+        whole_w=whole,
+        per_match_j=None if marginal is None else marginal * a_match,
+        per_match_whole_j=None if whole is None else whole * a_match,
+        basis=tuple(basis),
+    )
+
+
+def instructions_of(design: Design, core: str, mission: Mission) -> dict[str, float]:
+    """Instructions of the reference firmware in C, for each unit of work.
+
+    A call's own instructions are shared among its events.
+    """
+    told, window_and_match = firmware()[core], predict(design, core)
+    call = told.events_call / mission.events_per_call
+    return {
+        "selected event": told.event_selected + call,
+        "other event": told.event_unselected + call,
+        "window": float(window_and_match.window),
+        "match": float(window_and_match.match),
+    }
+
+
+def _per_second(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
+    total = _ZERO
+    for unit, rate in mission.rates.items():
+        total = total + of_unit[unit] * rate
+    return total
+
+
+def _datapath(design: Design) -> tuple[dict[str, Spread], list[Constant]]:
+    """Energy of the operations and memory accesses themselves, and of nothing else."""
+    names = ("add-8", "add-16", "multiply-32", "sram-byte")
+    add8, add16, multiply, byte = (constants()[name] for name in names)
+    energy = {}
+    for unit, done in work(design).items():
+        adds = done.counter_updates + done.additions + done.comparisons
+        picojoules = (
+            add8.value * done.absolute_differences
+            + add16.value * adds
+            + multiply.value * done.multiplications
+            + byte.value * (done.bytes_read + done.bytes_written)
+        )
+        energy[unit] = picojoules * _PICO
+    return energy, [add8, add16, multiply, byte]

@@ -1,0 +1,134 @@
+"""What the command line of `edge-vpr estimate` asks for."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from edge_vpr_tools.estimate.counts import Headline, headline
+from edge_vpr_tools.estimate.model import Mission
+from edge_vpr_tools.estimate.targets import Constant, Spread
+from edge_vpr_tools.setting_flags import duration_us
+from firmware_model.design import Design
+
+#: of a street seen by a DAVIS346, about; stated with every estimate
+EVENTS_PER_S = 1e5
+PLACES = 1_000
+
+
+def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
+    """Build them of the flags, a file or a map.
+
+    Raises
+    ------
+    EdgeVprError, DesignError
+        If a file cannot be read or a value is wrong.
+    """
+    if args.map is not None and args.design is not None:
+        raise UsageError("--map and --design are two designs: name one")
+    rate, share = EVENTS_PER_S, None
+    if args.map is not None:
+        from edge_vpr.reference_map import ReferenceMap
+        from edge_vpr_tools.estimate.of_map import design_of, event_rates
+
+        reference = ReferenceMap.load(args.map)
+        design = design_of(reference, args.lanes)
+        rate, share = event_rates(reference)
+    elif args.design is not None:
+        design = Design.load(args.design)
+    else:
+        design = _of_flags(args)
+    rate = rate if args.event_rate is None else args.event_rate
+    share = share if args.selected_share is None else args.selected_share
+    if share is None:
+        share = design.pixels / (design.width * design.height)
+    matches = args.match_rate
+    if matches is None:
+        matches = 1e6 / design.tau_us
+        if design.window == "count":
+            matches = rate * share / design.window_events
+    return design, Mission(rate, share, matches)
+
+
+def _of_flags(args: argparse.Namespace) -> Design:
+    sensor = Sensor.parse(args.sensor)
+    if args.places_per_metre <= 0 or (args.route_km is not None and args.route_km <= 0):
+        raise UsageError(
+            f"--places-per-metre {args.places_per_metre}, --route-km {args.route_km}: expected "
+            "positive numbers"
+        )
+    places = args.places
+    if places is None:
+        places = PLACES
+        if args.route_km is not None:
+            places = math.ceil(args.route_km * 1_000 * args.places_per_metre)
+    return Design.from_dict(
+        {
+            "width": sensor.width,
+            "height": sensor.height,
+            "pixels": args.pixels,
+            "places": places,
+            "length": args.sequence_length,
+            "code": args.counter_code,
+            "code_bits": args.counter_bits,
+            "polarity": args.polarity,
+            "tau_us": duration_us(args.tau),
+            "lanes": args.lanes,
+        },
+        "the command line",
+    )
+
+
+def compared(name: str, design: Design, mission: Mission) -> tuple[Headline, Design | None]:
+    """Count what a design is compared with: every pixel of the sensor, or the design of a file.
+
+    All pixels are counted only: no device of this kind holds as many counters.
+    """
+    if name == "all-pixels":
+        slots = design.width * design.height * (2 if design.polarity else 1)
+        return headline(slots, design, mission.events_per_s), None
+    other = Design.load(name)
+    share = min(1.0, mission.selected_share * other.pixels / design.pixels)
+    return headline(other.slots, other, mission.events_per_s * share), other
+
+
+def calibrated(profile: Path) -> Constant:
+    """Energy of a processor's cycle, of the profile of a board with a power sensor.
+
+    One point: marginal joules for each second of processor time, over the clock.
+
+    Raises
+    ------
+    UsageError
+        If the file is no profile, or its energy was not measured or not resolved.
+    """
+    try:
+        values = json.loads(profile.read_text(encoding="utf-8"))
+        energy, clock = values["energy"], values["conditions"]["after"]["frequency_hz"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UsageError(
+            f"{profile} is not a profile that tells energy and clock ({error!r}): make it by "
+            "edge-vpr profile"
+        ) from error
+    if not energy.get("resolved") or not clock:
+        raise UsageError(
+            f"{profile}: energy was not measured or not resolved, or the clock is not known: "
+            "profile a board with a power sensor, for longer"
+        )
+    seconds = energy["cpu_s_per_match"]
+    low, high = energy["marginal_j_per_match_interval"]
+    picojoules = [
+        1e12 * joules / (seconds * clock) for joules in (low, energy["marginal_j_per_match"], high)
+    ]
+    return Constant(
+        "pJ/cycle",
+        Spread(*picojoules),
+        int(values["run"]["finished_utc"][:4]),
+        values["run"]["machine"]["processor"],
+        f"calibrated on the profile {profile}",
+        "interval of the measurement; one point: another load may cost another energy a cycle",
+    )

@@ -1,0 +1,268 @@
+"""How an estimate is shown: tables on the terminal, and plain values for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from edge_vpr_tools.estimate.counts import Headline, block_memories, headline, sizes
+from edge_vpr_tools.estimate.fit import Budget, Fit, memory_bytes
+from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware
+from edge_vpr_tools.estimate.model import work as work_of
+from edge_vpr_tools.estimate.targets import Constant, Spread, Target
+from firmware_model.design import Design
+
+UNKNOWN = "unknown"
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+_WIDTH = 118
+
+
+def design(of: Design, mission: Mission, places_per_metre: float) -> None:
+    """Print the design, its sizes, and the mission that the rates are for."""
+    size = sizes(of)
+    route_m = of.places / places_per_metre
+    _say(
+        f"{of.pixels} of {of.width} x {of.height} pixels, {of.slots} counters, codes of "
+        f"{of.code_bits} bits ({of.code}), {of.places:,} places, sequences of {of.length}"
+    )
+    _say(
+        f"{size.place_bytes} bytes a place, {_bytes(1_000 * places_per_metre * size.place_bytes)} "
+        f"a km at {places_per_metre:g} places a metre ({route_m / 1000:g} km); all memories "
+        f"{_bytes(size.packed_bytes)} packed; firmware in C, a byte a code: flash "
+        f"{_bytes(size.flash_bytes)} of tables, RAM {_bytes(size.ram_bytes)}"
+    )
+    _say(
+        f"at {mission.events_per_s:,.0f} events a second, {mission.selected_share:.3%} of them at "
+        f"selected pixels, and {mission.matches_per_s:g} matches a second"
+    )
+
+
+def work(of: Design, mission: Mission) -> None:
+    """Print the exact counts."""
+    units, rates = work_of(of), mission.rates
+    header = ["exact counts", *units, "per second"]
+    rows = []
+    for name in next(iter(units.values())).operations:
+        each = [unit.operations[name] for unit in units.values()]
+        total = sum(n * rate for n, rate in zip(each, rates.values(), strict=True))
+        rows.append([name, *(f"{n:,}" for n in each), f"{total:,.0f}"])
+    for name, of_unit in (("bytes read", "bytes_read"), ("bytes written", "bytes_written")):
+        sums = [getattr(unit, of_unit) for unit in units.values()]
+        total = sum(n * rate for n, rate in zip(sums, rates.values(), strict=True))
+        rows.append([name, *(f"{n:,.6g}" for n in sums), f"{total:,.0f}"])
+        memories = sorted({memory for unit in units.values() for memory in unit.traffic})
+        for memory in memories:
+            parts = [unit.traffic.get(memory) for unit in units.values()]
+            each_bytes = [0.0 if part is None else getattr(part, of_unit) for part in parts]
+            if any(each_bytes):
+                total = sum(n * r for n, r in zip(each_bytes, rates.values(), strict=True))
+                rows.append([f"  {memory}", *(f"{n:,.6g}" for n in each_bytes), f"{total:,.0f}"])
+    _table(header, rows)
+
+
+def costs(
+    of: Design, targets: Sequence[Target], mission: Mission, measured: Constant | None
+) -> None:
+    """Print what each target takes: instructions, time, and modelled energy."""
+    rows = []
+    for target in targets:
+        found = cost(of, target, mission, measured)
+        told = found.instructions
+        rows.append(
+            [
+                target.name,
+                _instructions(told, "selected event", found),
+                _instructions(told, "match", found),
+                _spread(found.seconds["match"], "s"),
+                f"{found.load.central:.2%}" if found.load.high < 1 else "overloaded",
+                _energy(found, "match"),
+                _watts(found.marginal_w),
+                _watts(found.idle_w),
+                _fits_in(of, target),
+            ]
+        )
+    _table(
+        ["target", "instr. or cycles an event", "a match", "time of a match", "busy",
+         "energy of a match (modelled)", "added power (modelled)", "power at rest", "memory"],
+        rows,
+    )  # fmt: skip
+
+
+def comparison(
+    of: Design,
+    mission: Mission,
+    name: str,
+    other: Headline,
+    other_design: Design | None,
+    targets: Sequence[Target],
+) -> None:
+    """Print two designs side by side."""
+    ours = headline(of.slots, of, mission.events_per_s * mission.selected_share)
+    rows = []
+    for field, value in asdict(ours).items():
+        theirs = asdict(other)[field]
+        rows.append(
+            [field.replace("_", " "), f"{value:,.6g}", f"{theirs:,.6g}", _times(theirs, value)]
+        )
+    if other_design is not None:
+        for target in targets:
+            a, b = (cost(d, target, mission).per_match_j for d in (of, other_design))
+            if a is not None and b is not None:
+                rows.append(
+                    [f"{target.name}: J a match (modelled)", _spread(a, "J"), _spread(b, "J"),
+                     _times(b.central, a.central)]
+                )  # fmt: skip
+    _table(["a match", "this design", name, "times"], rows)
+
+
+def fits(found: Sequence[Fit], of: Design, target: Target, budgets: Sequence[Budget]) -> None:
+    """Print the largest designs within the budgets."""
+    limits = " and ".join(budget.text for budget in budgets)
+    rows = [
+        [f"{fit.code_bits} bits", fit.parameter, f"{fit.value:,}" if fit.value else "none",
+         fit.limited_by]
+        for fit in found
+    ]  # fmt: skip
+    _say(
+        f"within {limits} on {target.name}: the largest J with K = {of.places:,}, and the largest "
+        f"K with J = {of.pixels}"
+    )
+    _table(["code", "parameter", "largest", "limited by"], rows)
+    if target.kind == "processor":
+        _say("the firmware in C keeps a byte a code, so that fewer bits save it no memory")
+    if any(b.quantity == "watts" for b in budgets) and not target.idle_power:
+        _say("the budget of power is held against what the work adds: power at rest is unknown")
+    _say("how well such a design recognises places is not estimated: edge-vpr evaluate tells it")
+
+
+def basis(
+    of: Design, targets: Sequence[Target], mission: Mission, measured: Constant | None
+) -> None:
+    """Print what is assumed, what is modelled from which source, and what is unknown."""
+    cited: dict[str, Constant] = {}
+    for target in targets:
+        if target.kind == "processor":
+            told = firmware()[target.core]
+            _say(
+                f"{target.name}: instructions of the reference firmware ({told.compiler}, "
+                f"{target.core}); cycles an instruction {_three(target.cpi)}: {target.cpi_source}"
+            )
+        if target.note:
+            _say(f"{target.name}: {target.note}")
+        if target.unknown and measured is None:
+            _say(f"{target.name}: {target.unknown}; --calibrate takes a profile of your board")
+        for constant in cost(of, target, mission, measured).basis:
+            cited[constant.source + constant.unit] = constant
+    for constant in cited.values():
+        _say(
+            f"modelled from {_three(tuple(asdict(constant.value).values()))} {constant.unit} "
+            f"({constant.year}, {constant.node}): {constant.source}; {constant.uncertainty}"
+        )
+
+
+def as_dict(
+    of: Design,
+    targets: Sequence[Target],
+    mission: Mission,
+    found: Sequence[Fit],
+    measured: Constant | None,
+) -> dict[str, Any]:
+    """Everything as plain values."""
+    return {
+        "schema": 1,
+        "design": of.to_dict(),
+        "mission": asdict(mission),
+        "sizes": asdict(sizes(of)),
+        "counts": {name: asdict(unit) for name, unit in work_of(of).items()},
+        "targets": {t.name: {"energy_is": "modelled"} | asdict(cost(of, t, mission, measured))
+                    for t in targets},
+        "fit": [asdict(fit) for fit in found],
+    }  # fmt: skip
+
+
+def _fits_in(of: Design, target: Target) -> str:
+    if target.kind == "processor":
+        return _bytes(memory_bytes(of, target))
+    if not target.blocks:
+        return _bytes(sizes(of).packed_bytes)
+    needed = block_memories(of, list(target.block_shapes))
+    if needed <= target.blocks:
+        return f"{needed} of {target.blocks} blocks"
+    if target.large_blocks:
+        large, rest = block_memories_with_large(of, target)
+        return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large" + (
+            "" if rest <= target.blocks and large <= target.large_blocks else ": too many"
+        )
+    return f"{needed} of {target.blocks} blocks: too many"
+
+
+def block_memories_with_large(of: Design, target: Target) -> tuple[int, int]:
+    """Large blocks for the places, which are only read, and small ones for the rest."""
+    from firmware_model.cost import memories
+
+    shapes = dict.fromkeys(memories(of), target.block_shapes)
+    shapes["places"] = target.large_block_shapes
+    tiles = {
+        name: min(memory.tiles(*shape) for shape in shapes[name])
+        for name, memory in memories(of).items()
+    }
+    return tiles.pop("places"), sum(tiles.values())
+
+
+def _instructions(told: dict[str, float] | None, unit: str, found: Cost) -> str:
+    if told is not None:
+        return f"{told[unit]:,.0f} i"
+    return f"{found.cycles[unit].central:,.0f} c"
+
+
+def _energy(found: Cost, unit: str) -> str:
+    return UNKNOWN if found.energy_j is None else _spread(found.energy_j[unit], "J")
+
+
+def _watts(value: Spread | None) -> str:
+    return UNKNOWN if value is None else _spread(value, "W")
+
+
+def _spread(value: Spread, unit: str) -> str:
+    """Central, and low to high, in one unit that suits the central value."""
+    factor, prefix = next(
+        ((f, p) for f, p in _PREFIXES if value.central >= f), _PREFIXES[-1]
+    )  # fmt: skip
+    low, central, high = (x / factor for x in asdict(value).values())
+    if low == high:
+        return f"{central:.3g} {prefix}{unit}"
+    return f"{central:.3g} ({low:.3g} to {high:.3g}) {prefix}{unit}"
+
+
+def _three(values: Iterable[float]) -> str:
+    low, central, high = values
+    return f"{central:g} ({low:g} to {high:g})"
+
+
+def _times(theirs: float, ours: float) -> str:
+    return f"{theirs / ours:,.3g}" if ours else "-"
+
+
+def _bytes(number: float) -> str:
+    return f"{number:,.0f} B" if number < 10_240 else f"{number / 1024:,.1f} KiB"
+
+
+def _say(text: str) -> None:
+    _console().print(text, highlight=False, markup=False)
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    table = Table()
+    for i, title in enumerate(header):
+        table.add_column(title, justify="left" if i == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    _console().print(table)
+
+
+def _console() -> Console:
+    return Console() if Console().is_terminal else Console(width=_WIDTH)

@@ -1,0 +1,179 @@
+"""What is known of each target, and the cited constants: TOML files, and what the user adds."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from edge_vpr.errors import UsageError
+
+_HERE = Path(__file__).parent
+KINDS = ("processor", "fpga", "datapath")
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A value known within bounds."""
+
+    low: float
+    central: float
+    high: float
+
+    def __mul__(self, other: float | Spread) -> Spread:
+        """Multiply by a number, or end by end by another spread."""
+        by = other if isinstance(other, Spread) else Spread(other, other, other)
+        return Spread(self.low * by.low, self.central * by.central, self.high * by.high)
+
+    def __add__(self, other: Spread) -> Spread:
+        """Add end by end."""
+        return Spread(self.low + other.low, self.central + other.central, self.high + other.high)
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A cited constant.
+
+    Attributes
+    ----------
+    unit : str
+    value : Spread
+    year : int or "unknown"
+    node, source, uncertainty : str
+        What was measured, who says so, and what low and high stand for.
+    """
+
+    unit: str
+    value: Spread
+    year: int | str
+    node: str
+    source: str
+    uncertainty: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A device to estimate for; see the files in ``targets/``.
+
+    Attributes
+    ----------
+    name : str
+    kind : {"processor", "fpga", "datapath"}
+    clock_hz : float
+    core : str
+        Row of the table of instructions; processors only.
+    cpi : tuple of three floats
+        Cycles per instruction, an assumption; low, central, high.
+    cpi_source, note : str
+    cycle_energy, idle_power : str
+        Names of constants; empty where none is known.
+    unknown : str
+        What is not known, in a sentence; empty if nothing.
+    blocks, large_blocks : int
+        Block memories, of the shapes (depth, width) that follow.
+    block_shapes, large_block_shapes : tuple of pairs
+    """
+
+    name: str
+    kind: str
+    clock_hz: float
+    core: str = ""
+    cpi: tuple[float, ...] = ()
+    cpi_source: str = ""
+    note: str = ""
+    cycle_energy: str = ""
+    idle_power: str = ""
+    unknown: str = ""
+    blocks: int = 0
+    block_shapes: tuple[tuple[int, int], ...] = ()
+    large_blocks: int = 0
+    large_block_shapes: tuple[tuple[int, int], ...] = ()
+
+    @classmethod
+    def load(cls, path: str | Path) -> Target:
+        """Read a target from a TOML file.
+
+        Raises
+        ------
+        UsageError
+            If it cannot be read, or a name or value is wrong.
+        """
+        values = _read(Path(path))
+        known = {field.name for field in fields(cls)}
+        for name in values:
+            if name not in known:
+                raise UsageError(
+                    f"{path} has the unknown name {name!r}: choose from {sorted(known)}"
+                )
+        for name in ("name", "kind", "clock_hz"):
+            if name not in values:
+                raise UsageError(f"{path} lacks {name}: name it")
+        if values["kind"] not in KINDS:
+            raise UsageError(f"{path}: kind = {values['kind']!r}: choose from {', '.join(KINDS)}")
+        if not values["clock_hz"] > 0:
+            raise UsageError(f"{path}: clock_hz = {values['clock_hz']}: expected a positive number")
+        for name in ("block_shapes", "large_block_shapes"):
+            values[name] = tuple((depth, width) for depth, width in values.get(name, ()))
+        values["cpi"] = tuple(values.get("cpi", ()))
+        target = cls(**values)
+        if target.kind == "processor":
+            _check_processor(target, path)
+        for name in (target.cycle_energy, target.idle_power):
+            if name and name not in constants():
+                raise UsageError(f"{path}: there is no constant {name!r} in energy.toml")
+        return target
+
+
+def find(name: str) -> Target:
+    """Find a target by the name of its file here, or by the path of the user's own.
+
+    Raises
+    ------
+    UsageError
+        If there is none.
+    """
+    known = names()
+    if name in known:
+        return Target.load(_HERE / "targets" / f"{name}.toml")
+    if name.endswith(".toml"):
+        return Target.load(name)
+    raise UsageError(f"target {name!r}: choose from {', '.join(known)}, or name a TOML file")
+
+
+def names() -> list[str]:
+    """Targets that come with edge-vpr."""
+    return sorted(path.stem for path in (_HERE / "targets").glob("*.toml"))
+
+
+@cache
+def constants() -> Mapping[str, Constant]:
+    """Read the cited constants by name."""
+    return {
+        name: Constant(
+            unit=given["unit"],
+            value=Spread(given["low"], given["central"], given["high"]),
+            **{key: given[key] for key in ("year", "node", "source", "uncertainty")},
+        )
+        for name, given in _read(_HERE / "energy.toml").items()
+    }
+
+
+def _check_processor(target: Target, path: str | Path) -> None:
+    from edge_vpr_tools.estimate.emulation import scaling
+
+    if target.core not in scaling():
+        raise UsageError(
+            f"{path}: core = {target.core!r}: the firmware was emulated on {', '.join(scaling())}"
+        )
+    if len(target.cpi) != 3 or not 0 < target.cpi[0] <= target.cpi[1] <= target.cpi[2]:
+        raise UsageError(f"{path}: cpi = {list(target.cpi)}: expected low, central and high")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UsageError(f"cannot read {path}: {error}") from error
