@@ -1,0 +1,191 @@
+"""What lets decoded events pass: only on the sensor, in time order, on a clock that never wraps.
+
+A camera's line has no checksum more often than not, so that a time may be nonsense, and a camera
+may restart while the rover drives. A step of time that is odd is therefore believed only when the
+events after it agree; until then these are held, and dropped if they do not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.recordings.source import Columns
+from edge_vpr.stream.health import Health
+
+#: A step forward of up to this is believed at once.
+STEP_US = 1_000_000
+#: A longer one, up to this, once it is confirmed; beyond, the clock has started anew.
+SILENCE_US = 60_000_000
+#: On a clock that wraps, an event that seems this much earlier than the newest is so; else later.
+LATE_US = 100_000
+#: So many events in a row that agree with each other confirm a step.
+CONFIRM = 8
+
+_DATED, _LAST, _NOW, _HELD, _OFF, _LATE, _LEAPS, _WRAPS, _RESETS, _STATE = range(10)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A device's clock.
+
+    Parameters
+    ----------
+    bits : int
+        It wraps after ``2**bits`` ticks; 0: it never does.
+    tick_us : int
+        Microseconds a tick.
+    confirm : int
+        Events that confirm an odd step; 1 where a checksum vouches for each.
+    """
+
+    bits: int = 0
+    tick_us: int = 1
+    confirm: int = CONFIRM
+
+
+class Gate:
+    """Turns decoded columns into event arrays from time 0 on, and counts what it rejects.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    clock : Clock
+    health : Health
+        Where the counts go.
+    """
+
+    def __init__(self, sensor: Sensor, clock: Clock, health: Health) -> None:
+        self._sensor = sensor
+        self.health = health
+        self._confirm = clock.confirm
+        # all in ticks, so that a wrap is a mask
+        self._tick = clock.tick_us
+        self._period = 1 << clock.bits if clock.bits else 0
+        # an event may be late by little beside the period, or a silence would look like lateness
+        late = max(1, LATE_US // self._tick)
+        self._late = min(late, self._period // 16) if clock.bits else late
+        self._limits = max(1, STEP_US // self._tick), max(1, SILENCE_US // self._tick)
+        self._state = np.zeros(_STATE, dtype=np.int64)
+        self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
+
+    def start_at(self, time: int) -> None:
+        """Let the device's `time` be 0, where nothing came before; else the first event's is."""
+        if not self._state[_DATED]:
+            self._state[_DATED], self._state[_LAST] = 1, time
+
+    def admit(self, columns: Columns) -> Events:
+        """Take decoded events in the order of the stream.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            Those that are good, and those held before that have been confirmed.
+        """
+        t, x, y, p = columns
+        out = np.empty(t.size + self._held.size, dtype=EVENT_DTYPE)
+        n = _admit(
+            t, x, y, p, self._state, self._held, out,
+            self._sensor.width, self._sensor.height, self._period, self._late, *self._limits,
+            self._tick, self._confirm,
+        )  # fmt: skip
+        self._report(t.size, n)
+        return out[:n]
+
+    def finish(self) -> None:
+        """End the stream: what is still held was never confirmed."""
+        self._state[_LEAPS] += self._state[_HELD]
+        self._state[_HELD] = 0
+        self._report(0, 0)
+
+    def _report(self, decoded: int, delivered: int) -> None:
+        state, health = self._state, self.health
+        health.decoded += decoded
+        health.events += delivered
+        health.held = int(state[_HELD])
+        health.off_sensor, health.late = int(state[_OFF]), int(state[_LATE])
+        health.leaps, health.wraps = int(state[_LEAPS]), int(state[_WRAPS])
+        health.clock_resets = int(state[_RESETS])
+
+
+@njit(cache=True, nogil=True)
+def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
+    """Time from one event to the next; on a wrapping clock, late by little or else forward."""
+    step = later - earlier
+    return ((step + late) & (period - 1)) - late if period else step
+
+
+@njit(cache=True, nogil=True)
+def _reason(last, first, period, late):  # type: ignore[no-untyped-def]
+    """Why events held are dropped: the first of them is late by little, or its time is far off."""
+    return _LATE if -late <= _step(last, first, period, late) < 0 else _LEAPS
+
+
+@njit(cache=True, nogil=True)
+def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
+    return period > 0 and (later & (period - 1)) < (earlier & (period - 1))
+
+
+@njit(cache=True, nogil=True)
+def _admit(  # type: ignore[no-untyped-def]
+    t, x, y, p, state, held, out, width, height, period, late, step_limit, silence, tick, confirm
+):
+    dated, last, now, n_held = state[_DATED], state[_LAST], state[_NOW], state[_HELD]
+    n = 0
+    for i in range(t.size):
+        if x[i] >= width or y[i] >= height:
+            state[_OFF] += 1
+            continue
+        time = np.int64(t[i])
+        if not dated:
+            dated, last, now = 1, time, 0
+        step = _step(last, time, period, late)
+        if 0 <= step <= step_limit:
+            if n_held:  # a good event after those held: they were nonsense
+                state[_reason(last, held[0].t, period, late)] += n_held
+                n_held = 0
+            state[_WRAPS] += _wrapped(last, time, period)
+            now += step
+            last = time
+        else:
+            if n_held:
+                follows = _step(held[n_held - 1].t, time, period, late)
+                if not 0 <= follows <= step_limit:
+                    state[_reason(last, held[0].t, period, late)] += n_held
+                    n_held = 0
+            held[n_held].t, held[n_held].x, held[n_held].y = time, x[i], y[i]
+            held[n_held].p = p[i] != 0
+            n_held += 1
+            if n_held == confirm:
+                first = held[0].t
+                step = _step(last, first, period, late)
+                if 0 <= step <= silence:
+                    state[_WRAPS] += _wrapped(last, first, period)
+                    now += step
+                else:
+                    state[_RESETS] += 1
+                    now += 1
+                last = first
+                for k in range(n_held):
+                    now += _step(last, held[k].t, period, late)
+                    last = held[k].t
+                    out[n].t, out[n].x, out[n].y = now * tick, held[k].x, held[k].y
+                    out[n].p = held[k].p
+                    n += 1
+                n_held = 0
+            continue
+        out[n].t, out[n].x, out[n].y, out[n].p = now * tick, x[i], y[i], p[i] != 0
+        n += 1
+    state[_DATED], state[_LAST], state[_NOW], state[_HELD] = dated, last, now, n_held
+    return n
+
+
+def no_columns() -> Columns:
+    """No events, as columns."""
+    none: npt.NDArray[np.int64] = np.empty(0, dtype=np.int64)
+    coordinate = none.astype(np.uint16)
+    return Columns(none, coordinate, coordinate, none.astype(np.bool_))

@@ -1,0 +1,146 @@
+"""What a stream has brought and what it has lost, to the byte and to the event."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+#: How much a protocol can know of the events that never arrived.
+EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"
+
+
+@dataclass
+class Health:
+    """Counts since the stream began. Two sums hold at every moment, whatever the line does.
+
+    - ``bytes = decoded_bytes + skipped_bytes + pending_bytes``: no byte vanishes
+    - ``decoded = events + rejected + held``: no event vanishes once it has been decoded
+
+    and a third one between the device and here, as far as the protocol can know it (`accounting`):
+    ``made by the device = decoded + lost + device_dropped``.
+
+    Attributes
+    ----------
+    accounting : {"exact", "bound", "unknown"}
+        Whether `lost` is the number of events that were sent and never decoded; a bound, such that
+        the number lies between `lost` and `lost_at_most`; or only what showed by chance.
+    bytes : int
+        Received.
+    decoded_bytes : int
+        Part of whole, undamaged events or frames (or of words that say something else).
+    skipped_bytes : int
+        Damaged, or not of this protocol.
+    pending_bytes : int
+        Beginnings whose end has not arrived.
+    frames : int
+        Undamaged frames, where the protocol has frames.
+    resyncs : int
+        How often the decoder had to look for the next event or frame.
+    crc_errors : int
+        Frames dropped because a checksum or their length was wrong.
+    sequence_gaps : int
+        How often a sequence number showed that something is missing.
+    decoded : int
+        Events taken out of the bytes.
+    events : int
+        Events delivered.
+    held : int
+        Events whose odd time awaits what comes after them.
+    late, leaps, off_sensor, undated : int
+        Events rejected: a little earlier than one before them; with a time far off, which those
+        after them did not confirm; at a pixel that does not exist; before the first time word.
+    lost : int
+        Events sent and never decoded, as far as known.
+    lost_at_most : int
+        Upper bound of these, where `accounting` is a bound.
+    device_dropped : int
+        Events that the device says it had to drop.
+    device_resets : int
+        Restarts of the device; what it lost between its last frame and the restart is unknown.
+    overruns, overrun_bytes : int
+        How often, and how many bytes, the host dropped because it fell behind.
+    wraps : int
+        Wraps of the device's clock.
+    clock_resets : int
+        How often the clock started anew, which keeps the order of events but not their distance.
+    reopened : int
+        How often the link was lost and opened again.
+    stalls : int
+        Silences of more than a second.
+    """
+
+    accounting: str = UNKNOWN
+    bytes: int = 0
+    decoded_bytes: int = 0
+    skipped_bytes: int = 0
+    pending_bytes: int = 0
+    frames: int = 0
+    resyncs: int = 0
+    crc_errors: int = 0
+    sequence_gaps: int = 0
+    decoded: int = 0
+    events: int = 0
+    held: int = 0
+    late: int = 0
+    leaps: int = 0
+    off_sensor: int = 0
+    undated: int = 0
+    lost: int = 0
+    lost_at_most: int = 0
+    device_dropped: int = 0
+    device_resets: int = 0
+    overruns: int = 0
+    overrun_bytes: int = 0
+    wraps: int = 0
+    clock_resets: int = 0
+    reopened: int = 0
+    stalls: int = 0
+
+    @property
+    def rejected(self) -> int:
+        """Events that were decoded and not delivered."""
+        return self.late + self.leaps + self.off_sensor + self.undated
+
+    @property
+    def losses(self) -> int:
+        """Grows whenever something is known to be missing; a window around that is incomplete."""
+        return (
+            self.skipped_bytes
+            + self.crc_errors
+            + self.sequence_gaps
+            + self.rejected
+            + self.device_dropped
+            + self.device_resets
+            + self.overruns
+            + self.clock_resets
+            + self.reopened
+        )
+
+    def balanced(self) -> bool:
+        """Tell whether both sums hold."""
+        return (
+            self.bytes == self.decoded_bytes + self.skipped_bytes + self.pending_bytes
+            and self.decoded == self.events + self.rejected + self.held
+        )
+
+    def __str__(self) -> str:
+        """Name every count that is not zero, but for the ordinary ones."""
+        ordinary = {"accounting", "bytes", "decoded_bytes", "frames", "decoded", "events"}
+        parts = [
+            f"{getattr(self, field.name):,} {field.name.replace('_', ' ')}"
+            for field in fields(self)
+            if field.name not in ordinary and getattr(self, field.name)
+        ]
+        return ", ".join(parts) or "no faults"
+
+    def describe_losses(self) -> str:
+        """Say how many events were lost, and how well that is known."""
+        dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
+        restarts = "at least " if self.device_resets else ""
+        if self.accounting == EXACT:
+            return f"{restarts}{self.lost:,} events lost on the way{dropped}"
+        if self.accounting == BOUND:
+            return f"{self.lost:,} to {self.lost_at_most:,} events lost on the way{dropped}"
+        return (
+            f"{self.skipped_bytes + self.overrun_bytes:,} bytes lost or unreadable; events lost "
+            "before they arrived are unknown to this protocol"
+        )

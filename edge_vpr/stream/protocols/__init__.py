@@ -1,0 +1,23 @@
+"""Protocols of serial cameras behind one registry: ``open_decoder("edvs:format=E3", sensor)``."""
+
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
+from edge_vpr.stream.protocols.registry import (
+    PROTOCOLS,
+    Protocol,
+    open_decoder,
+    open_encoder,
+    parse_protocol,
+    protocol_names,
+)
+
+__all__ = [
+    "PROTOCOLS",
+    "Decoder",
+    "Encoder",
+    "OptionReader",
+    "Protocol",
+    "open_decoder",
+    "open_encoder",
+    "parse_protocol",
+    "protocol_names",
+]

@@ -1,0 +1,208 @@
+"""Raw Prophesee words over a line: EVT 2.0, 2.1 and 3.0, without header or frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.evt import Decoder as WordsDecoder
+from edge_vpr.recordings.source import Columns
+from edge_vpr.stream.gate import Clock
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
+from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, WordDecoder
+
+#: Bytes a word, and bits of the clock, which counts microseconds.
+_SIZES = {"evt2": (4, 34), "evt21": (8, 34), "evt3": (2, 24)}
+#: Kinds of word that exist, one bit each.
+_KINDS_EVT2 = sum(1 << kind for kind in (0, 1, 8, 10, 14, 15))
+_KINDS_EVT3 = sum(1 << kind for kind in (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15))
+
+
+class EvtDecoder(WordDecoder):
+    """Decodes words; a word of a kind that does not exist, or off the sensor, shows a shift."""
+
+    def __init__(self, name: str, sensor: Sensor) -> None:
+        if max(sensor) > 2048:
+            raise UsageError(f"{name} holds up to 2048x2048 pixels, and not {sensor}")
+        size, clock_bits = _SIZES[name]
+        super().__init__(
+            sensor, Clock(clock_bits), size,
+            search_words=2 * SEARCH_WORDS if name == "evt3" else SEARCH_WORDS,
+            notice_words=64 if name == "evt3" else 16,
+        )  # fmt: skip
+        self._name = name
+        self._fresh()
+
+    def _fresh(self) -> None:
+        self._words = WordsDecoder(self._name, 1)
+        self._undated = 0
+
+    def _good(self, raw: Raw) -> npt.NDArray[np.bool_]:
+        words = raw.view(self._words.dtype)
+        width, height = self.sensor
+        if self._name == "evt3":
+            kind, value = words >> 12, words & 0x7FF
+            known = (_KINDS_EVT3 >> kind.astype(np.int64)) & 1 == 1
+            off = ((kind == 0) & (value >= height)) | ((kind == 2) & (value >= width))
+            return np.asarray(known & ~off & ~((kind == 3) & (value >= width)))
+        top = (words >> np.uint64(32) if self._name == "evt21" else words).astype(np.int64)
+        kind = top >> 28
+        known = (_KINDS_EVT2 >> kind) & 1 == 1
+        off = (kind < 2) & (((top >> 11) & 2047 >= width) | (top & 2047 >= height))
+        return np.asarray(known & ~off)
+
+    def _usable(self, raw: Raw) -> int:
+        words = raw.view(self._words.dtype)
+        if self._name == "evt3":
+            return int(_first_bad_evt3(words, *self.sensor))
+        return int(_first_bad_evt2(words, *self.sensor, 32 if self._name == "evt21" else 0))
+
+    def _columns(self, raw: Raw) -> Columns:
+        columns = self._words.decode(raw.view(self._words.dtype))
+        undated = self._words.undated
+        self.health.undated += undated - self._undated
+        self.health.decoded += undated - self._undated
+        self._undated = undated
+        return columns
+
+    def _lose_sync(self) -> None:
+        super()._lose_sync()
+        # what the words before said of time and row is no longer true
+        self._fresh()
+
+
+@njit(cache=True, nogil=True)
+def _first_bad_evt2(words, width, height, shift):  # type: ignore[no-untyped-def]
+    for i in range(words.size):
+        top = np.int64(words[i] >> shift)
+        kind = top >> 28
+        if kind < 2:
+            if (top >> 11) & 2047 >= width or top & 2047 >= height:
+                return i
+        elif not (_KINDS_EVT2 >> kind) & 1:
+            return i
+    return words.size
+
+
+@njit(cache=True, nogil=True)
+def _first_bad_evt3(words, width, height):  # type: ignore[no-untyped-def]
+    for i in range(words.size):
+        word = np.int64(words[i])
+        kind, value = word >> 12, word & 0x7FF
+        bad = not (_KINDS_EVT3 >> kind) & 1
+        bad |= (kind == 0 and value >= height) or ((kind == 2 or kind == 3) and value >= width)
+        if bad:
+            return i
+    return words.size
+
+
+class Evt2Encoder(Encoder):
+    """Makes EVT 2.0 words: a time word where the time's high bits change, and a word an event."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._high = -1
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if events.size == 0:
+            return b""
+        high = events["t"] >> 6
+        new = np.diff(high, prepend=self._high) != 0
+        self._high = int(high[-1])
+        time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u4")
+        low = (events["t"] & 63).astype(np.uint32) << 22
+        word = (
+            events["p"].astype(np.uint32) << 28
+            | low
+            | events["x"].astype(np.uint32) << 11
+            | events["y"]
+        )
+        return _interleaved(time, new, word.astype("<u4"))
+
+
+class Evt21Encoder(Encoder):
+    """Makes EVT 2.1 words of one event each."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._high = -1
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if events.size == 0:
+            return b""
+        high = events["t"] >> 6
+        new = np.diff(high, prepend=self._high) != 0
+        self._high = int(high[-1])
+        time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u8") << np.uint64(32)
+        x = events["x"].astype(np.uint64)
+        top = (
+            events["p"].astype(np.uint64) << np.uint64(28)
+            | (events["t"] & 63).astype(np.uint64) << np.uint64(22)
+            | (x & ~np.uint64(31)) << np.uint64(11)
+            | events["y"].astype(np.uint64)
+        )
+        word = top << np.uint64(32) | np.uint64(1) << (x & np.uint64(31))
+        return _interleaved(time, new, word)
+
+
+class Evt3Encoder(Encoder):
+    """Makes EVT 3.0 words: time high, time low and row where they change, and a column an event."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._high, self._low, self._y = -1, -1, -1
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if events.size == 0:
+            return b""
+        t, y = events["t"], events["y"].astype(np.int64)
+        high, low = t >> 12, t & 4095
+        new_high = np.diff(high, prepend=self._high) != 0
+        new_low = new_high | (np.diff(low, prepend=self._low) != 0)
+        new_y = np.diff(y, prepend=self._y) != 0
+        self._high, self._low, self._y = int(high[-1]), int(low[-1]), int(y[-1])
+        words = np.stack(
+            [
+                8 << 12 | (high & 4095),
+                6 << 12 | low,
+                y,
+                2 << 12 | events["p"].astype(np.int64) << 11 | events["x"],
+            ],
+            axis=1,
+        )
+        sent = np.stack([new_high, new_low, new_y, np.ones(t.size, dtype=np.bool_)], axis=1)
+        return words[sent].astype("<u2").tobytes()
+
+
+def _interleaved(
+    time: npt.NDArray[Any], new: npt.NDArray[np.bool_], word: npt.NDArray[Any]
+) -> bytes:
+    """Put a time word before each event that needs one."""
+    sent = np.stack([new, np.ones(new.size, dtype=np.bool_)], axis=1)
+    pairs = np.stack([time, word], axis=1)[sent]
+    return pairs.tobytes()
+
+
+_ENCODERS: dict[str, type[Encoder]] = {
+    "evt2": Evt2Encoder,
+    "evt21": Evt21Encoder,
+    "evt3": Evt3Encoder,
+}
+
+
+def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
+    """Make a decoder."""
+    return EvtDecoder(name, sensor)
+
+
+def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
+    """Make an encoder."""
+    return _ENCODERS[name](sensor)

@@ -1,0 +1,200 @@
+"""What every protocol does: bytes in any pieces become events, events become bytes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.source import Columns
+from edge_vpr.stream.gate import Clock, Gate, no_columns
+from edge_vpr.stream.health import UNKNOWN, Health
+
+Options = Mapping[str, str]
+"""What follows the colon in ``edvs:format=E3,sync=1``."""
+
+
+class Decoder(ABC):
+    """Takes the bytes of one stream as they come.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    clock : Clock
+    accounting : {"exact", "bound", "unknown"}
+        How much the protocol can know of events that never arrived.
+
+    Attributes
+    ----------
+    health : Health
+    resync_bytes : int
+        After a fault, the next event is found once so many undamaged bytes have followed.
+    """
+
+    resync_bytes: int = 0
+
+    def __init__(self, sensor: Sensor, clock: Clock, accounting: str = UNKNOWN) -> None:
+        self.sensor = sensor
+        self.health = Health(accounting)
+        self._pending = b""
+        self._host_us = 0
+        self._gate = Gate(sensor, clock, self.health)
+
+    def adopt(self, health: Health) -> None:
+        """Count in another's `health` from now on."""
+        self.health = self._gate.health = health
+
+    def setup(self) -> bytes:
+        """Tell what to send to the device when the link opens."""
+        return b""
+
+    def teardown(self) -> bytes:
+        """Tell what to send to the device before the link closes."""
+        return b""
+
+    def feed(self, data: bytes, host_us: int = 0) -> Events:
+        """Take the next bytes.
+
+        Parameters
+        ----------
+        data : bytes
+            Any number of them.
+        host_us : int
+            When they came, on the host's clock; the time of events that have none themselves.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            In time order, on the sensor, after all those before; n may be 0.
+        """
+        self._host_us = host_us
+        self.health.bytes += len(data)
+        return self._take(self._pending + data if self._pending else data, final=False)
+
+    def gap(self, lost_bytes: int = 0) -> Events:
+        """Learn that bytes are missing before the next ones: an overrun, or the link was lost.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            Events that were whole, and waited for bytes that will not come.
+        """
+        events = self._take(self._pending, final=True)
+        self.health.skipped_bytes += len(self._pending)
+        self._pending = b""
+        self.health.pending_bytes = 0
+        if lost_bytes:
+            self.health.overruns += 1
+            self.health.overrun_bytes += lost_bytes
+        self._lose_sync()
+        return events
+
+    def finish(self) -> Events:
+        """End the stream.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            Events that were whole, and waited for bytes that will not come.
+        """
+        events = self._take(self._pending, final=True)
+        self._gate.finish()
+        return events
+
+    def _take(self, data: bytes, *, final: bool) -> Events:
+        before = self.health.skipped_bytes
+        parts, self._pending = self._decode(data, final=final)
+        used = len(data) - len(self._pending)
+        self.health.decoded_bytes += used - (self.health.skipped_bytes - before)
+        self.health.pending_bytes = len(self._pending)
+        events = [self._gate.admit(part) for part in parts]
+        if len(events) == 1:
+            return events[0]
+        return np.concatenate(events) if events else self._gate.admit(no_columns())
+
+    @abstractmethod
+    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+        """Decode what can be decoded; return the events and the bytes to see again.
+
+        Bytes that are neither events nor seen again are counted in ``health.skipped_bytes``. If
+        `final`, nothing follows.
+        """
+
+    def _lose_sync(self) -> None:  # noqa: B027, not every protocol has something to forget
+        """Forget what was known of where the next event begins."""
+
+
+class Encoder(ABC):
+    """Makes the bytes that a device would send; for tests, bridges and firmware authors."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+
+    def start(self) -> bytes:
+        """Begin a stream."""
+        return b""
+
+    @abstractmethod
+    def encode(self, events: Events) -> bytes:
+        """Encode events, in time order, after all those before."""
+
+    def idle(self, now_us: int) -> bytes:
+        """Say that nothing happened until `now_us`, where the protocol can."""
+        return b""
+
+    def respond(self, command: bytes) -> bytes:
+        """Answer what the host sent."""
+        return b""
+
+    #: Whether the host speaks first, so that a device is silent until then.
+    waits_for_host: bool = False
+
+
+class OptionReader:
+    """Reads a protocol's options, each once; what is left over is a mistake.
+
+    Raises
+    ------
+    UsageError
+        From `done`, if an option is unknown.
+    """
+
+    def __init__(self, protocol: str, options: Options) -> None:
+        self._protocol = protocol
+        self._left = dict(options)
+        self._known: list[str] = []
+
+    def choice(self, name: str, allowed: tuple[str, ...]) -> str:
+        """Read one of `allowed`, the first if absent."""
+        self._known.append(name)
+        value = self._left.pop(name, allowed[0])
+        if value not in allowed:
+            raise UsageError(
+                f"{self._protocol}: {name}={value}: expected one of {', '.join(allowed)}"
+            )
+        return value
+
+    def text(self, name: str) -> str | None:
+        """Read any text, None if absent."""
+        self._known.append(name)
+        return self._left.pop(name, None)
+
+    def integer(self, name: str, default: int, low: int, high: int) -> int:
+        """Read a whole number from `low` to `high`."""
+        value = self.text(name)
+        if value is None:
+            return default
+        if not value.isdigit() or not low <= int(value) <= high:
+            raise UsageError(f"{self._protocol}: {name}={value}: expected {low} to {high}")
+        return int(value)
+
+    def done(self) -> None:
+        """Refuse what was not read."""
+        if self._left:
+            known = ", ".join(self._known) or "none"
+            raise UsageError(
+                f"{self._protocol} has no option {', '.join(self._left)}: it has {known}"
+            )

@@ -1,0 +1,109 @@
+"""Which protocol a name means: built-in ones, and those that other packages register."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import ModuleType
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
+
+#: Entry points of this group name a module with `TITLE`, ``open_decoder(sensor, options)`` and
+#: ``open_encoder(sensor, options)``, both taking an `OptionReader`.
+GROUP = "edge_vpr.protocols"
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A protocol and the module that speaks it, imported when it is first used."""
+
+    name: str
+    title: str
+    module: str
+
+
+#: Every protocol of our own, by name (what ``--protocol`` takes).
+PROTOCOLS: dict[str, Protocol] = {
+    entry.name: entry
+    for entry in (
+        Protocol("evpr", "this project's frames: sequence numbers, drop counts, CRC-32", "evpr"),
+        Protocol("edvs", "eDVS E0 to E4", "edvs"),
+        Protocol("evt2", "raw Prophesee EVT 2.0 words", "evt"),
+        Protocol("evt21", "raw Prophesee EVT 2.1 words", "evt"),
+        Protocol("evt3", "raw Prophesee EVT 3.0 words", "evt"),
+        Protocol("openmv", "OpenMV protocol v2", "openmv"),
+        Protocol("aer", "address-event words, described by a TOML layout", "aer"),
+    )
+}
+
+
+def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
+    """Read ``edvs`` or ``edvs:format=E3,sync=1``.
+
+    Raises
+    ------
+    UsageError
+        If an option has no value.
+    """
+    name, _, rest = text.partition(":")
+    options = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not (key and equals and value):
+            raise UsageError(
+                f"protocol {text!r}: option {item!r} is not NAME=VALUE: write for example "
+                "edvs:format=E3"
+            )
+        options[key] = value
+    return name, options
+
+
+def protocol_names() -> list[str]:
+    """Names of all protocols, those of other packages last."""
+    others = {point.name for point in entry_points(group=GROUP)} - set(PROTOCOLS)
+    return [*PROTOCOLS, *sorted(others)]
+
+
+def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
+    """Make a decoder.
+
+    Parameters
+    ----------
+    protocol : str
+        A name, with options after a colon: ``edvs:format=E3,sync=1``.
+    sensor : Sensor
+
+    Raises
+    ------
+    UsageError
+        If the protocol or an option is unknown, or the sensor is too large for it.
+    """
+    name, options = parse_protocol(protocol)
+    decoder: Decoder = _module(name).open_decoder(name, sensor, reader := _reader(name, options))
+    reader.done()
+    return decoder
+
+
+def open_encoder(protocol: str, sensor: Sensor) -> Encoder:
+    """Make an encoder; see `open_decoder`."""
+    name, options = parse_protocol(protocol)
+    encoder: Encoder = _module(name).open_encoder(name, sensor, reader := _reader(name, options))
+    reader.done()
+    return encoder
+
+
+def _reader(name: str, options: dict[str, str]) -> OptionReader:
+    return OptionReader(name, options)
+
+
+def _module(name: str) -> ModuleType:
+    if name in PROTOCOLS:
+        return import_module(f"edge_vpr.stream.protocols.{PROTOCOLS[name].module}")
+    for point in entry_points(group=GROUP):
+        if point.name == name:
+            module: ModuleType = point.load()
+            return module
+    raise UsageError(f"protocol {name!r} is unknown: choose one of {', '.join(protocol_names())}")

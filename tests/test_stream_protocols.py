@@ -1,0 +1,473 @@
+"""Protocols of serial cameras: what is sent arrives, and what does not arrive is accounted for."""
+
+from __future__ import annotations
+
+import struct
+import tracemalloc
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from streams import random_events
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
+from edge_vpr.stream.protocols import (
+    PROTOCOLS,
+    open_decoder,
+    open_encoder,
+    parse_protocol,
+)
+from edge_vpr.stream.protocols.aer import read_layout
+from edge_vpr.stream.protocols.cobs import stuff
+from edge_vpr.stream.protocols.evpr import HEADER, MAX_FRAME, MAX_STUFFED
+from edge_vpr.stream.protocols.openmv import MAX_PACKET, crc
+
+SENSOR = Sensor(128, 128)
+#: what the device speaks, what the host is told, whether a checksum guards each event
+PAIRS = [
+    ("evpr", "evpr", True),
+    ("evpr:width=3,frame=200", "evpr", True),
+    ("openmv", "openmv", True),
+    ("edvs:format=E1", "edvs", False),
+    ("edvs:format=E2", "edvs", False),
+    ("edvs:format=E3", "edvs", False),
+    ("edvs:format=E3,dialect=old", "edvs:format=E3", False),
+    ("edvs:format=E4,sync=0", "edvs", False),
+    ("edvs:format=E1,sync=0", "edvs:format=E1,sync=0", False),
+    ("evt2", "evt2", False),
+    ("evt21", "evt21", False),
+    ("evt3", "evt3", False),
+    ("aer", "aer", False),
+    ("aer:layout=jaer8", "aer:layout=jaer8", False),
+]
+every_protocol = pytest.mark.parametrize(("device", "host", "checked"), PAIRS)
+
+
+def encoded(device, events, pieces=7):
+    encoder = open_encoder(device, SENSOR)
+    cuts = np.array_split(events, pieces)
+    return encoder.start() + b"".join(encoder.encode(part) for part in cuts)
+
+
+def decoded(decoder, data, cuts=()):
+    """All events of the bytes, cut at the given places, and a check of the books at each."""
+    events = []
+    for start, stop in zip([0, *cuts], [*cuts, len(data)], strict=True):
+        events.append(decoder.feed(data[start:stop]))
+        assert decoder.health.balanced()
+    events.append(decoder.finish())
+    assert decoder.health.balanced()
+    return np.concatenate(events)
+
+
+def dense(n=4_000, seed=0, rate=100_000):
+    return random_events(np.random.default_rng(seed), n, SENSOR, n * 1_000_000 // rate)
+
+
+def from_first(events):
+    shifted = events.copy()
+    shifted["t"] -= events["t"][0]
+    return shifted
+
+
+@every_protocol
+@given(data=st.data())
+@settings(max_examples=15)
+def test_what_is_sent_arrives_to_the_bit_however_the_bytes_are_cut(device, host, checked, data):
+    n = data.draw(st.integers(30, 600))
+    gaps = data.draw(st.sampled_from([1, 30, 300, 10_000]))
+    rng = np.random.default_rng(data.draw(st.integers(0, 999)))
+    events = random_events(rng, n, SENSOR, n)
+    events["t"] = np.cumsum(rng.integers(0, gaps, n))
+    sent = encoded(device, events, pieces=data.draw(st.integers(1, 5)))
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(sent)), max_size=12)))
+    decoder = open_decoder(host, SENSOR)
+    arrived = decoded(decoder, sent, cuts)
+    expected = events if device.startswith("evpr") else from_first(events)
+    assert arrived.dtype == EVENT_DTYPE
+    assert np.array_equal(arrived, expected)
+    health = decoder.health
+    assert (health.skipped_bytes, health.resyncs, health.lost, health.rejected) == (0, 0, 0, 0)
+    assert health.decoded_bytes == len(sent)
+
+
+@every_protocol
+def test_byte_by_byte_is_the_same(device, host, checked):
+    events = dense(500)
+    sent = encoded(device, events)
+    arrived = decoded(open_decoder(host, SENSOR), sent, list(range(1, len(sent))))
+    assert np.array_equal(arrived["x"], events["x"])
+    assert np.array_equal(np.diff(arrived["t"]), np.diff(events["t"]))
+
+
+def as_set(events):
+    """Events without their times, which a lost stretch may shift, by how often they occur."""
+    return np.unique(
+        events["x"].astype(np.int64) << 32 | events["y"].astype(np.int64) << 1 | events["p"],
+        return_counts=True,
+    )
+
+
+def damaged(rng, data, kind, n):
+    """Damage the bytes in `n` places; return them and where the last damage ends."""
+    raw = np.frombuffer(data, dtype=np.uint8).copy()
+    at = np.sort(rng.choice(len(raw) * 3 // 4, n, replace=False))
+    if kind == "flip":
+        raw[at] ^= (1 << rng.integers(0, 8, n)).astype(np.uint8)
+        return raw.tobytes(), int(at[-1]) + 1
+    if kind == "drop":
+        return np.delete(raw, at).tobytes(), int(at[-1]) + 1 - n
+    if kind == "insert":
+        extra = rng.integers(0, 256, n).astype(np.uint8)
+        return np.insert(raw, at, extra).tobytes(), int(at[-1]) + 1 + n
+    if kind == "duplicate":
+        cut, length = int(at[-1]), 100
+        twice = data[:cut] + data[max(0, cut - length) : cut] + data[cut:]
+        return twice, cut + length
+    if kind == "truncate":
+        cut = int(at[-1])
+        return data[:cut] + data[cut + 333 :], cut
+    assert kind == "garbage"
+    garbage = rng.integers(0, 256, 3_000).astype(np.uint8).tobytes()
+    return garbage + data, 3_000
+
+
+KINDS = ["flip", "drop", "insert", "duplicate", "truncate", "garbage"]
+
+
+@every_protocol
+@pytest.mark.parametrize("kind", KINDS)
+def test_after_any_damage_the_stream_is_found_again_and_the_books_balance(
+    device, host, checked, kind
+):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        events = dense(20_000, seed)
+        sent, end = damaged(rng, encoded(device, events, 50), kind, n=20)
+        decoder = open_decoder(host, SENSOR)
+        cuts = np.sort(rng.integers(0, len(sent), 40)).tolist()
+        arrived = decoded(decoder, sent, cuts)
+        health = decoder.health
+        assert (np.diff(arrived["t"]) >= 0).all()
+        # what lies after the damage and the promised bytes is there again, event by event
+        tail = events[-max(50, _events_after(device, sent, end + decoder.resync_bytes)) :]
+        if len(sent) - end > decoder.resync_bytes + 2_000:
+            assert np.array_equal(arrived[-tail.size :][["x", "y", "p"]], tail[["x", "y", "p"]])
+            assert np.array_equal(np.diff(arrived[-tail.size :]["t"]), np.diff(tail["t"]))
+        if checked:
+            # nothing that was not sent
+            values, counts = as_set(arrived)
+            known, sent_counts = as_set(events)
+            index = np.searchsorted(known, values)
+            assert np.array_equal(known[index], values)
+            if kind != "duplicate":
+                assert (counts <= sent_counts[index]).all()
+        if health.accounting == "exact" and kind != "duplicate":
+            assert health.decoded + health.lost == events.size
+
+
+def _events_after(device, data, at):
+    """How many events the bytes after `at` hold, less a frame that may have begun before."""
+    per_event = {"evpr": 5.5, "openmv": 13, "edvs": 6, "evt2": 8, "evt21": 16, "evt3": 8}
+    rest = max(0, len(data) - at - 4_000)
+    return int(rest / per_event.get(device.split(":")[0], 8))
+
+
+@pytest.mark.parametrize("host", [*PROTOCOLS, "edvs:format=E0", "edvs:format=E1,sync=1"])
+@given(data=st.binary(max_size=3_000), cuts=st.lists(st.integers(0, 3_000), max_size=6))
+@settings(max_examples=25)
+def test_no_bytes_at_all_break_a_decoder(host, data, cuts):
+    decoder = open_decoder(host, Sensor(100, 90))
+    cuts = sorted(cut for cut in cuts if cut <= len(data))
+    arrived = decoded(decoder, data, cuts)
+    assert decoder.health.bytes == len(data)
+    assert decoder.health.pending_bytes < max(decoder.resync_bytes, MAX_PACKET)
+    assert (np.diff(arrived["t"]) >= 0).all()
+    assert arrived.size == 0 or (arrived["x"].max() < 100 and arrived["y"].max() < 90)
+
+
+@pytest.mark.parametrize("host", list(PROTOCOLS))
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        b"\x01" * 60_000,  # a frame that does not end
+        b"\xff" * 60_000,
+        b"\xaa\xd5" * 20_000,  # nothing but the beginnings of packets
+        bytes(60_000),
+    ],
+    ids=["ones", "all ones", "marks", "zeros"],
+)
+def test_hostile_bytes_take_bounded_memory(host, hostile):
+    decoder = open_decoder(host, SENSOR)
+    decoder.feed(hostile[:4096])
+    tracemalloc.start()
+    for i in range(0, len(hostile), 4096):
+        decoder.feed(hostile[i : i + 4096])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 4_000_000
+    assert decoder.health.balanced()
+    assert decoder.health.pending_bytes <= MAX_PACKET
+
+
+@every_protocol
+def test_a_device_that_restarts_is_followed_and_time_never_runs_backwards(device, host, checked):
+    first, second = dense(5_000, 1), dense(5_000, 2)
+    first["t"] += 20_000_000
+    restarted = f"{device}{',' if ':' in device else ':'}boot=1" if "evpr" in device else device
+    sent = encoded(device, first) + encoded(restarted, second)
+    decoder = open_decoder(host, SENSOR)
+    arrived = decoded(decoder, sent)
+    assert (np.diff(arrived["t"]) >= 0).all()
+    assert np.array_equal(arrived[-4_000:][["x", "y", "p"]], second[-4_000:][["x", "y", "p"]])
+    assert arrived.size >= 9_900
+    if device.startswith("evpr"):
+        assert decoder.health.device_resets == 1
+        assert arrived.size == 10_000
+
+
+@every_protocol
+def test_bytes_that_the_host_lost_are_told_and_the_stream_goes_on(device, host, checked):
+    events = dense(20_000)
+    sent = encoded(device, events, 50)
+    a, b = len(sent) // 3, len(sent) // 2
+    decoder = open_decoder(host, SENSOR)
+    parts = [decoder.feed(sent[:a]), decoder.gap(b - a), decoder.feed(sent[b:]), decoder.finish()]
+    arrived = np.concatenate(parts)
+    health = decoder.health
+    assert health.balanced()
+    assert (health.overruns, health.overrun_bytes) == (1, b - a)
+    assert health.losses > 0
+    assert np.array_equal(arrived[-5_000:][["x", "y", "p"]], events[-5_000:][["x", "y", "p"]])
+    if health.accounting == "exact":
+        assert health.decoded + health.lost == events.size
+
+
+@pytest.mark.parametrize(
+    ("device", "period"),
+    [("edvs:format=E2", 1 << 16), ("edvs:format=E3", 1 << 24), ("edvs:format=E4", 1 << 32),
+     ("aer", 1 << 16), ("evt3", 1 << 24), ("evt2", 1 << 34)],
+)  # fmt: skip
+def test_a_wrap_of_the_devices_clock_is_no_step_in_time(device, period):
+    events = dense(2_000)
+    events["t"] += period - 10_000
+    decoder = open_decoder(device.split(":")[0], SENSOR)
+    arrived = decoded(decoder, encoded(device, events))
+    assert np.array_equal(arrived, from_first(events))
+    assert decoder.health.wraps == 1
+
+
+def test_evpr_counts_what_was_lost_to_the_event_and_what_the_device_dropped():
+    events = dense(10_000)
+    encoder = open_encoder("evpr:frame=256", SENSOR)
+    frames = (encoder.start() + encoder.encode(events[:6_000])).split(b"\0")[:-1]
+    encoder.dropped = 1_234
+    frames += (encoder.encode(events[6_000:]) + encoder.idle(10**7)).split(b"\0")[:-1]
+    rng = np.random.default_rng(0)
+    kept = [f for i, f in enumerate(frames) if i in (0, len(frames) - 1) or rng.random() > 0.2]
+    decoder = open_decoder("evpr", SENSOR)
+    arrived = decoded(decoder, b"".join(frame + b"\0" for frame in kept))
+    health = decoder.health
+    assert 0 < arrived.size < 10_000
+    assert arrived.size + health.lost == 10_000
+    assert health.device_dropped == 1_234
+    assert health.accounting == "exact"
+    assert health.sequence_gaps > 0
+    assert "events lost on the way, 1,234 dropped by the device" in health.describe_losses()
+
+
+def plain_evpr(frame):
+    """One frame without its zero, decoded by hand from the specification."""
+    raw, rest = bytearray(), bytearray(frame)
+    while rest:
+        code = rest.pop(0)
+        raw += rest[: code - 1]
+        del rest[: code - 1]
+        if code < 255 and rest:
+            raw.append(0)
+    (*body,) = raw[:-4]
+    assert zlib.crc32(bytes(body)) == int.from_bytes(raw[-4:], "little")
+    kind, widths, _boot, _sequence, _dropped, now = struct.unpack_from("<BBHIIQ", raw)
+    size, x_bits, y_bits = kind & 15, widths & 15, widths >> 4
+    events = []
+    for i in range(20, len(raw) - 4, size):
+        word = int.from_bytes(raw[i : i + size], "little")
+        low, step = word & ((1 << (x_bits + y_bits + 1)) - 1), word >> (x_bits + y_bits + 1)
+        if step == (1 << (8 * size - x_bits - y_bits - 1)) - 1:
+            now += low
+        else:
+            now += step
+            events.append((now, low & ((1 << x_bits) - 1), low >> x_bits & ((1 << y_bits) - 1),
+                           bool(low >> (x_bits + y_bits))))  # fmt: skip
+    return events
+
+
+@pytest.mark.parametrize("device", ["evpr", "evpr:width=3", "evpr:frame=64"])
+@given(steps=st.lists(st.sampled_from([0, 1, 500, 510, 511, 512, 131_071, 131_072, 2**23]),
+                      min_size=1, max_size=60))  # fmt: skip
+@settings(max_examples=20)
+def test_evpr_frames_are_what_the_specification_says(device, steps):
+    rng = np.random.default_rng(len(steps))
+    events = random_events(rng, len(steps), SENSOR, 1_000)
+    events["t"] = np.cumsum(steps)
+    sent = open_encoder(device, SENSOR).encode(events)
+    frames = sent.split(b"\0")
+    assert frames.pop() == b""
+    assert [event for frame in frames for event in plain_evpr(frame)] == events.tolist()
+
+
+def evpr_frame(kind=0x14, widths=0x77, base=0, body=b"", boot=0, sequence=0):
+    frame = HEADER.pack(kind, widths, boot, sequence, 0, base) + body
+    return stuff(frame + struct.pack("<I", zlib.crc32(frame))) + b"\0"
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        evpr_frame(kind=0x24),  # a later version
+        evpr_frame(kind=0x15),  # events of five bytes
+        evpr_frame(kind=0x13, widths=0xFF),  # no bit left for the time
+        evpr_frame(body=b"abc"),  # no whole word
+        evpr_frame(base=1 << 63),
+        stuff(b"short") + b"\0",
+        b"\x09ab\0",  # stuffing that points beyond the end
+    ],
+)
+def test_evpr_frames_that_make_no_sense_are_counted_and_left_out(frame):
+    decoder = open_decoder("evpr", SENSOR)
+    events = dense(10)
+    good = encoded("evpr", events)
+    arrived = decoded(decoder, frame + good)
+    assert np.array_equal(arrived, events)
+    assert decoder.health.crc_errors == 1
+    assert decoder.health.skipped_bytes == len(frame)
+
+
+def test_evpr_times_and_pixels_beyond_reason_are_counted_not_delivered():
+    decoder = open_decoder("evpr", SENSOR)
+    off = evpr_frame(widths=0x99, body=struct.pack("<I", 500 | 3 << 9))
+    far = evpr_frame(base=1 << 40, body=struct.pack("<I", 5), sequence=1)
+    arrived = decoded(decoder, evpr_frame() + off + far)
+    assert decoder.health.off_sensor == 1
+    assert decoder.health.clock_resets == 1
+    assert arrived["t"].tolist() == [1]
+
+
+def test_a_frame_of_the_greatest_length_arrives_and_a_longer_one_does_not():
+    body = bytes(MAX_FRAME - 24)
+    longest = evpr_frame(body=body)
+    decoder = open_decoder("evpr", SENSOR)
+    decoder.feed(longest)
+    assert len(longest) <= MAX_STUFFED + 1
+    assert decoder.health.events == len(body) // 4
+    decoder.feed(evpr_frame(body=body * 2))
+    assert (decoder.health.crc_errors, decoder.health.frames) == (1, 1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_odd_times_are_believed_only_when_the_events_after_agree(seed):
+    events = dense(3_000, seed)
+    raw = bytearray(encoded("edvs:format=E4", events))
+    for i in (100, 700, 1_500):
+        raw[6 * i + 2] ^= 0x40  # 2^30 microseconds
+    decoder = open_decoder("edvs", SENSOR)
+    arrived = decoded(decoder, bytes(raw))
+    assert np.array_equal(arrived, from_first(np.delete(events, [100, 700, 1_500])))
+    assert decoder.health.leaps + decoder.health.skipped_bytes // 6 == 3
+
+
+def test_a_long_silence_is_kept_and_loses_no_event():
+    events = dense(2_000)
+    events["t"][1_000:] += 10_000_000
+    decoder = open_decoder("edvs", SENSOR)
+    assert np.array_equal(decoded(decoder, encoded("edvs:format=E3", events)), from_first(events))
+
+
+def test_edvs_answers_between_events_cost_no_event():
+    events = dense(3_000)
+    encoder = open_encoder("edvs", SENSOR)
+    sent = b"EDVS128_LPC2106, V2.3\r\n" + encoder.encode(events[:1_000])
+    sent += encoder.respond(b"?V\n") + encoder.encode(events[1_000:])
+    decoder = open_decoder("edvs:format=E3,dialect=new,sync=1", SENSOR)
+    assert np.array_equal(decoded(decoder, sent), from_first(events))
+
+
+def test_an_edvs_obeys_the_set_up_of_its_decoder():
+    decoder, encoder = open_decoder("edvs", SENSOR), open_encoder("edvs:format=E4", SENSOR)
+    events = dense(3_000)
+    sent = encoder.respond(decoder.setup())
+    assert sent == b"E-\n!U0\n-!E3\n"
+    sent += encoder.encode(events)
+    assert np.array_equal(decoded(decoder, sent), from_first(events))
+
+
+def test_events_without_a_time_have_that_of_their_arrival():
+    decoder = open_decoder("edvs:format=E0,sync=1", SENSOR)
+    sent = encoded("edvs:format=E0", dense(300))
+    first, second = decoder.feed(sent[:400], 5_000), decoder.feed(sent[400:], 7_500)
+    assert set(first["t"]) == {0}
+    assert set(second["t"]) == {2_500}
+
+
+def test_the_checksums_of_openmv_are_those_that_were_published():
+    assert (crc(b"123456789", 16), crc(b"123456789", 32)) == (0xE541, 0x41B403D3)
+
+
+def test_a_layout_of_ones_own_is_read_and_a_wrong_one_says_why(tmp_path):
+    path = tmp_path / "bridge.toml"
+    path.write_text(
+        'bytes = 6\nendian = "big"\nx = {shift = 0, bits = 7}\ny = {shift = 8, bits = 7}\n'
+        "p = {shift = 7, on = 0}\nt = {shift = 16, bits = 24, tick_us = 10}\n"
+        "sync = {mask = 0xff0000008000, value = 0}\n"
+    )
+    events = dense(1_000)
+    events["t"] -= events["t"] % 10
+    spec = f"aer:layout={path}"
+    assert np.array_equal(decoded(open_decoder(spec, SENSOR), encoded(spec, events)),
+                          from_first(events))  # fmt: skip
+    assert read_layout(path).size == 6
+    text = path.read_text()
+    for old, new, words in (
+        ("bytes = 6", "bytes = 9", "expected a whole number 2 to 8"),
+        ("shift = 8", "shift = 3", "y overlaps another field"),
+        ('"big"', '"middle"', "expected little or big"),
+        ("value = 0}", "value = 1}", "value bits outside its mask"),
+        ("x =", "column =", "names column"),
+        ("shift = 16, bits = 24", "shift = 30, bits = 24", "ends after the word"),
+    ):
+        path.write_text(text.replace(old, new))
+        with pytest.raises(UsageError, match=words):
+            read_layout(path)
+
+
+@pytest.mark.parametrize(
+    ("spec", "sensor", "words"),
+    [
+        ("modbus", SENSOR, "choose one of evpr, edvs"),
+        ("edvs:format", SENSOR, "edvs:format=E3"),
+        ("edvs:format=E9", SENSOR, "expected one of auto, E0"),
+        ("edvs:baud=3", SENSOR, "edvs has no option baud"),
+        ("edvs:format=E4,dialect=old", SENSOR, "the old dialect has no E4"),
+        ("edvs", Sensor(240, 180), "edvs has 128x128"),
+        ("aer", Sensor(240, 180), "holds up to 128x128"),
+        ("evt2", Sensor(4000, 10), "holds up to 2048x2048"),
+        ("openmv:channel=300", SENSOR, "expected 0 to 255"),
+    ],
+)
+def test_wrong_use_is_one_line_with_the_remedy(spec, sensor, words):
+    with pytest.raises(UsageError) as raised:
+        open_decoder(spec, sensor)
+    assert words in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_events_that_do_not_fit_a_frame_are_refused_and_options_are_read():
+    with pytest.raises(UsageError, match="does not fit 3 bytes"):
+        open_encoder("evpr:width=3", Sensor(4096, 4096))
+    assert parse_protocol("edvs:format=E3,sync=1") == ("edvs", {"format": "E3", "sync": "1"})
+    wide = make_events([0, 5], [1279, 0], [719, 0])
+    sent = open_encoder("evpr", Sensor(1280, 720)).encode(wide)
+    assert np.array_equal(decoded(open_decoder("evpr", Sensor(1280, 720)), sent), wide)
