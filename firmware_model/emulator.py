@@ -46,6 +46,8 @@ class Emulator:
         Executed by the last counted call.
     stack : int
         Bytes of stack that the last counted call used.
+    patience_s : float
+        After which a call that has not returned is given up.
 
     Raises
     ------
@@ -81,6 +83,7 @@ class Emulator:
             self._uc.mem_map(start, size)
         self._free = self._mapped = _HEAP
         self.instructions = self.stack = 0
+        self.patience_s = 120.0
 
     def _load(self, address: int, size: int, data: bytes) -> None:
         first, last = address & ~0xFFF, -(-(address + size) // 0x1000) * 0x1000
@@ -142,12 +145,17 @@ class Emulator:
             self._uc.ctl_flush_tb()
             hook = self._uc.hook_add(unicorn.UC_HOOK_CODE, self._step, stack)
         try:
-            self._uc.emu_start(address, _RETURN)
+            self._uc.emu_start(address, _RETURN, timeout=int(self.patience_s * 1e6))
         except unicorn.UcError as error:  # type: ignore[attr-defined]
             raise ToolError(f"{function} on {self.target.name}: {error}") from error
         finally:
             if hook is not None:
                 self._uc.hook_del(hook)
+        if self._uc.reg_read(self._counter()) & ~1 != _RETURN:
+            raise ToolError(
+                f"{function} on {self.target.name} has not returned after {self.patience_s} s: it "
+                "loops for ever, or patience_s is too little"
+            )
         return int(self._uc.reg_read(self._registers()[0])) & 0xFFFF_FFFF
 
     def _step(self, uc: Any, _address: int, _size: int, stack: int) -> None:
@@ -168,6 +176,12 @@ class Emulator:
         if self._wide:
             return arm64_const.UC_ARM64_REG_SP, arm64_const.UC_ARM64_REG_LR
         return arm_const.UC_ARM_REG_SP, arm_const.UC_ARM_REG_LR
+
+    def _counter(self) -> int:
+        """Program counter."""
+        from unicorn import arm64_const, arm_const
+
+        return int(arm64_const.UC_ARM64_REG_PC if self._wide else arm_const.UC_ARM_REG_PC)
 
     def _pass(self, arguments: Sequence[int]) -> int:
         """Set registers and stack as the procedure call standard says; give the stack pointer."""

@@ -190,6 +190,15 @@ def test_counted_instructions_are_those_of_a_loop_by_hand(folder):
         assert emulator.instructions == 2 + 3 * rounds
 
 
+def test_a_firmware_that_does_not_return_is_given_up(folder):
+    """`b .` in the place of a function."""
+    emulator = Emulator(EMULATED[0], build(EMULATED[0], folder, name="by-hand"))
+    emulator.symbols["loop"] = (emulator.put(bytes.fromhex("fee7")) | 1, 2)
+    emulator.patience_s = 0.1
+    with pytest.raises(ToolError, match="has not returned"):
+        emulator.call("loop")
+
+
 CLEAR = "        s->counts[i] = 0U;\n    }\n    s->window_end"
 TIME_LEFT = "(window_end - (e->t * time_scale))"
 NOT_SELECTED = "if (lookup[at].pixel != pixel) {\n            continue;"
@@ -403,11 +412,12 @@ def mutated(folder):
 def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     """The suite `corners` alone finds every one of these faults."""
     broken = mutated(list(MUTATIONS).index(name), *MUTATIONS[name])
+    broken.patience_s = 5
     for case in cases["corners"]:
         try:
             found = emulated(broken, case)
         except ToolError:
-            return  # it ran into memory that is not there
+            return  # it ran into memory that is not there, or for ever
         if found != expected[case.name]:
             return
     pytest.fail(f"no case of the suite finds a firmware that {name}")
