@@ -20,6 +20,10 @@ COMMANDS = (
     "experiment",
     "golden",
     "estimate",
+    "profile",
+    "stream",
+    "bridge",
+    "ports",
 )
 
 EXIT_FAILED, EXIT_WRONG_USE, EXIT_INTERRUPTED = 1, 2, 130

@@ -1,0 +1,423 @@
+"""Power sensors by a made-up sysfs tree, and statistics by power whose truth is known."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.power import pmic
+from edge_vpr_tools.power.conditions import Conditions, void_because
+from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
+from edge_vpr_tools.power.sensor import About, Sensor, SensorError, find_sensors
+from edge_vpr_tools.power.statistics import interval
+from edge_vpr_tools.power.trace import Sampler, Trace, Window, align, read_csv
+from test_commands import drive  # noqa: F401
+
+from edge_vpr.errors import UsageError
+
+HWMON = "sys/class/hwmon"
+
+
+def write(root, **files):
+    """Write files below a folder; names with a double underscore for a slash."""
+    root.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (root / name).write_text(f"{text}\n")
+    return root
+
+
+def only(root):
+    """The one sensor that is found."""
+    sensors, _ = find_sensors(root)
+    assert len(sensors) == 1
+    return sensors[0]
+
+
+@pytest.mark.parametrize("chip", ["ina219", "ina226", "ina260"])
+def test_a_power_file_is_taken_before_volts_times_amperes(tmp_path, chip):
+    """Microwatts; the number of the device does not matter, its name does."""
+    write(tmp_path / HWMON / "hwmon0", name="cpu_thermal", power1_input=99)
+    folder = write(
+        tmp_path / HWMON / "hwmon7", name=chip, power1_input=2_500_000, in1_input=5000,
+        curr1_input=400, shunt_resistor=100_000, update_interval=34,
+    )  # fmt: skip
+    sensor = only(tmp_path)
+    assert sensor.read() == 2.5
+    assert sensor.about.kind == "power" and sensor.about.period_s == 0.034
+    told = "2 mOhm inside" if chip == "ina260" else "100 mOhm: confirm"
+    assert told in sensor.about.detail
+    (folder / "power1_input").unlink()
+    assert only(tmp_path).read() == pytest.approx(2.0)
+
+
+def test_an_energy_file_is_taken_first(tmp_path):
+    """INA228: microjoules, where the driver has them."""
+    write(tmp_path / HWMON / "hwmon1", name="ina228", energy1_input=7_000_000, power1_input=1)
+    sensor = only(tmp_path)
+    assert (sensor.about.kind, sensor.read()) == ("energy", 7.0)
+
+
+def test_ina3221_has_a_sensor_for_each_channel_and_the_whole_board_first(tmp_path):
+    """Newer JetPack: millivolts times milliamperes, by label; a channel that is off is left out."""
+    files = {"name": "ina3221", "in3_enable": 0}
+    for i, (label, milliamperes) in enumerate([("VDD_CPU", 100), ("VDD_IN", 800), ("X", 1)], 1):
+        files |= {f"in{i}_label": label, f"in{i}_input": 5000, f"curr{i}_input": milliamperes}
+    write(tmp_path / HWMON / "hwmon3", **files, shunt1_resistor=5000)
+    sensors, _ = find_sensors(tmp_path)
+    assert [sensor.about.scope for sensor in sensors] == ["whole board", "rail VDD_CPU only"]
+    assert [sensor.read() for sensor in sensors] == pytest.approx([4.0, 0.5])
+
+
+def test_older_jetpack_is_read_by_its_rail_names(tmp_path):
+    """Milliwatts; the board's input contains the other rails."""
+    folder = tmp_path / "sys/bus/i2c/drivers/ina3221x/6-0040/iio:device0"
+    write(folder, rail_name_0="POM_5V_GPU", in_power0_input=300)
+    write(folder, rail_name_1="POM_5V_IN", in_power1_input=4590)
+    sensors, _ = find_sensors(tmp_path)
+    assert [sensor.read() for sensor in sensors] == pytest.approx([4.59, 0.3])
+    assert sensors[0].about.scope == "whole board"
+
+
+def rapl(root, microjoules, name="package-0", zone="intel-rapl:0"):
+    return write(
+        root / "sys/class/powercap" / zone, name=name, energy_uj=microjoules,
+        max_energy_range_uj=999_999,
+    )  # fmt: skip
+
+
+def test_rapl_unwraps_its_counter(tmp_path):
+    """Twice around; a zone within a zone is part of it and not counted again."""
+    folder = rapl(tmp_path, 900_000)
+    rapl(tmp_path, 5, "core", "intel-rapl:0:0")
+    sensor = only(tmp_path)
+    total = 0
+    for microjoules, step in ((950_000, 50_000), (50_000, 100_000), (40_000, 990_000)):
+        (folder / "energy_uj").write_text(str(microjoules))
+        total += step
+        assert sensor.read() == pytest.approx(total * 1e-6)
+    (folder / "energy_uj").write_text("2000000")
+    with pytest.raises(SensorError, match="cannot be trusted"):
+        sensor.read()
+
+
+def test_a_refused_sensor_says_why(tmp_path, monkeypatch):
+    """Root may read everything: permission is refused by hand."""
+    folder = rapl(tmp_path, 1)
+    read_text = type(folder).read_text
+
+    def refuse(path, *args, **kwargs):
+        if path.name == "energy_uj":
+            raise PermissionError(13, "Permission denied")
+        return read_text(path, *args, **kwargs)
+
+    monkeypatch.setattr(type(folder), "read_text", refuse)
+    sensors, missing = find_sensors(tmp_path)
+    assert not sensors
+    assert any("may not be read" in str(one) and "sudo" in str(one) for one in missing)
+
+
+VCGENCMD = """#!/bin/sh
+case "$1" in
+get_throttled) echo "throttled=0x{throttled:x}" ;;
+*) cat <<'END'
+   3V7_WL_SW_A current(0)=0.50000000A
+   VDD_CORE_A current(7)=1.11625000A
+   3V7_WL_SW_V volt(8)=3.70000000V
+   VDD_CORE_V volt(15)=0.74944980V
+   EXT5V_V volt(24)=5.14000000V
+   BATT_V volt(25)=0.00000000V
+END
+esac
+"""
+
+
+def pi(root, model="Raspberry Pi 5 Model B", throttled=0):
+    write(root / "proc/device-tree", model=model)
+    command = write(root / "usr/bin") / "vcgencmd"
+    command.write_text(VCGENCMD.format(throttled=throttled))
+    command.chmod(0o755)
+    return root
+
+
+def test_the_power_chip_of_a_pi_5_adds_the_rails_that_have_both(tmp_path):
+    """By hand; the 5 V input has a voltage only, which adds nothing."""
+    sensor = only(pi(tmp_path))
+    assert sensor.read() == pytest.approx(0.5 * 3.7 + 1.11625 * 0.7494498)
+    assert "not USB" in sensor.about.scope
+    with pytest.raises(SensorError, match="no rail"):
+        pmic.parse("EXT5V_V volt(24)=5.14V")
+
+
+def test_an_older_pi_says_that_it_measures_no_current(tmp_path):
+    """And what to attach."""
+    sensors, missing = find_sensors(pi(tmp_path, "Raspberry Pi 4 Model B"))
+    assert not sensors
+    assert any("measures no current" in str(one) and "INA226" in str(one) for one in missing)
+
+
+@pytest.mark.parametrize("text", ["nonsense", "", "9e15", "-9e9"])
+def test_absurd_readings_are_no_sensor(tmp_path, text):
+    """Nor zero, nor a guess."""
+    write(tmp_path / HWMON / "hwmon0", name="ina219", power1_input=text)
+    sensors, missing = find_sensors(tmp_path)
+    assert not sensors and any("ina219" in str(m) or "hwmon0" in str(m) for m in missing)
+
+
+def test_a_file_that_vanishes_stops_the_sampling(tmp_path):
+    """In mid-run: an error, and no figure."""
+    folder = write(
+        tmp_path / HWMON / "hwmon0", name="ina219", power1_input=1_000_000, update_interval=1
+    )
+    with Sampler(only(tmp_path)) as sampler:
+        time.sleep(0.02)
+        (folder / "power1_input").unlink()
+        time.sleep(0.05)
+    with pytest.raises(SensorError, match="still there"):
+        sampler.trace()
+
+
+def test_energy_is_the_integral_whatever_is_repeated():
+    """A ramp of power, by hand; with each reading three times too."""
+    time_s = np.arange(11.0)
+    trace = Trace.of_power(time_s, time_s.copy())
+    assert trace.energy(2.0, 4.0) == pytest.approx(6.0)
+    assert trace.energy(2.0, 2.5) == pytest.approx(1.25)
+    constant = Trace.of_power(np.arange(30) / 3, np.full(30, 2.0))
+    assert constant.energy(1.0, 3.0) == pytest.approx(4.0)
+    with pytest.raises(SensorError, match="covers"):
+        trace.energy(-1.0, 2.0)
+    counted = Trace.of_power(np.arange(30) / 3, np.repeat(np.arange(10.0), 3))
+    assert counted.native_samples(0.0, 10.0) == 10
+
+
+METER = About("synthetic", "power", "whole board", 0.1)
+JOULES = 0.005
+
+
+def synthetic(rng, pairs=7, noise=0.2, delta=0.5, drift=1e-4, window=10.0, repeats=3):
+    """Idle at 2 W and load at `delta` more; drift, slow refresh with repeats, disturbed windows."""
+    windows, period = [], METER.period_s
+    for pair in range(pairs):
+        for load in (False, True) if pair % 2 == 0 else (True, False):
+            start = len(windows) * window
+            matches = round(delta * window / JOULES) if load and delta else int(load) * 100
+            windows.append(Window(load, start, start + window, matches))
+    time_s = np.arange(-10, len(windows) * window / period + 10) * period
+    which = np.clip((time_s // window).astype(int), 0, len(windows) - 1)
+    watts = 2.0 + delta * np.array([w.load for w in windows])[which] + drift * time_s
+    watts += rng.normal(0, noise, time_s.size) + rng.normal(0, noise / 5, len(windows))[which]
+    fine = time_s[:, None] + np.arange(repeats) * period / repeats
+    return windows, fine.ravel(), np.repeat(watts, repeats)
+
+
+@pytest.mark.parametrize("pairs", [5, 7, 12])
+def test_the_interval_covers_the_truth_in_90_to_99_of_a_hundred_runs(pairs):
+    """500 runs of known energy with noise, drift, repeated readings and slow refresh."""
+    rng = np.random.default_rng(pairs)
+    covered = 0
+    for _ in range(500):
+        windows, time_s, watts = synthetic(rng, pairs)
+        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+        low, high = found["marginal_j_per_match_interval"]
+        covered += low <= JOULES <= high
+    assert 450 <= covered <= 495
+
+
+def test_what_is_not_there_is_not_resolved():
+    """Load that takes nothing, in 200 runs; one drowned in noise says how long it would take."""
+    rng = np.random.default_rng(1)
+    resolved = 0
+    for _ in range(200):
+        windows, time_s, watts = synthetic(rng, delta=0.0)
+        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+        resolved += found["resolved"]
+        if not found["resolved"]:
+            assert found["marginal_j_per_match"] is None and found["matches_per_joule"] is None
+    assert resolved <= 10
+    told = []
+    for _ in range(40):
+        windows, time_s, watts = synthetic(rng, noise=3.0, delta=0.5)
+        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+        if not found["resolved"] and found["pairs_needed"] is not None:
+            told.append(found["pairs_needed"])
+    assert told and min(told) > 7
+
+
+def test_repeated_readings_do_not_narrow_the_interval():
+    """The same measurement, each reading logged once or six times."""
+    found = []
+    for repeats in (1, 6):
+        windows, time_s, watts = synthetic(np.random.default_rng(3), repeats=repeats)
+        one = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+        low, high = one["marginal_j_per_match_interval"]
+        found.append(high - low)
+    assert found[1] == pytest.approx(found[0], rel=0.2)
+
+
+def test_a_gain_error_widens_what_no_repetition_can_narrow():
+    """A meter that reads 5 % too much, or too little."""
+    exact = interval(np.array([1.0, 1.0, 1.0, 1.0, 1.0]))
+    assert (exact.low, exact.high) == (1.0, 1.0)
+    low, high = exact.with_gain(0.05)
+    assert low == pytest.approx(1 / 1.05) and high == pytest.approx(1 / 0.95)
+    with pytest.raises(UsageError, match="5 or more"):
+        interval(np.ones(4))
+
+
+def test_three_figures_belong_together():
+    """At the mission's rate: the board at rest over the rate, and the marginal energy on top."""
+    windows, time_s, watts = synthetic(np.random.default_rng(5), noise=0.001, drift=0.0)
+    found = analyse(Trace.of_power(time_s, watts), windows, METER, 2.0)
+    assert found["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.02)
+    assert found["saturated_j_per_match"] == pytest.approx(2.5 / 100, rel=0.02)
+    assert found["mission_j_per_match"] == pytest.approx(2.0 / 2 + JOULES, rel=0.02)
+
+
+def test_turns_alternate_so_that_a_steady_drift_cancels():
+    """Idle, load, load, idle; windows are lengthened for a slow meter, unless quick."""
+    now = [0.0]
+
+    def wait(seconds):
+        now[0] += seconds
+        return 3
+
+    windows = take_turns(Plan(6, 2.0), wait, sleep=wait, clock=lambda: now[0])
+    assert [w.load for w in windows[:4]] == [False, True, True, False]
+    assert sum(w.load for w in windows) == 6 and {w.matches for w in windows} == {0, 3}
+    assert Plan(5, 10.0).for_period(0.5).window_s == 50.0
+    assert Plan(5, 1.0, quick=True).for_period(0.5).window_s == 1.0
+
+
+class Board(Sensor):
+    """A board that takes 1 W, and 3 W while it is loaded."""
+
+    about = About("board", "power", "whole board", 0.001)
+    watts = 1.0
+
+    def read(self):
+        return self.watts
+
+
+def test_a_measurement_finds_what_the_load_takes():
+    """Threads and clocks as they are; 2 W more at 1,000 matches a second are 2 mJ a match."""
+
+    def load(seconds):
+        Board.watts = 3.0
+        time.sleep(seconds)
+        Board.watts = 1.0
+        return round(1000 * seconds)
+
+    found = measure(Board(), Plan(5, 0.1, quick=True), load, 1.0)
+    assert found["resolved"] and found["quick"]
+    assert found["marginal_j_per_match"] == pytest.approx(2e-3, rel=0.25)
+    assert found["idle_w"] == pytest.approx(1.0, rel=0.25)
+    assert 0 <= found["sampler_cpu_share"] < 0.9
+
+
+def test_throttling_voids_a_run(tmp_path):
+    """Throttled now, or meanwhile; what was long ago does not."""
+    cool = Conditions.now(pi(tmp_path / "a"))
+    long_ago = Conditions.now(pi(tmp_path / "b", throttled=0x40000))
+    hot = Conditions.now(pi(tmp_path / "c", throttled=0x40004))
+    assert void_because(cool, cool) == void_because(long_ago, long_ago) == ""
+    assert "meanwhile" in void_because(cool, long_ago)
+    assert "throttled" in void_because(cool, hot)
+    assert Conditions.now(tmp_path / "nothing") == Conditions(None, None, None, None)
+
+
+def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
+    """A clock that is 123.4 s ahead, and columns of volts and amperes."""
+    windows, time_s, watts = synthetic(np.random.default_rng(2), repeats=1)
+    time_s, watts = np.append(time_s, time_s[-1] + 60), np.append(watts, 2.0)
+    path = tmp_path / "meter.csv"
+    with path.open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["Time_s", "Voltage", "Current"])
+        table.writerows([t + 123.4, 5.0, w / 5.0] for t, w in zip(time_s, watts, strict=True))
+    when, read = read_csv(path)
+    assert read == pytest.approx(watts)
+    assert align(windows, when, read) == pytest.approx(123.4, abs=0.15)
+    for text, says in (
+        ("a,b\n1,2\n2,3\n", "expected time_s"),
+        ("time,power\n2,1\n1,1\n", "does not increase"),
+        ("time,power\n1,x\n2,1\n", "cannot read"),
+        ("time,power\n1,1\n", "two samples"),
+    ):
+        path.write_text(text)
+        with pytest.raises(UsageError, match=says):
+            read_csv(path)
+
+
+PROFILE = ["profile", "--quick", "--window-s", "1", "--no-figures"]
+
+
+@pytest.fixture(scope="module")
+def profile(drive, tmp_path_factory):  # noqa: F811
+    """A profile of a small map, on a machine without a sensor."""
+    folder = tmp_path_factory.mktemp("profile")
+    load = ["--map", str(drive / "map.npz"), "--recording", str(drive / "query.npz")]
+    nowhere = ["--sysroot", str(folder)]
+    assert main([*PROFILE, *load, *nowhere, "-o", str(folder / "out")]) == 0
+    return folder / "out"
+
+
+def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
+    """And says so, in JSON, table and spreadsheet: no zero, no guess."""
+    found = json.loads((profile / "profile.json").read_text())
+    assert found["throughput"]["matches_per_s"] > 0
+    assert found["throughput"]["latency_p99_s"] >= found["throughput"]["latency_p50_s"] > 0
+    assert found["throughput"]["peak_memory_bytes"] > 1e7
+    energy = found["energy"]
+    assert energy["measured"] is False and len(energy["not_measured_because"]) >= 3
+    assert not any("_j_" in name for name in energy)
+    lines = (profile / "profile.csv").read_text().splitlines()
+    rows = {row[0]: row[1:] for row in csv.reader(lines)}
+    assert rows["marginal_j_per_match"] == ["", "", ""]
+    path = str(profile / "profile.json")
+    assert main(["profile", "compare", path, path]) == 0
+    assert "not measured" in capsys.readouterr().out
+
+
+def test_a_profile_cannot_calibrate_what_it_did_not_measure(profile, capsys):
+    """An estimate takes energy from a profile only where it was measured."""
+    path = str(profile / "profile.json")
+    assert main(["estimate", "--target", "raspberry-pi-5", "--calibrate", path]) == 2
+    assert "not measured" in capsys.readouterr().err
+
+
+def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
+    """The profile that took turns gets joules of the trace, a report, and its numbers."""
+    found = json.loads((profile / "profile.json").read_text())
+    windows, time_s, watts = synthetic(np.random.default_rng(9))
+    found["energy"]["windows"] = [window._asdict() for window in windows]
+    path, meter = tmp_path / "profile.json", tmp_path / "meter.csv"
+    path.write_text(json.dumps(found))
+    rows = "".join(f"{t},{w}\n" for t, w in zip(time_s, watts, strict=True))
+    meter.write_text("time_s,power_w\n" + rows)
+    assert main(["profile", "trace", str(path), str(meter)]) == 0
+    assert "whole board" in capsys.readouterr().out
+    energy = json.loads(path.read_text())["energy"]
+    assert energy["resolved"]
+    assert energy["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.1)
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    assert main(["profile", "trace", str(path), str(meter)]) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--map", "a.npz"], "belong together"),
+        (["--pairs", "2"], "5 pairs"),
+        (["compare", "a.json"], "expected `profile`"),
+        (["compare", "a.json", "b.json"], "cannot read a profile"),
+    ],
+)
+def test_bad_use_is_one_line(capsys, arguments, says):
+    """What was wrong, with which value, and what to do."""
+    assert main(["profile", *arguments]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and says in lines[0]

@@ -1,0 +1,104 @@
+"""The pipeline as a load: a recording fed to a localiser in packets, round after round."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events
+from edge_vpr.localiser import Localiser
+from edge_vpr.policy import Every
+from edge_vpr.reference_map import ReferenceMap
+
+#: between two rounds of a recording, in microseconds
+_PAUSE_US = 1
+
+
+class Workload:
+    """Feeds events to a localiser as fast as it takes them.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    events : iterable of ndarray
+        Of the recording, cleaned; held in memory.
+    every : Every
+        When a match is given.
+    packet : int
+        Events handed over in one call, as a camera's driver does.
+
+    Attributes
+    ----------
+    events, matches : int
+        Since the last `reset`.
+    busy_s : float
+        Time in the localiser since then.
+    latencies_s : list of float
+        Of the calls that gave a match.
+    recorded_s : float
+    events_a_round : int
+        Length of the recording.
+
+    Raises
+    ------
+    UsageError
+        If a round of the recording gives no match.
+    """
+
+    def __init__(
+        self, reference: ReferenceMap, events: Iterable[Events], every: Every, packet: int = 512
+    ) -> None:
+        if packet < 1:
+            raise UsageError(f"packets of {packet} events: expected 1 or more")
+        pieces = list(events)
+        whole = np.concatenate(pieces) if pieces else None
+        if whole is None or whole.size == 0:
+            raise UsageError("the recording holds no events: name another one")
+        self._packets = [whole[i : i + packet].copy() for i in range(0, whole.size, packet)]
+        self._period = int(whole["t"][-1]) - int(whole["t"][0]) + _PAUSE_US
+        self._localiser = Localiser(reference, every=every)
+        self._next = 0
+        self.recorded_s, self.events_a_round = self._period / 1e6, whole.size
+        self.reset()
+        self.round()
+        if self.matches == 0:
+            raise UsageError(
+                "one round of the recording gives no match: take shorter windows or a longer drive"
+            )
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin to count anew."""
+        self.events = self.matches = 0
+        self.busy_s = 0.0
+        self.latencies_s: list[float] = []
+
+    def round(self) -> None:
+        """Feed the recording once more: also what compiles the kernels and warms the caches."""
+        for _ in range(len(self._packets)):
+            self._feed()
+
+    def run(self, seconds: float) -> int:
+        """Feed for so long; give the number of matches."""
+        end, before = time.perf_counter() + seconds, self.matches
+        while time.perf_counter() < end:
+            self._feed()
+        return self.matches - before
+
+    def _feed(self) -> None:
+        packet = self._packets[self._next]
+        start = time.perf_counter()
+        found: npt.NDArray[np.void] = self._localiser.update(packet)
+        took = time.perf_counter() - start
+        # the same events again, a round later
+        packet["t"] += self._period
+        self._next = (self._next + 1) % len(self._packets)
+        self.events += packet.size
+        self.matches += found.size
+        self.busy_s += took
+        if found.size:
+            self.latencies_s.append(took)
