@@ -102,7 +102,10 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     header = arrays.pop(_HEADER, None)
     if header is None:
         raise MapError(f"{path} is not a {kind} of edge-vpr: name a file that edge-vpr wrote")
-    meta = json.loads(str(header))
+    try:
+        meta = dict(json.loads(str(header)))
+    except (ValueError, TypeError) as error:
+        raise MapError(f"{path} is a damaged {kind} ({error}): make it again") from error
     found, version = meta.pop("kind", None), meta.pop("version", None)
     if found != kind:
         raise MapError(f"{path} is a {found}, not a {kind}: name the other file")

@@ -82,7 +82,8 @@ def precision_recall(
         ``all-with-place``: a query that has a true place in the map and did not get it.
     thresholds : int, optional
         So many thresholds, evenly spaced from the smallest to the largest score, in float32 as in
-        the released code (there: 100). By default every distinct score is one.
+        the released code (there: 100); rounding may leave the least sure match out. By default
+        every distinct score is one.
 
     Returns
     -------
@@ -103,13 +104,17 @@ def precision_recall(
             f"scores, correct and has_place have shapes {scores.shape}, {correct.shape} and "
             f"{has_place.shape}: expected one entry of each a query"
         )
+    if thresholds is not None and thresholds < 1:
+        raise UsageError(f"{thresholds} thresholds: expected 1 or more")
     scores = np.where(np.isnan(scores), np.inf, scores)
     order = np.argsort(scores, kind="stable")
     ascending = scores[order]
     if thresholds is None:
         cuts = np.unique(ascending)
     else:
-        spaced = np.linspace(ascending.min(), ascending.max(), thresholds)
+        finite = ascending[np.isfinite(ascending)]
+        least, most = (finite[0], finite[-1]) if finite.size else (0.0, 0.0)
+        spaced = np.linspace(least, most, thresholds)
         cuts = spaced.astype(np.float32).astype(np.float64)
     accepted = np.searchsorted(ascending, cuts, side="right")
     tp = np.concatenate([[0], np.cumsum(correct[order])])[accepted]

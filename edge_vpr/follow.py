@@ -27,7 +27,7 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
     until : int
         Time of the last event, selected or not, in microseconds.
     every, interval, change : int, int, bool
-        The policy, see `edge_vpr.localiser.Every`.
+        The policy, see `edge_vpr.policy.Every`.
     exclusion, places : int
         Width of the zone around the best place; number of sums to search.
     policy : ndarray of int64, shape (2,)

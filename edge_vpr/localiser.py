@@ -104,7 +104,8 @@ class Localiser:
                 f"besides {recent} recent places: take a shorter sequence or a longer map"
             )
         self._policy = np.array([self.every.interval_us, -1], dtype=np.int64)
-        self._now = 0
+        self._now = 0  # T: all events before it have been taken
+        self._floor = 0  # no event may be earlier
         self._s = start(self._places, self._window, self._length, self._codes)
         self._out = np.empty((_MATCHES_AT_ONCE, 6), dtype=np.int64)
 
@@ -162,10 +163,10 @@ class Localiser:
         if events.size == 0:
             return np.empty(0, dtype=MATCH_DTYPE)
         last = int(events["t"][-1])
-        slots, times = selected_in_order(self._table, events, self._now, self.settings.polarity)
+        slots, times = selected_in_order(self._table, events, self._floor, self.settings.polarity)
         self.every.check_ticks(int(self._policy[NEXT_TICK]), last)
         matches = self._run(slots, times, last)
-        self._now = last + 1
+        self._floor, self._now = last, last + 1
         advance(self._s, self._now)
         return matches
 
@@ -181,13 +182,15 @@ class Localiser:
         -------
         ndarray of MATCH_DTYPE, shape (m,)
         """
-        if until_us < self._now:
-            raise EventError(f"time runs backwards, from {self._now} to {until_us} us")
+        if until_us < self._floor:
+            raise EventError(
+                f"time runs backwards, from {self._floor} to {until_us} us: name a later time"
+            )
         self.every.check_ticks(int(self._policy[NEXT_TICK]), until_us)
         nothing = np.empty(0, dtype=np.int64)
         matches = self._run(nothing.astype(np.int32), nothing, until_us)
         advance(self._s, until_us)
-        self._now = until_us
+        self._floor, self._now = until_us, max(self._now, until_us)
         return matches
 
     def append(self, counts: npt.NDArray[np.integer]) -> int:
@@ -208,9 +211,16 @@ class Localiser:
         MapError
             If the descriptor has another length.
         """
-        if counts.shape != self._places.shape[1:] or counts.min() < 0:
+        if counts.shape != self._places.shape[1:] or counts.dtype.kind not in "iu":
             raise MapError(
-                f"descriptor of shape {counts.shape}: expected {self._places.shape[1:]} counts"
+                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
+                f"{self._places.shape[1]} whole numbers, as `DescriptorStream` gives them"
+            )
+        most = np.iinfo(np.int32).max if self._codes is None else int(self._codes.tables.max())
+        if counts.min() < 0 or counts.max() > most:
+            raise MapError(
+                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
+                "codes where the map has a code"
             )
         wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
         self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
@@ -245,6 +255,7 @@ class Localiser:
             "every": asdict(self.every),
             "recent": self._recent,
             "now_us": self._now,
+            "floor_us": self._floor,
         }
         write_archive(path, KIND, arrays, meta)
 
@@ -265,12 +276,13 @@ class Localiser:
                 recent=meta["recent"],
                 check_every=check_every,
             )
-            found._resume(arrays, meta["now_us"])
-        except KeyError as error:
-            raise MapError(f"{path} lacks {error}: save the state again") from error
+            found._resume(arrays)
+            found._now, found._floor = meta["now_us"], meta["floor_us"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise MapError(f"{path} is damaged or lacks {error}: save the state again") from error
         return found
 
-    def _resume(self, arrays: Arrays, now_us: int) -> None:
+    def _resume(self, arrays: Arrays) -> None:
         bound = arrays["bound"]
         first = int(bound[-1])
         while self._s.slot.size < arrays["slot"].size:
@@ -281,7 +293,6 @@ class Localiser:
         self._s.bound[:] = bound
         self._s.counts[:] = recount(self._s)
         self._policy[:] = arrays["policy"]
-        self._now = now_us
         self._s = with_distances(self._s, self._places, self._codes)
 
     def _run(

@@ -107,8 +107,8 @@ class Matches:
                 meta["places_in_map"],
                 **{name: arrays[name] for name in _COLUMNS},
             )
-        except KeyError as error:
-            raise MapError(f"{path} lacks {error}: match again") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise MapError(f"{path} is damaged or lacks {error}: match again") from error
 
     def save_csv(self, path: str | Path) -> None:
         """Write as a table, one line a query, atomically; empty fields where there is no second."""

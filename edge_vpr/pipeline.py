@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.cleaning import BurstFilter, find_hot_pixels
-from edge_vpr.codes import codes_of, learns_full_scale, shared_code
+from edge_vpr.codes import codes_of, learns_full_scale
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matches import Matches, match_descriptors
@@ -99,15 +99,15 @@ def map_traverse(
             f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording is "
             f"of a {sensor} sensor: give the list of this camera"
         )
-    with SaliencyPass(sensor) as first:
-        # the released code selects by clipped counts; with other codes, pixels are selected by
-        # counts, so that maps of different codes have the same pixels
-        clip = shared_code(settings) if settings.clip else None
+    # the released code selects by clipped counts; with other codes, pixels are selected by counts,
+    # so that maps of different codes have the same pixels
+    with SaliencyPass(sensor, clip=settings.clip or None) as first:
         if isinstance(recording, WindowSource):
-            windows: Iterator[WindowCounts] = (w.coded(clip) for w in recording.windows())
+            _check_windows_only(settings)
+            windows = recording.windows()
         else:
             everything = PixelMap.all_of(sensor)
-            stream = DescriptorStream(everything, FixedTime(settings.tau_us), code=clip)
+            stream = DescriptorStream(everything, FixedTime(settings.tau_us))
             windows = _windows(recording, stream, settings)
         for window in windows:
             first.add(window)
@@ -195,11 +195,7 @@ def describe(
     UsageError
         If the recording is shorter than a window.
     """
-    if recording.sensor != pixel_map.sensor:
-        raise MapError(
-            f"the recording is of a {recording.sensor} sensor and the map of a {pixel_map.sensor} "
-            "one: use the map of this camera, or name the right sensor (--sensor)"
-        )
+    check_sensor(recording.sensor, pixel_map.sensor)
     counters = len(pixel_map) * (2 if settings.polarity else 1)
     codes = codes_of(settings, counters, full_scale)
     if isinstance(recording, WindowSource):
@@ -250,6 +246,15 @@ def match_traverse(
     return match_descriptors(reference.places, queries, settings), queries
 
 
+def check_sensor(recording: Sensor, mapped: Sensor) -> None:
+    """Raise MapError unless the recording's sensor is the map's."""
+    if recording != mapped:
+        raise MapError(
+            f"the recording is of a {recording} sensor and the map of a {mapped} one: use the map "
+            "of this camera, or name the right sensor (--sensor)"
+        )
+
+
 def window_of(settings: Settings) -> Window:
     """Tell the window that the settings ask for."""
     if settings.window == "time":
@@ -277,12 +282,16 @@ def _windows(
         yield from stream.last()
 
 
-def _check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
+def _check_windows_only(settings: Settings) -> None:
     if settings.window == "count" or settings.polarity:
         raise UsageError(
             "published windows hold no events: fixed-count windows and polarity need a recording "
             "of events"
         )
+
+
+def _check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
+    _check_windows_only(settings)
     missing = np.count_nonzero(~source.counted[pixel_map.y, pixel_map.x])
     if missing:
         raise MapError(

@@ -142,8 +142,10 @@ def select_pixels(
         )
     if pixels < 1:
         raise UsageError(f"cannot select {pixels} pixels: ask for at least 1")
-    if not (math.isfinite(sigma) and sigma >= 0):
-        raise UsageError(f"surround suppression sigma = {sigma} px: expected 0 or more")
+    if not (math.isfinite(sigma) and (sigma == 0 or sigma >= 0.01)):
+        raise UsageError(
+            f"surround suppression sigma = {sigma} px: expected 0 or more, and 0.01 if not 0"
+        )
     height, width = weights.shape
     sensor = Sensor(width, height)
 

@@ -116,5 +116,5 @@ class ReferenceMap:
                 hot=arrays["hot"],
                 full_scale=arrays.get("full_scale"),
             )
-        except KeyError as error:
-            raise MapError(f"{path} lacks {error}: make the map again") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise MapError(f"{path} is damaged or lacks {error}: make the map again") from error

@@ -22,6 +22,8 @@ class SaliencyPass:
     Parameters
     ----------
     sensor : Sensor
+    clip : int, optional
+        Largest count that mean and variance see (the released code: 10).
     spool_bytes : int
         Size up to which the temporary file may grow; above it `descriptors` returns None and the
         recording must be read again.
@@ -32,8 +34,12 @@ class SaliencyPass:
         Number of windows taken, K.
     """
 
-    def __init__(self, sensor: Sensor, *, spool_bytes: int = 2 << 30) -> None:
+    def __init__(
+        self, sensor: Sensor, *, clip: int | None = None, spool_bytes: int = 2 << 30
+    ) -> None:
         self._sensor = sensor
+        self._clip = clip
+        self._events = np.zeros(sensor.pixels, dtype=np.int64)
         self._sum = np.zeros(sensor.pixels, dtype=np.int64)
         self._sum_of_squares = np.zeros(sensor.pixels, dtype=np.int64)
         self._spooled: list[tuple[np.dtype[np.unsignedinteger], tuple[int, int, int]]] = []
@@ -53,8 +59,10 @@ class SaliencyPass:
 
     def add(self, window: WindowCounts) -> None:
         """Take one window, counted at every pixel of the sensor, row by row."""
-        self._sum += window.counts
-        self._sum_of_squares += window.counts * window.counts
+        self._events += window.counts
+        counts = window.counts if self._clip is None else np.minimum(window.counts, self._clip)
+        self._sum += counts
+        self._sum_of_squares += counts * counts
         self.windows += 1
         if self._room >= 0:
             image = narrow(window.counts)
@@ -65,11 +73,11 @@ class SaliencyPass:
     @property
     def totals(self) -> npt.NDArray[np.int64]:
         """Events of each pixel over all windows, shape (height, width)."""
-        return self._sum.reshape(self._sensor.height, self._sensor.width)
+        return self._events.reshape(self._sensor.height, self._sensor.width)
 
     def mean(self) -> npt.NDArray[np.float64]:
         """Mean count of each pixel, shape (height, width): the released code's saliency."""
-        return self.totals / self._checked_windows()
+        return self._sum.reshape(self.totals.shape) / self._checked_windows()
 
     def variance(self) -> npt.NDArray[np.float64]:
         """Variance of each pixel's count over the windows (paper, eq. 3), shape (height, width).

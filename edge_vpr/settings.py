@@ -98,8 +98,10 @@ class Settings:
                 )
         for name, least in _LEAST.items():
             value = getattr(self, name)
-            if not (math.isfinite(value) and value >= least):
-                raise UsageError(f"setting {name} = {value}: expected {least} or more")
+            if not (math.isfinite(value) and least <= value <= _MOST):
+                raise UsageError(
+                    f"setting {name} = {value}: expected {least} or more, up to {_MOST}"
+                )
         if self.events_per_pixel > 0 and self.events_per_window < 1:
             raise UsageError(
                 f"setting events_per_pixel = {self.events_per_pixel} makes windows without events: "
@@ -158,9 +160,13 @@ class Settings:
                     f"{source} has the unknown setting {name!r}: choose from "
                     f"{', '.join(sorted(known))}"
                 )
-        return replace(self, **values)
+        try:
+            return replace(self, **values)
+        except UsageError as error:
+            raise UsageError(f"{source}: {error}") from None
 
 
+_MOST = 10**15  # microseconds: 31 years
 _LEAST = {
     "pixels": 1,
     "sigma": 0,

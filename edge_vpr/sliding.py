@@ -20,6 +20,7 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.codes import PixelCodes
+from edge_vpr.errors import UsageError
 from edge_vpr.incremental import BLOCK, LANES, MAX_STEPS, update_blocks
 from edge_vpr.matcher import ReferenceIndex
 from edge_vpr.windows import FixedTime, Window
@@ -283,6 +284,11 @@ def with_distances(
     # without the base no distance is larger than this; spare ones always are, so that a search may
     # run over them
     largest = length * int((high - low).sum())
+    if 2 * largest + 1 > np.iinfo(np.uint32).max:
+        raise UsageError(
+            f"distances of up to {largest} do not fit 32 bits: take fewer pixels, a shorter "
+            "sequence, or a counter code"
+        )
     distances[count:] += largest + 1
     dtype = np.uint16 if 2 * largest + 1 <= np.iinfo(np.uint16).max else np.uint32
     sums = _aligned(count + LANES, dtype)

@@ -14,6 +14,7 @@ from edge_vpr.sliding import advance, grown, push, settle, start
 from edge_vpr.windows import Descriptors, FixedTime, Window, WindowCounts, collect
 
 _EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
+_LATEST_US = 1 << 60
 
 
 class SlidingWindow:
@@ -51,7 +52,7 @@ class SlidingWindow:
         self._table = pixel_map.table()
         self._polarity = polarity
         self._window = window
-        self._now = 0
+        self._floor = 0  # no event may be earlier
         self._next_tick = every.interval_us
         # a map of one place, all zeros, whose distance nobody asks for
         no_map = np.zeros((1, len(pixel_map) * (2 if polarity else 1)), dtype=np.uint8)
@@ -74,8 +75,8 @@ class SlidingWindow:
         Returns
         -------
         Descriptors
-            Of the moments that the policy asks for. A window of N events spans its first and last
-            event; `events` counts those at the selected pixels.
+            Of the moments that the policy asks for. A window of N events spans from its first event
+            to that moment; `events` counts those at the selected pixels.
 
         Raises
         ------
@@ -87,7 +88,7 @@ class SlidingWindow:
         taken: list[WindowCounts] = []
         if events.size:
             last = int(events["t"][-1])
-            slots, times = selected_in_order(self._table, events, self._now, self._polarity)
+            slots, times = selected_in_order(self._table, events, self._floor, self._polarity)
             self.every.check_ticks(self._next_tick, last)
             for slot, time in zip(slots.tolist(), times.tolist(), strict=True):
                 self._tick(time, taken)
@@ -95,8 +96,8 @@ class SlidingWindow:
                 if self.every.events and self._s.bound[0] % self.every.events == 0:
                     self._take(time, time + 1, taken)
             self._tick(last, taken)
-            self._now = last + 1
-            advance(self._s, self._now)
+            self._floor = last
+            advance(self._s, last + 1)
         return collect(taken, self._s.counts.shape[1])
 
     def _push(self, slot: int, time: int) -> None:
@@ -121,7 +122,7 @@ class SlidingWindow:
 
 
 def selected_in_order(
-    table: npt.NDArray[np.signedinteger], events: Events, now_us: int, polarity: bool
+    table: npt.NDArray[np.signedinteger], events: Events, floor_us: int, polarity: bool
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
     """Find the events at selected pixels, and check that time does not run backwards.
 
@@ -131,8 +132,9 @@ def selected_in_order(
         Of `PixelMap.table`.
     events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
         At least one.
-    now_us : int
-        One more than the time of the last event before these.
+    floor_us : int
+        No event may be earlier: the time of the last event before these, or until which time has
+        passed without any.
     polarity : bool
         Give OFF events slots of their own.
 
@@ -147,10 +149,14 @@ def selected_in_order(
         If time runs backwards or a pixel lies off the sensor.
     """
     t = events["t"]
-    if t[0] < now_us - 1 or t[-1] < t[0]:
+    if t[0] < floor_us or t[-1] < t[0]:
         raise EventError(
-            f"time runs backwards, from {now_us - 1} to {min(t[0], t[-1])} us: sort the events, or "
+            f"time runs backwards, from {floor_us} to {min(t[0], t[-1])} us: sort the events, or "
             "drop the late ones"
+        )
+    if t[-1] > _LATEST_US:
+        raise EventError(
+            f"an event at {t[-1]} us lies beyond {_LATEST_US} us: check the unit of its clock"
         )
     slots, times = [], []
     for begin in range(0, events.size, _EVENTS_AT_ONCE):
@@ -160,6 +166,6 @@ def selected_in_order(
         slots.append(found)
         times.append(some["t"][index])
     joined = np.concatenate(times)
-    if np.any(joined[1:] < joined[:-1]) or (joined.size and joined[-1] > t[-1]):
+    if joined.size and (np.any(joined[1:] < joined[:-1]) or joined[0] < t[0] or joined[-1] > t[-1]):
         raise EventError("time runs backwards within the chunk: sort the events, or drop some")
     return np.concatenate(slots), joined

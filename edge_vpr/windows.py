@@ -128,6 +128,10 @@ class Descriptors:
         """
         return cls(arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"])
 
+    def first(self, n: int) -> Descriptors:
+        """Take the first n windows; views."""
+        return self.from_arrays({name: column[:n] for name, column in self.to_arrays().items()})
+
     @property
     def centre_us(self) -> npt.NDArray[np.int64]:
         """Middle of each window, in microseconds, rounded down."""
@@ -228,7 +232,9 @@ class DescriptorStream:
     def last(self) -> Iterator[WindowCounts]:
         """Take the incomplete last window as `windows` does, if any event fell into it."""
         if self._events:
-            yield self._take(self._start, self._last)
+            # a fixed-time window is open at its end
+            end = self._last + 1 if isinstance(self._window, FixedTime) else self._last
+            yield self._take(self._start, end)
 
     def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
         t = events["t"]

@@ -118,7 +118,8 @@ def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
 
 def test_an_unknown_time_to_match(drive, capsys, tmp_path):
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, "--online", "--every", "day", code=2, says="expected a time")
+    says = "expected event, a number of"
+    refused(capsys, *arguments, "--online", "--every", "day", code=2, says=says)
 
 
 def test_a_missing_recording(drive, capsys, tmp_path):
@@ -187,9 +188,9 @@ def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
     arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o"]
     arguments += [str(tmp_path / "results"), "--no-figures"]
     assert main(arguments) == 0
-    (tmp_path / "results" / "stale").write_text("")
+    (tmp_path / "results" / "stale.png").write_text("")
     assert main([*arguments, "--overwrite"]) == 0
-    assert not (tmp_path / "results" / "stale").exists()
+    assert not (tmp_path / "results" / "stale.png").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
@@ -267,3 +268,25 @@ def test_wrong_words_are_wrong_use(capsys):
     with pytest.raises(SystemExit) as stop:
         main(["drive"])
     assert stop.value.code == 2
+
+
+def test_a_file_of_somebody_else_in_a_results_folder_is_never_deleted(drive, capsys, tmp_path):
+    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o"]
+    arguments += [str(tmp_path / "results"), "--no-figures"]
+    assert main(arguments) == 0
+    (tmp_path / "results" / "mine").mkdir()
+    refused(capsys, *arguments, "--overwrite", code=2, says="also holds 'mine'")
+    assert (tmp_path / "results" / "mine").is_dir()
+
+
+def test_flags_that_would_do_nothing_are_refused(drive, capsys, tmp_path):
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, "--every", "10ms", code=2, says="add --online")
+    refused(capsys, *arguments, "--online", "--anchor", "middle", code=2, says="leave --anchor out")
+
+
+def test_online_matches_are_not_evaluated(drive, capsys, tmp_path):
+    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "--online"]
+    assert main([*arguments, "-o", str(tmp_path / "online"), "--no-figures"]) == 0
+    arguments = ("evaluate", tmp_path / "online", "--ground-truth", "x.npy", "--rows", "query")
+    refused(capsys, *arguments, code=1, says="holds online matches")

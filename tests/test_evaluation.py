@@ -168,3 +168,11 @@ def test_unknown_choices_are_wrong_use():
         evaluate(matches, truth_of(np.eye(2)), score="likelihood")
     with pytest.raises(UsageError, match="choose from rejected-correct, all-with-place"):
         evaluate(matches, truth_of(np.eye(2)), recall_denominator="all")
+
+
+def test_no_thresholds_are_wrong_use_and_doubts_without_end_leave_the_even_ones_finite():
+    correct = np.array([True, False])
+    with pytest.raises(UsageError, match="expected 1 or more"):
+        precision_recall(np.array([1.0, 2.0]), correct, correct, thresholds=0)
+    curve = precision_recall(np.array([np.nan, 0.5]), correct, correct, thresholds=3)
+    assert np.isfinite(curve.threshold).all()

@@ -362,3 +362,41 @@ def test_a_clock_that_jumps_by_years_is_an_error_where_it_would_flood():
 def test_wrong_use_is_told(wrong):
     with pytest.raises(UsageError):
         wrong()
+
+
+def test_a_selected_event_earlier_than_the_stream_is_refused_wherever_it_stands_in_its_chunk():
+    reference = map_of(np.zeros((50, 5)), tau_us=2, sequence_length=1)
+    localiser = Localiser(reference)
+    localiser.update(make_events([70, 80], [0, 0], [0, 0]))
+    with pytest.raises(EventError, match="backwards"):
+        localiser.update(make_events([100, 50, 200], [3, 0, 3], [0, 0, 0]))
+
+
+def test_time_that_has_passed_without_events_cannot_be_filled_later():
+    reference = map_of(np.zeros((50, 5)), tau_us=2, sequence_length=1)
+    localiser = Localiser(reference, every=Every(interval_us=10))
+    localiser.update(make_events([100], [0], [0]))
+    assert localiser.advance(100).size == 0
+    assert localiser.advance(120)["t"].tolist() == [110, 120]
+    with pytest.raises(EventError, match="backwards, from 120 to 119"):
+        localiser.update(make_events([119], [0], [0]))
+    with pytest.raises(EventError, match="backwards, from 120 to 119"):
+        localiser.advance(119)
+    localiser.update(make_events([120], [0], [0]))
+
+
+@pytest.mark.parametrize(
+    "counts", [[1.5, 0, 0, 0, 0], [-1, 0, 0, 0, 0], [1, 2], [2**40, 0, 0, 0, 0]]
+)
+def test_what_is_no_descriptor_cannot_be_appended(counts):
+    localiser = Localiser(map_of(np.zeros((50, 5))))
+    with pytest.raises(MapError, match="descriptor"):
+        localiser.append(np.array(counts))
+    assert len(localiser) == 50
+
+
+def test_distances_beyond_32_bits_are_refused_instead_of_wrapping():
+    counts = np.zeros((9, 5), dtype=np.int64)
+    counts[3] = 2**31
+    with pytest.raises(UsageError, match="do not fit 32 bits"):
+        Localiser(map_of(counts, sequence_length=1))

@@ -102,8 +102,8 @@ def test_a_temporary_file_that_is_too_small_costs_a_second_pass_and_changes_noth
     events = busy_drive(np.random.default_rng(1))
     whole = map_traverse(Drive(events, SENSOR), SMALL)
 
-    def small(self, sensor, *, spool_bytes=100):
-        original(self, sensor, spool_bytes=spool_bytes)
+    def small(self, sensor, *, clip=None):
+        original(self, sensor, clip=clip, spool_bytes=100)
 
     original = SaliencyPass.__init__
     monkeypatch.setattr(SaliencyPass, "__init__", small)
@@ -264,3 +264,14 @@ def test_a_window_longer_than_the_recording_is_wrong_use(window):
 def test_an_empty_recording_is_wrong_use():
     with pytest.raises(UsageError, match=r"shorter than one window of 0.1 s"):
         map_traverse(Drive(make_events([], [], []), SENSOR), SMALL)
+
+
+def test_clipping_changes_neither_the_events_of_a_window_nor_the_hot_pixels():
+    events = busy_drive(np.random.default_rng(0))
+    chosen = SMALL.replaced({"window": "count", "events_per_pixel": 0.0}, "test")
+    chosen = chosen.replaced({"strategy": "random"}, "test")
+    whole = map_traverse(Drive(events, SENSOR), chosen)
+    clipped = map_traverse(Drive(events, SENSOR), chosen.replaced({"clip": 1}, "test"))
+    assert clipped.settings.events_per_window == whole.settings.events_per_window
+    assert np.array_equal(clipped.hot, whole.hot)
+    assert clipped.places.counts.max() == 1

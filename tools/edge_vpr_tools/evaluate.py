@@ -65,6 +65,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.windows import Descriptors
     from edge_vpr_tools import results
+    from edge_vpr_tools.online import ONLINE
     from edge_vpr_tools.provenance import run_record, write_json
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.truth import load_truth
@@ -72,6 +73,8 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.results)
     if not folder.is_dir():
         raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
+    if (folder / ONLINE).is_file():
+        raise MapError(f"{folder} holds online matches: evaluate those of edge-vpr match alone")
     reference = ReferenceMap.load(folder / results.MAP)
     matches = Matches.load(folder / results.MATCHES)
     arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)

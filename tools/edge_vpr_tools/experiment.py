@@ -51,8 +51,8 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
-            f"experiment {args.name} reads the folder {folder} in {args.data}, which is not there: "
-            "name the folder that holds it with --data"
+            f"experiment {args.name} reads the folder {folder}, which is not in "
+            f"{args.data or 'any folder given'}: name the folder that holds it with --data"
         )
     with Console(stderr=True).status("starting") as status:
         more = () if args.figure is None else (Path(args.figure),)

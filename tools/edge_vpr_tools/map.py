@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.pipeline import map_traverse
     from edge_vpr_tools.progress import tracked
     from edge_vpr_tools.reading import describe_faults, open_source
+    from edge_vpr_tools.results import check_parent
     from edge_vpr_tools.setting_flags import map_settings
 
     output = Path(args.output)
@@ -42,8 +43,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
     if output.exists() and not args.overwrite:
         raise UsageError(f"output {output} exists: name another, or replace it with --overwrite")
-    if not output.absolute().parent.is_dir():
-        raise UsageError(f"{output.absolute().parent} is not a folder: make it first")
+    check_parent(output)
     settings = map_settings(args)
     recording = open_source(args, args.recording)
     listed = args.hot_pixels not in (None, "find", "keep")

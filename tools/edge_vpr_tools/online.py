@@ -22,6 +22,7 @@ def parse_every(text: str, reference: ReferenceMap) -> Every:
     UsageError
         If it is none of these.
     """
+    from edge_vpr.errors import UsageError
     from edge_vpr.policy import Every
     from edge_vpr_tools.setting_flags import duration_us
 
@@ -31,9 +32,15 @@ def parse_every(text: str, reference: ReferenceMap) -> Every:
         return Every(events=1, change=True)
     if text == "window":
         return Every.window(reference.settings)
-    if text.isdigit():
+    if text.isascii() and text.isdigit() and int(text) > 0:
         return Every(events=int(text))
-    return Every(interval_us=duration_us(text))
+    try:
+        return Every(interval_us=duration_us(text))
+    except UsageError:
+        raise UsageError(
+            f"--every {text!r}: expected event, a number of events, a time such as 10ms, window, "
+            "or change"
+        ) from None
 
 
 def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
@@ -55,11 +62,12 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
     import time
 
     import numpy as np
+    import numpy.typing as npt
 
     from edge_vpr.archive import replacing, write_archive
     from edge_vpr.errors import UsageError
     from edge_vpr.localiser import Localiser
-    from edge_vpr.pipeline import cleaned
+    from edge_vpr.pipeline import check_sensor, cleaned
     from edge_vpr_tools import results
     from edge_vpr_tools.progress import tracked
     from edge_vpr_tools.provenance import run_record, write_json
@@ -67,18 +75,18 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
+    if args.anchor is not None:
+        raise UsageError("--online matches belong to the newest window: leave --anchor out")
     output, settings = Path(args.output), reference.settings
     recording = open_from(args, args.recording)
-    if recording.sensor != reference.pixel_map.sensor:
-        raise UsageError(
-            f"the recording is of a {recording.sensor} sensor and the map of a "
-            f"{reference.pixel_map.sensor} one: use the map of this camera"
-        )
-    every = parse_every(args.every, reference)
-    Localiser(reference, every=every).advance(1)  # compiled before the clock runs
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
+    every = parse_every(args.every or "event", reference)
     localiser = Localiser(reference, every=every)
-    found, events_fed, busy_s = [], 0, 0.0
+    found: list[npt.NDArray[np.void]] = []
+    events_fed, busy_s = 0, 0.0
     for events in cleaned(tracked(recording, "localising"), settings):
+        if not found:  # compiled before the clock runs
+            Localiser(reference, every=every).update(events[:1])
         start = time.perf_counter()
         found.append(localiser.update(events))
         busy_s += time.perf_counter() - start
@@ -93,7 +101,7 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
     metrics = {
         "matches": int(matches.size),
         "events": events_fed,
-        "every": args.every,
+        "every": args.every or "event",
         "localising_s": busy_s,
         "times_real_time": duration_s / busy_s,
         "faults_dropped": fault_counts(recording),

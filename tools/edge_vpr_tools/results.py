@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from edge_vpr.errors import UsageError
 
 MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
 QUERIES_KIND = "set of query descriptors"
+_SUFFIXES = (".npz", ".csv", ".json", ".png", ".html")
 RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 
 
@@ -23,9 +25,8 @@ def check_output_folder(path: Path, overwrite: bool) -> None:
     UsageError
         If it exists and may not be replaced, or does not look like one of ours.
     """
+    check_parent(path)
     if not path.exists():
-        if not path.absolute().parent.is_dir():
-            raise UsageError(f"{path.absolute().parent} is not a folder: make it first")
         return
     if not overwrite:
         raise UsageError(f"output {path} exists: name another one, or replace it with --overwrite")
@@ -35,6 +36,39 @@ def check_output_folder(path: Path, overwrite: bool) -> None:
             f"output {path} is not a folder of edge-vpr's results (no {RUN} in it), so that it is "
             "not replaced: name another one"
         )
+    foreign = sorted(file.name for file in path.iterdir() if not _is_ours(file))
+    if foreign:
+        raise UsageError(
+            f"output {path} also holds {foreign[0]!r}, which is not ours to delete: move it away, "
+            "or name another folder"
+        )
+
+
+def check_parent(path: Path) -> None:
+    """Refuse an output whose folder is missing or not writable, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        If it is.
+    """
+    parent = path.absolute().parent
+    if not parent.is_dir():
+        raise UsageError(f"{parent} is not a folder: make it first")
+    if not os.access(parent, os.W_OK) or not _can_create(parent):
+        raise UsageError(f"cannot write {path}: {parent} is not writable: name another folder")
+
+
+def _can_create(folder: Path) -> bool:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _is_ours(file: Path) -> bool:
+    return file.is_file() and file.suffix in _SUFFIXES
 
 
 @contextmanager
