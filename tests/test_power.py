@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import time
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.estimate.request import calibrated
 from edge_vpr_tools.power import pmic
 from edge_vpr_tools.power.conditions import Conditions, void_because
 from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
@@ -387,6 +389,26 @@ def test_a_profile_cannot_calibrate_what_it_did_not_measure(profile, capsys):
     path = str(profile / "profile.json")
     assert main(["estimate", "--target", "raspberry-pi-5", "--calibrate", path]) == 2
     assert "not measured" in capsys.readouterr().err
+
+
+def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
+    """By hand: 2 mJ in 1 ms of processor time at 1 GHz are 2,000 pJ a cycle."""
+    found = json.loads((profile / "profile.json").read_text())
+    found["conditions"]["after"]["frequency_hz"] = 1e9
+    found["energy"] = {
+        "measured": True, "resolved": True, "cpu_s_per_match": 1e-3,
+        "marginal_j_per_match": 2e-3, "marginal_j_per_match_interval": [1e-3, 3e-3],
+    }  # fmt: skip
+    path, out = tmp_path / "profile.json", tmp_path / "estimate.json"
+    path.write_text(json.dumps(found))
+    assert asdict(calibrated(path).value) == pytest.approx(
+        {"low": 1000.0, "central": 2000.0, "high": 3000.0}
+    )
+    pi_5 = ["estimate", "--target", "raspberry-pi-5", "--calibrate", str(path)]
+    assert main([*pi_5, "--json", str(out)]) == 0
+    told = json.loads(out.read_text())["targets"]["Raspberry Pi 5"]
+    cycles, energy = told["cycles"]["match"], told["energy_j"]["match"]
+    assert energy["central"] == pytest.approx(2e-9 * cycles["central"])
 
 
 def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):

@@ -119,7 +119,8 @@ def calibrated(profile: Path) -> Constant:
             f"{profile}: energy was not measured or not resolved, or the clock is not known: "
             "profile a board with a power sensor, for longer"
         )
-    seconds = energy["cpu_s_per_match"]
+    # an external meter's windows do not tell the processor time: the throughput does
+    seconds = energy.get("cpu_s_per_match") or values["throughput"]["cpu_s_per_match"]
     low, high = energy["marginal_j_per_match_interval"]
     picojoules = [
         1e12 * joules / (seconds * clock) for joules in (low, energy["marginal_j_per_match"], high)

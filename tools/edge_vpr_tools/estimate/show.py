@@ -77,7 +77,7 @@ def costs(
                 target.name,
                 _instructions(told, "selected event", found),
                 _instructions(told, "match", found),
-                _spread(found.seconds["match"], "s"),
+                _central(found.seconds["match"], "s"),
                 f"{found.load.central:.2%}" if found.load.high < 1 else "overloaded",
                 _energy(found, "match"),
                 _watts(found.marginal_w),
@@ -86,8 +86,8 @@ def costs(
             ]
         )
     _table(
-        ["target", "instr. or cycles an event", "a match", "time of a match", "busy",
-         "energy of a match (modelled)", "added power (modelled)", "power at rest", "memory"],
+        ["target", "event", "match", "time of a match", "busy", "energy of a match (modelled)",
+         "added power (modelled)", "power at rest", "memory"],
         rows,
     )  # fmt: skip
 
@@ -236,6 +236,10 @@ def _spread(value: Spread, unit: str) -> str:
     if low == high:
         return f"{central:.3g} {prefix}{unit}"
     return f"{central:.3g} ({low:.3g} to {high:.3g}) {prefix}{unit}"
+
+
+def _central(value: Spread, unit: str) -> str:
+    return _spread(Spread(value.central, value.central, value.central), unit)
 
 
 def _three(values: Iterable[float]) -> str:

@@ -107,7 +107,7 @@ def with_meter(path: Path, meter: Path, rate: float) -> dict[str, Any]:
         period_s=float(np.median(np.diff(time_s))),
         detail=f"its clock is {ahead:.3f} s ahead, by its steps; its gain error is not told",
     )
-    energy = {"measured": True, "cpu_s_per_match": None, "quick": found["quick"]}
+    energy = {"measured": True, "quick": found["quick"]}
     energy |= analyse(Trace.of_power(time_s - ahead, watts), windows, about, rate)
     return found | {"energy": energy}
 
