@@ -54,6 +54,11 @@ class WindowSource(Protocol):
         ...
 
     @property
+    def window_us(self) -> int:
+        """Length of a window in microseconds, rounded."""
+        ...
+
+    @property
     def counted(self) -> npt.NDArray[np.bool_]:
         """Which pixels were counted, shape (height, width)."""
         ...
@@ -104,6 +109,7 @@ def map_traverse(
     with SaliencyPass(sensor, clip=settings.clip or None) as first:
         if isinstance(recording, WindowSource):
             _check_windows_only(settings)
+            settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
             windows = recording.windows()
         else:
             everything = PixelMap.all_of(sensor)
@@ -292,6 +298,11 @@ def _check_windows_only(settings: Settings) -> None:
 
 def _check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
     _check_windows_only(settings)
+    if source.window_us != settings.tau_us:
+        raise MapError(
+            f"the published windows last {source.window_us} us and the map's {settings.tau_us} us: "
+            "match windows of one length"
+        )
     missing = np.count_nonzero(~source.counted[pixel_map.y, pixel_map.x])
     if missing:
         raise MapError(

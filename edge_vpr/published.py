@@ -33,6 +33,8 @@ class PublishedWindows:
     Attributes
     ----------
     sensor : Sensor
+    window_us : int
+        Length of a window in microseconds, rounded.
     counted : ndarray of bool, shape (height, width)
         Which pixels the frames count.
     start_us : int
@@ -58,6 +60,7 @@ class PublishedWindows:
         self._period_us = _known(
             frames.period or period, path, "how long a frame lasts: pass --frame-period"
         ) * Fraction(1_000_000)
+        self.window_us = max(1, round(self._period_us))
         self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass --sensor WxH")
         x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
         y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")

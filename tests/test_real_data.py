@@ -10,6 +10,7 @@ import pytest
 from edge_vpr_tools.experiments import brisbane, speck_walks
 from edge_vpr_tools.experiments.trial import Kept, Variant, run_trial
 
+from edge_vpr.errors import MapError
 from edge_vpr.ground_truth import from_tracks, load_nmea
 from edge_vpr.localiser import Localiser
 from edge_vpr.pipeline import map_traverse, match_traverse
@@ -116,3 +117,12 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
     windows = PublishedWindows(folder / "sunset2.npz")
     assert windows.counted.sum() == 49
     assert sum(1 for _ in windows.windows()) == 641
+    reference = map_traverse(windows, brisbane.SETTINGS.replaced({"tau_us": 5}, "test"))
+    assert reference.settings.tau_us == 1_000_000
+    walk = PublishedWindows(shared_data / "speck_walks" / "query.npz", period=Fraction(1, 30))
+    with pytest.raises(MapError, match="of a 128x128 sensor"):
+        match_traverse(reference, walk)
+    indoor = shared_data / "speck_indoor" / "reference.npz"
+    small = map_traverse(PublishedWindows(indoor, period=Fraction(1)), PRESETS["tiny"])
+    with pytest.raises(MapError, match="last 500000 us and the map's 1000000 us"):
+        match_traverse(small, PublishedWindows(indoor, period=Fraction(1, 2)))

@@ -214,7 +214,7 @@ def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
                     [np.mean(v) for v in values],
                     [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
                     color=CYCLE[i],
-                    linestyle=DASHES[i],
+                    linestyle=DASHES[i % len(DASHES)],
                     lw=1.6,
                     elinewidth=0.8,
                     marker="o",
