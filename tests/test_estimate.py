@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from designs import random_design, random_memories, random_stream, wrapped
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.estimate import counts, emulation, targets
-from edge_vpr_tools.estimate.fit import Budget, fit, memory_bytes
+from edge_vpr_tools.estimate import counts, emulation, pareto, targets
+from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
 from naive import sad
@@ -298,6 +298,39 @@ def test_a_fit_is_the_largest(name):
             assert (used <= budget.limit) == within
 
 
+def test_a_design_over_the_firmwares_widths_does_not_fit():
+    """Distances of 16 bits: 600 codes of 8 bits could be larger."""
+    wide = Design(
+        width=64, height=64, pixels=600, places=50, code="linear", code_bits=8, lookup_depth=2048
+    )
+    assert broken_by(wide, targets.find("cortex-m4"), RATE, ()) == FIRMWARE_LIMITS
+    assert broken_by(wide, targets.find("ice40up5k"), RATE, ()) == ""
+    assert broken_by(SMALL, targets.find("cortex-m4"), RATE, ()) == ""
+
+
+def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # noqa: F811
+    """Accuracy of the run, cost of its design on the mission's route, and what limits it."""
+    for name, accuracy in (("good", 0.9), ("bad", 0.2)):
+        run = tmp_path / name
+        run.mkdir()
+        (run / "map.npz").write_bytes((drive / "map.npz").read_bytes())
+        told = {"evaluation": {"precision_at_100_recall": accuracy}}
+        (run / "metrics.json").write_text(json.dumps(told))
+    m4, budget = targets.find("cortex-m4"), [Budget.parse("64KiB")]
+    short = pareto.candidates(tmp_path, m4, budget)
+    assert [one.accuracy for one in short] == [0.9, 0.2]
+    assert not any(one.limited_by for one in short) and len(pareto.frontier(short)) == 1
+    long = pareto.candidates(tmp_path, m4, budget, places=10_000)
+    assert {one.limited_by for one in long} == {"64KiB"}
+    drawn = tmp_path / "pareto.png"
+    asked = ["estimate", "--target", "cortex-m4", "--fit", "64KiB", "--route-km", "1"]
+    assert main([*asked, "--pareto", str(tmp_path), "--figure", str(drawn)]) == 0
+    assert "90.0% right" in " ".join(capsys.readouterr().out.split())
+    assert drawn.stat().st_size > 1_000
+    with pytest.raises(UsageError, match="no evaluated run"):
+        pareto.candidates(tmp_path / "good" / "empty", m4, budget)
+
+
 def test_a_budget_of_power_needs_a_power():
     """A target without a constant cannot be held against milliwatts."""
     with pytest.raises(UsageError, match="unknown"):
@@ -347,6 +380,7 @@ def test_the_command_says_modelled_and_unknown(capsys, tmp_path, drive):  # noqa
     ("arguments", "says"),
     [
         (["--fit", "64KiB"], "one target"),
+        (["--pareto", "results"], "one target"),
         (["--pixels", "0"], "pixels = 0"),
         (["--places-per-metre", "0"], "positive"),
         (["--event-rate", "-1"], "expected a rate"),

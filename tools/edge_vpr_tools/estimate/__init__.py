@@ -55,6 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     asked.add_argument(
         "--calibrate", metavar="PROFILE.json", help="energy of a cycle from your board's profile"
     )
+    asked.add_argument(
+        "--pareto",
+        metavar="DIR",
+        help="accuracy of the evaluated runs below DIR against their cost; needs one --target",
+    )
+    asked.add_argument("--figure", metavar="FILE.png", help="with --pareto, draw it")
     asked.add_argument("--json", metavar="FILE", help="write everything as JSON too")
 
 
@@ -75,8 +81,8 @@ def run(args: argparse.Namespace) -> None:
     from firmware_model.errors import DesignError
 
     targets = [find(name) for name in args.target or names()]
-    if args.fit and len(targets) != 1:
-        raise UsageError("--fit is held against one target: name it by --target")
+    if (args.fit or args.pareto) and len(targets) != 1:
+        raise UsageError("--fit and --pareto are held against one target: name it by --target")
     measured = None if args.calibrate is None else calibrated(Path(args.calibrate))
     if measured is not None and (len(targets) != 1 or targets[0].kind != "processor"):
         raise UsageError("--calibrate is of one board: name its processor by --target")
@@ -94,6 +100,18 @@ def run(args: argparse.Namespace) -> None:
         show.comparison(design, mission, args.vs, *other, targets)
     if fits:
         show.fits(fits, design, targets[0], budgets)
+    if args.pareto is not None:
+        from edge_vpr_tools.estimate import pareto
+
+        places = None if args.route_km is None else design.places
+        runs = pareto.candidates(
+            Path(args.pareto), targets[0], budgets, places, args.match_rate, measured
+        )
+        show.candidates(runs, budgets)
+        if args.figure is not None:
+            from edge_vpr_tools.report.style import save
+
+            save(pareto.draw(runs, targets[0]), Path(args.figure))
     show.basis(design, targets, mission, measured)
     if args.json is not None:
         values = show.as_dict(design, targets, mission, fits, measured)

@@ -8,16 +8,18 @@ from dataclasses import dataclass, replace
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.estimate.counts import sizes
-from edge_vpr_tools.estimate.model import Mission, cost, firmware
+from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware
 from edge_vpr_tools.estimate.targets import Constant, Target
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
+from firmware_model.image import check_limits
 
 _UNITS = {
     "b": ("bytes", 1.0), "kb": ("bytes", 1e3), "mb": ("bytes", 1e6),
     "kib": ("bytes", 1024.0), "mib": ("bytes", 1024.0**2),
     "uw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
 }  # fmt: skip
+FIRMWARE_LIMITS = "the firmware's widths"
 _BITS = (8, 6, 4, 3, 2, 1)
 
 
@@ -109,19 +111,9 @@ def fit(
     """
 
     def broken(candidate: Design) -> str:
-        """Name the budget that a design breaks; empty if none."""
         share = min(1.0, mission.selected_share * candidate.pixels / design.pixels)
-        for budget in budgets:
-            if budget.quantity == "bytes":
-                used: float = memory_bytes(candidate, target)
-            else:
-                used = _watts(
-                    cost(candidate, target, replace(mission, selected_share=share), cycle_energy),
-                    target,
-                )
-            if used > budget.limit:
-                return budget.text
-        return ""
+        scaled = replace(mission, selected_share=share)
+        return broken_by(candidate, target, scaled, budgets, cycle_energy)
 
     # the firmware in C keeps a byte a code, so that fewer bits save a processor nothing
     packed = target.kind != "processor"
@@ -140,10 +132,36 @@ def fit(
     return found
 
 
-def _watts(of: object, target: Target) -> float:
-    from edge_vpr_tools.estimate.model import Cost
+def broken_by(
+    design: Design,
+    target: Target,
+    mission: Mission,
+    budgets: Sequence[Budget],
+    cycle_energy: Constant | None = None,
+) -> str:
+    """Name what keeps a design from fitting: a budget, or the firmware's limits; empty if nothing.
 
-    assert isinstance(of, Cost)
+    Raises
+    ------
+    UsageError
+        If a budget of power is given and the target's is unknown.
+    """
+    if target.kind == "processor":
+        try:
+            check_limits(design)
+        except DesignError:
+            return FIRMWARE_LIMITS
+    for budget in budgets:
+        if budget.quantity == "bytes":
+            used: float = memory_bytes(design, target)
+        else:
+            used = _watts(cost(design, target, mission, cycle_energy), target)
+        if used > budget.limit:
+            return budget.text
+    return ""
+
+
+def _watts(of: Cost, target: Target) -> float:
     total = of.whole_w or of.marginal_w
     if total is None:
         raise UsageError(

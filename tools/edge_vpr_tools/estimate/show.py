@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 
 from edge_vpr_tools.estimate.counts import Headline, block_memories, headline, sizes
-from edge_vpr_tools.estimate.fit import Budget, Fit, memory_bytes
+from edge_vpr_tools.estimate.fit import Budget, Fit, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware
 from edge_vpr_tools.estimate.model import work as work_of
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target
 from firmware_model.design import Design
+
+if TYPE_CHECKING:
+    from edge_vpr_tools.estimate.pareto import Candidate
 
 UNKNOWN = "unknown"
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
@@ -139,6 +142,31 @@ def fits(found: Sequence[Fit], of: Design, target: Target, budgets: Sequence[Bud
     _say("how well such a design recognises places is not estimated: edge-vpr evaluate tells it")
 
 
+def candidates(found: Sequence[Candidate], budgets: Sequence[Budget]) -> None:
+    """Print evaluated runs by accuracy, and the best that fits."""
+    rows = [
+        [one.name, f"{one.accuracy:.3f}", f"{one.design.pixels}", f"{one.design.code_bits}",
+         f"{one.design.places:,}", _bytes(one.memory_bytes), _joules(one.cost.per_match_j),
+         one.limited_by or "fits"]
+        for one in found
+    ]  # fmt: skip
+    _table(
+        ["evaluated run", "P@100R", "J", "bits", "K", "memory", "energy a match (modelled)",
+         "limited by"],
+        rows,
+    )  # fmt: skip
+    fitting = [one for one in found if not one.limited_by]
+    within = " and ".join(budget.text for budget in budgets) or "no budget"
+    if fitting:
+        best = fitting[0]
+        _say(
+            f"within {within}, the best that was evaluated: {best.name}, {best.accuracy:.1%} right "
+            "on its own drives, which says nothing of others"
+        )
+    else:
+        _say(f"none of the evaluated runs fits {within}")
+
+
 def basis(
     of: Design, targets: Sequence[Target], mission: Mission, measured: Constant | None
 ) -> None:
@@ -186,7 +214,8 @@ def as_dict(
 
 def _fits_in(of: Design, target: Target) -> str:
     if target.kind == "processor":
-        return _bytes(memory_bytes(of, target))
+        limit = broken_by(of, target, Mission(0.0, 0.0, 1.0), ())
+        return _bytes(memory_bytes(of, target)) + (f": over {limit}" if limit else "")
     if not target.blocks:
         return _bytes(sizes(of).packed_bytes)
     needed = block_memories(of, list(target.block_shapes))
@@ -221,6 +250,10 @@ def _instructions(told: dict[str, float] | None, unit: str, found: Cost) -> str:
 
 def _energy(found: Cost, unit: str) -> str:
     return UNKNOWN if found.energy_j is None else _spread(found.energy_j[unit], "J")
+
+
+def _joules(value: Spread | None) -> str:
+    return UNKNOWN if value is None else _spread(value, "J")
 
 
 def _watts(value: Spread | None) -> str:
