@@ -146,22 +146,22 @@ def _admit(  # type: ignore[no-untyped-def]
         step = _step(last, time, period, late)
         if 0 <= step <= step_limit:
             if n_held:  # a good event after those held: they were nonsense
-                state[_reason(last, held[0].t, period, late)] += n_held
+                state[_reason(last, held[0]["t"], period, late)] += n_held
                 n_held = 0
             state[_WRAPS] += _wrapped(last, time, period)
             now += step
             last = time
         else:
             if n_held:
-                follows = _step(held[n_held - 1].t, time, period, late)
+                follows = _step(held[n_held - 1]["t"], time, period, late)
                 if not 0 <= follows <= step_limit:
-                    state[_reason(last, held[0].t, period, late)] += n_held
+                    state[_reason(last, held[0]["t"], period, late)] += n_held
                     n_held = 0
-            held[n_held].t, held[n_held].x, held[n_held].y = time, x[i], y[i]
-            held[n_held].p = p[i] != 0
+            held[n_held]["t"], held[n_held]["x"], held[n_held]["y"] = time, x[i], y[i]
+            held[n_held]["p"] = p[i] != 0
             n_held += 1
             if n_held == confirm:
-                first = held[0].t
+                first = held[0]["t"]
                 step = _step(last, first, period, late)
                 if 0 <= step <= silence:
                     state[_WRAPS] += _wrapped(last, first, period)
@@ -171,14 +171,14 @@ def _admit(  # type: ignore[no-untyped-def]
                     now += 1
                 last = first
                 for k in range(n_held):
-                    now += _step(last, held[k].t, period, late)
-                    last = held[k].t
-                    out[n].t, out[n].x, out[n].y = now * tick, held[k].x, held[k].y
-                    out[n].p = held[k].p
+                    now += _step(last, held[k]["t"], period, late)
+                    last = held[k]["t"]
+                    out[n]["t"], out[n]["x"], out[n]["y"] = now * tick, held[k]["x"], held[k]["y"]
+                    out[n]["p"] = held[k]["p"]
                     n += 1
                 n_held = 0
             continue
-        out[n].t, out[n].x, out[n].y, out[n].p = now * tick, x[i], y[i], p[i] != 0
+        out[n]["t"], out[n]["x"], out[n]["y"], out[n]["p"] = now * tick, x[i], y[i], p[i] != 0
         n += 1
     state[_DATED], state[_LAST], state[_NOW], state[_HELD] = dated, last, now, n_held
     return n

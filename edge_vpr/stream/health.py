@@ -104,7 +104,7 @@ class Health:
     def losses(self) -> int:
         """Grows whenever something is known to be missing; a window around that is incomplete."""
         return (
-            self.skipped_bytes
+            self.resyncs
             + self.crc_errors
             + self.sequence_gaps
             + self.rejected

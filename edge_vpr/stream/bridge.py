@@ -1,0 +1,177 @@
+"""A camera bridge without a camera: a recording goes out over a link as a device would send it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events
+from edge_vpr.stream.links import Link, LinkClosed, TcpServerLink
+from edge_vpr.stream.protocols.protocol import Encoder
+
+#: Events are sent every so often, and an idle device says so.
+SLICE_US = 5_000
+IDLE_US = 100_000
+_AT_ONCE = 1 << 16
+
+
+@dataclass(frozen=True)
+class LineFaults:
+    """What a bad line does to bytes.
+
+    Parameters
+    ----------
+    drop, flip, insert : float
+        Chance of each byte to vanish, to have one bit inverted, to be followed by a random one.
+    garbage : int
+        Random bytes before the start.
+    stall : float
+        Seconds of silence, once, in the middle of the first ten seconds; events queue up.
+    """
+
+    drop: float = 0.0
+    flip: float = 0.0
+    insert: float = 0.0
+    garbage: int = 0
+    stall: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> LineFaults:
+        """Read ``drop=1e-4,flip=1e-5,stall=2``.
+
+        Raises
+        ------
+        UsageError
+            If a name is unknown or a value is no chance, count or time.
+        """
+        known = {"drop": 1.0, "flip": 1.0, "insert": 1.0, "garbage": 1e6, "stall": 3_600.0}
+        values: dict[str, float] = {}
+        for item in filter(None, text.split(",")):
+            name, _, value = item.partition("=")
+            try:
+                values[name] = float(value)
+            except ValueError:
+                values[name] = -1.0
+            if name not in known or not 0 <= values[name] <= known[name]:
+                raise UsageError(
+                    f"fault {item!r}: expected one of {', '.join(known)} and a value, for example "
+                    "drop=1e-4,stall=2"
+                )
+        garbage = int(values.pop("garbage", 0))
+        return cls(garbage=garbage, **values)
+
+    def spoil(self, data: bytes, rng: np.random.Generator) -> bytes:
+        """Return what arrives of `data`."""
+        raw = np.frombuffer(data, dtype=np.uint8).copy()
+        if self.flip:
+            hit = rng.random(raw.size) < self.flip
+            raw[hit] ^= (1 << rng.integers(0, 8, int(hit.sum()))).astype(np.uint8)
+        if self.insert:
+            at = np.flatnonzero(rng.random(raw.size) < self.insert)
+            raw = np.insert(raw, at, rng.integers(0, 256, at.size).astype(np.uint8))
+        if self.drop:
+            raw = raw[rng.random(raw.size) >= self.drop]
+        return raw.tobytes()
+
+
+class Bridge:
+    """Replays events.
+
+    Parameters
+    ----------
+    link : Link
+    encoder : Encoder
+    speed : float
+        Times real time; 0 is as fast as the link takes it.
+    faults : LineFaults
+    seed : int
+        Of the faults.
+
+    Attributes
+    ----------
+    sent_events, sent_bytes : int
+        Before the faults.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        encoder: Encoder,
+        *,
+        speed: float = 1.0,
+        faults: LineFaults | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._link, self._encoder, self._speed = link, encoder, speed
+        self._faults = LineFaults() if faults is None else faults
+        self._rng = np.random.default_rng(seed)
+        self.stopping = threading.Event()
+        self.sent_events = self.sent_bytes = 0
+
+    def wait_for_host(self) -> None:
+        """Wait until a host has connected, and has spoken if the protocol lets it speak first."""
+        while not self.stopping.is_set():
+            if self._encoder.waits_for_host:
+                command = self._link.read(0.1)
+                if command:
+                    self._send(self._encoder.respond(command))
+                    return
+            elif isinstance(self._link, TcpServerLink):
+                if self._link.accepted(0.1):
+                    return
+            else:
+                time.sleep(0.5)  # a host that is opening a terminal throws away what came before
+                return
+
+    def run(self, recording: Iterable[Events]) -> None:
+        """Send everything, or until `stopping` is set or the host has gone."""
+        try:
+            self.wait_for_host()
+            garbage = self._rng.integers(0, 256, self._faults.garbage).astype(np.uint8)
+            self._send(garbage.tobytes())
+            self._send(self._encoder.start())
+            self._replay(recording)
+            self._link.drain(10.0)
+        except LinkClosed:
+            return
+
+    def _replay(self, recording: Iterable[Events]) -> None:
+        begin, stalled, now = time.monotonic(), self._faults.stall == 0, 0
+        for chunk in recording:
+            cuts = np.flatnonzero(np.diff(chunk["t"] // SLICE_US)) + 1
+            for events in np.split(chunk, cuts) if self._speed else [chunk]:
+                if self.stopping.is_set():
+                    return
+                due = int(events["t"][-1]) if events.size else now
+                while self._speed and now + IDLE_US < due and not self.stopping.is_set():
+                    now += IDLE_US
+                    self._pause_until(begin + now / 1e6 / self._speed)
+                    self._send_spoiled(self._encoder.idle(now))
+                now = due
+                if self._speed:
+                    self._pause_until(begin + now / 1e6 / self._speed)
+                    if not stalled and now >= 1_000_000:
+                        stalled = True
+                        self.stopping.wait(self._faults.stall)
+                self._send_spoiled(self._encoder.encode(events))
+                self.sent_events += events.size
+        self._send_spoiled(self._encoder.idle(now))
+
+    def _pause_until(self, moment: float) -> None:
+        wait = moment - time.monotonic()
+        if wait > 0:
+            self.stopping.wait(wait)
+
+    def _send_spoiled(self, data: bytes) -> None:
+        self.sent_bytes += len(data)
+        self._send(self._faults.spoil(data, self._rng) if data else data)
+
+    def _send(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view and not self.stopping.is_set():
+            view = view[self._link.write(bytes(view[:_AT_ONCE]), 0.1) :]

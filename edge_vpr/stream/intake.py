@@ -1,0 +1,181 @@
+"""A thread that reads a link into a bounded buffer, and opens it again when it is lost."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from edge_vpr.errors import EdgeVprError
+from edge_vpr.stream.links import Link, LinkClosed, LinkError
+
+#: 0.9 s of a line of 12 Mbaud.
+BUFFER_BYTES = 1 << 20
+_WAIT_S = 0.1
+_FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
+
+
+class Piece(NamedTuple):
+    """Bytes that came together.
+
+    Attributes
+    ----------
+    data : bytes
+    at_s : float
+        When, on the host's monotonic clock.
+    lost : int
+        Bytes dropped right before these, because the reader was late.
+    reopened : bool
+        Whether the link was lost and opened again before these.
+    """
+
+    data: bytes
+    at_s: float
+    lost: int = 0
+    reopened: bool = False
+
+
+class Intake:
+    """Reads a link, whoever is late.
+
+    Parameters
+    ----------
+    open_link : callable
+        Opens the link, at first and again.
+    setup, teardown : bytes
+        What to send when it opens and before it closes.
+    retry : bool
+        Open the link again when it is lost; else that is the end.
+    drop : bool or None
+        When the buffer is full, drop its oldest bytes; else let the link wait. None: drop if the
+        link is live.
+    """
+
+    def __init__(
+        self,
+        open_link: Callable[[], Link],
+        *,
+        setup: bytes = b"",
+        teardown: bytes = b"",
+        retry: bool = False,
+        drop: bool | None = None,
+        buffer_bytes: int = BUFFER_BYTES,
+    ) -> None:
+        self._open, self._setup, self._teardown = open_link, setup, teardown
+        self._retry, self._drop, self._most = retry, drop, buffer_bytes
+        self._pieces: deque[Piece] = deque()
+        self._held = 0
+        self._changed = threading.Condition()
+        self._stopping = threading.Event()
+        self._ended = False
+        self.error: EdgeVprError | None = None
+        self._link = open_link()  # the first failure is the caller's to see
+        self.address = self._link.address
+        self._thread = threading.Thread(target=self._run, name="edge-vpr intake", daemon=True)
+        self._thread.start()
+
+    def take(self, timeout: float) -> Piece | None:
+        """Return the oldest bytes, or None if there are none within `timeout` seconds."""
+        with self._changed:
+            if not self._pieces and not self._ended:
+                self._changed.wait(timeout)
+            if not self._pieces:
+                return None
+            piece = self._pieces.popleft()
+            self._held -= len(piece.data)
+            self._changed.notify_all()
+            return piece
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing will come any more."""
+        with self._changed:
+            return self._ended and not self._pieces
+
+    def stop(self) -> None:
+        """End reading and close the link; returns within a second or so."""
+        self._stopping.set()
+        with self._changed:
+            self._changed.notify_all()
+        self._thread.join(timeout=2)
+
+    def _run(self) -> None:
+        link, reopened = self._link, False
+        try:
+            while not self._stopping.is_set():
+                try:
+                    self._send(link, self._setup)
+                    self._read(link, reopened)
+                except LinkError as error:
+                    link.close()
+                    if not self._retry:
+                        # an end is an end; anything else is a failure to tell
+                        self.error = None if isinstance(error, LinkClosed) else error
+                        return
+                again = self._reopen()
+                if again is None:
+                    return
+                link, reopened = again, True
+        finally:
+            with contextlib.suppress(LinkError):
+                self._send(link, self._teardown)
+            link.close()
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
+
+    def _read(self, link: Link, reopened: bool) -> None:
+        drop = link.live if self._drop is None else self._drop
+        while not self._stopping.is_set():
+            data = link.read(_WAIT_S)
+            if data:
+                self._put(Piece(data, time.monotonic(), 0, reopened), drop)
+                reopened = False
+
+    def _put(self, piece: Piece, drop: bool) -> None:
+        with self._changed:
+            while self._held and self._held + len(piece.data) > self._most:
+                if self._stopping.is_set():
+                    return
+                if not drop:
+                    self._changed.wait(_WAIT_S)
+                    continue
+                oldest = self._pieces.popleft()
+                self._held -= len(oldest.data)
+                gone = oldest.lost + len(oldest.data)
+                # the newest are kept; what is missing is told with what comes next
+                if self._pieces:
+                    after = self._pieces[0]
+                    self._pieces[0] = after._replace(
+                        lost=after.lost + gone, reopened=after.reopened or oldest.reopened
+                    )
+                else:
+                    piece = piece._replace(
+                        lost=piece.lost + gone, reopened=piece.reopened or oldest.reopened
+                    )
+            self._pieces.append(piece)
+            self._held += len(piece.data)
+            self._changed.notify_all()
+
+    def _reopen(self) -> Link | None:
+        wait = _FIRST_RETRY_S
+        while not self._stopping.wait(wait):
+            try:
+                return self._open()
+            except LinkError:
+                wait = min(2 * wait, _LAST_RETRY_S)
+        return None
+
+    @staticmethod
+    def _send(link: Link, data: bytes) -> None:
+        end = time.monotonic() + 1
+        while data and time.monotonic() < end:
+            try:
+                data = data[link.write(data, 0.1) :]
+            except LinkClosed:
+                raise
+            except LinkError:
+                return  # a link that only gives, such as a file

@@ -1,0 +1,142 @@
+"""Bytes in, matches out: decoder, burst filter and localiser, and what of it is complete."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.cleaning import BurstFilter
+from edge_vpr.counters import select_events
+from edge_vpr.errors import MapError
+from edge_vpr.events import Events
+from edge_vpr.localiser import MATCH_DTYPE, Localiser
+from edge_vpr.policy import Every
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.stream.protocols.protocol import Decoder
+
+
+class Step(NamedTuple):
+    """What one piece of bytes brought.
+
+    Attributes
+    ----------
+    events : ndarray of EVENT_DTYPE, shape (n,)
+        As decoded.
+    matches : ndarray of MATCH_DTYPE, shape (m,)
+    incomplete : bool
+        Whether events are known to be missing from the windows of these matches.
+    """
+
+    events: Events
+    matches: npt.NDArray[np.void]
+    incomplete: bool
+
+
+class LiveLocaliser:
+    """Follows a stream of bytes and says where it is on the map.
+
+    Parameters
+    ----------
+    decoder : Decoder
+    reference : ReferenceMap, optional
+        Without one, events are decoded and nothing is matched.
+    every : Every, optional
+        When to give a match.
+
+    Raises
+    ------
+    MapError
+        If the map is of another sensor.
+    """
+
+    def __init__(
+        self, decoder: Decoder, reference: ReferenceMap | None = None, every: Every | None = None
+    ) -> None:
+        self.decoder = decoder
+        self._localiser: Localiser | None = None
+        self._bursts: BurstFilter | None = None
+        self._losses = 0
+        self._since = 0  # events, then microseconds, since the newest loss
+        self._whole_us = -1
+        if reference is not None:
+            sensor = reference.pixel_map.sensor
+            if sensor != decoder.sensor:
+                raise MapError(
+                    f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
+                    "use the map of this camera"
+                )
+            Localiser(reference, every=every).advance(1)  # compiled before the stream runs
+            self._localiser = Localiser(reference, every=every)
+            if reference.settings.remove_bursts:
+                self._bursts = BurstFilter(sensor)
+            self._settings = reference.settings
+            self._table = reference.pixel_map.table()
+
+    @property
+    def bursts_removed(self) -> int:
+        """Events removed as bursts."""
+        return 0 if self._bursts is None else self._bursts.removed
+
+    def feed(self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False) -> Step:
+        """Take the next bytes.
+
+        Parameters
+        ----------
+        data : bytes
+        host_us : int
+            When they came.
+        lost : int
+            Bytes that the host dropped before them.
+        reopened : bool
+            Whether the link was lost before them.
+        """
+        events = []
+        if lost or reopened:
+            events.append(self.decoder.gap(lost))
+            self.decoder.health.reopened += reopened
+        events.append(self.decoder.feed(data, host_us))
+        return self._follow(np.concatenate(events) if len(events) > 1 else events[0])
+
+    def finish(self) -> Step:
+        """End the stream: what was held comes out."""
+        return self._follow(self.decoder.finish(), last=True)
+
+    def _follow(self, events: Events, *, last: bool = False) -> Step:
+        if self._localiser is None:
+            return Step(events, np.empty(0, dtype=MATCH_DTYPE), False)
+        pieces = [events] if self._bursts is None else self._bursts.pieces(events)
+        if last and self._bursts is not None:
+            pieces.append(self._bursts.finish())
+        matches = [self._localiser.update(piece) for piece in pieces]
+        found = np.concatenate([np.empty(0, dtype=MATCH_DTYPE), *matches])
+        return Step(events, found, self._incomplete(events))
+
+    def _incomplete(self, events: Events) -> bool:
+        """Tell whether a loss is younger than the windows that are compared.
+
+        The flag may stay a piece too long, and is never lifted too early.
+        """
+        losses = self.decoder.health.losses
+        if losses != self._losses:
+            self._losses, self._since, self._whole_us = losses, 0, -1
+        if self._losses == 0:
+            return False
+        if events.size:
+            if self._whole_us < 0:
+                self._whole_us = int(events["t"][-1])
+            self._since += self._selected(events)
+        settings = self._settings
+        if settings.window == "time":
+            span = settings.sequence_length * settings.tau_us
+            now = int(events["t"][-1]) if events.size else self._whole_us
+            return self._whole_us < 0 or now - self._whole_us < span
+        return self._since < settings.sequence_length * settings.events_per_window
+
+    def _selected(self, events: Events) -> int:
+        """Count the events at the selected pixels."""
+        if self._settings.window == "time" or self._localiser is None:
+            return 0
+        p = events["p"] if self._settings.polarity else None
+        return int(select_events(self._table, events["x"], events["y"], p)[0].size)

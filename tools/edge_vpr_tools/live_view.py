@@ -1,0 +1,137 @@
+"""What a live run shows: a view on a terminal, plain lines in a pipe, JSON for programs."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    from edge_vpr.stream.health import Health
+    from edge_vpr.stream.live import Step
+
+_REFRESH_S, _LINE_S = 0.125, 1.0
+
+
+class View:
+    """Counts, shows and logs.
+
+    Parameters
+    ----------
+    as_json : bool
+        JSON lines on standard output.
+    log : text file or None
+    places : int
+        In the map.
+    live : rich.live.Live or None
+        On a terminal.
+    """
+
+    def __init__(self, as_json: bool, log: TextIO | None, places: int, live: Any) -> None:
+        self._json, self._log, self._places, self._live = as_json, log, places, live
+        self._begin = self._shown = self._logged = time.monotonic()
+        self._events_then = 0
+        self._rate = 0.0
+        self._lag_s = 0.0
+        self._last: dict[str, Any] | None = None
+        self.matched = 0
+
+    def matches(self, step: Step, lag_s: float) -> None:
+        """Take what a piece of bytes brought, `lag_s` after it came."""
+        self._lag_s = lag_s
+        names = step.matches.dtype.names or ()
+        for row in step.matches.tolist():
+            match = dict(zip(names, row, strict=True))
+            # JSON has no not-a-number
+            match["ratio"] = match["ratio"] if match["ratio"] == match["ratio"] else None
+            self._last = {"kind": "match", **match, "incomplete": step.incomplete}
+            self.matched += 1
+            self._write(self._last)
+
+    def say(self, kind: str, text: str) -> None:
+        """Say that something happened."""
+        self._write({"kind": kind, "text": text})
+        if not self._json and self._live is None:
+            print(text, flush=True)
+
+    def tick(self, health: Health) -> None:
+        """Show how things are, if it is time to."""
+        now = time.monotonic()
+        since = now - self._shown
+        if since < (_LINE_S if self._live is None else _REFRESH_S):
+            return
+        self._rate = (health.events - self._events_then) / since
+        self._events_then, self._shown = health.events, now
+        if now - self._logged >= _LINE_S:
+            self._logged = now
+            self._write(self._health(health))
+        if self._live is not None:
+            self._live.update("\n".join(self._lines(health)))
+        elif not self._json:
+            print(" | ".join(self._lines(health)), flush=True)
+
+    def summary(self, health: Health, bursts_removed: int) -> None:
+        """Say how it went."""
+        self._write({**self._health(health), "kind": "summary", "matches": self.matched})
+        if self._json:
+            return
+        seconds = time.monotonic() - self._begin
+        print(
+            f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s, "
+            f"{self.matched:,} matches; {bursts_removed:,} events removed as bursts"
+        )
+        print(f"health: {health}; {health.describe_losses()}")
+
+    def _health(self, health: Health) -> dict[str, Any]:
+        return {
+            "kind": "health",
+            **asdict(health),
+            "rate": self._rate,
+            "lag_ms": 1e3 * self._lag_s,
+        }
+
+    def _lines(self, health: Health) -> list[str]:
+        lines = [f"{self._rate:,.0f} events/s", f"{health.events:,} events"]
+        if self._last is not None:
+            ratio = self._last["ratio"]
+            lines += [
+                f"place {self._last['place']} of {self._places}"
+                f" ({100 * self._last['place'] / max(1, self._places - 1):.0f} % of the route)",
+                "ratio -" if ratio is None else f"ratio {ratio:.3f}",
+            ]
+            if self._last["incomplete"]:
+                lines.append("incomplete: events were lost")
+        elif self._places:
+            lines.append("filling the first sequence")
+        return [*lines, f"{1e3 * self._lag_s:.1f} ms from byte to match", str(health)]
+
+    def _write(self, row: dict[str, Any]) -> None:
+        text = json.dumps(row)
+        if self._log is not None:
+            self._log.write(text + "\n")
+            if row["kind"] != "match":
+                self._log.flush()
+        if self._json:
+            print(text, flush=row["kind"] != "match")
+
+
+@contextmanager
+def open_view(as_json: bool, log: str | None, places: int) -> Iterator[View]:
+    """Open a view, and its log until the block ends."""
+    file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
+    try:
+        if as_json or not sys.stdout.isatty():
+            yield View(as_json, file, places, None)
+        else:
+            from rich.live import Live
+
+            with Live("waiting for events", auto_refresh=True) as live:
+                yield View(as_json, file, places, live)
+    finally:
+        if file is not None:
+            file.close()
