@@ -210,6 +210,15 @@ def test_block_memories_are_whole():
     assert counts.block_memories(design, [(256, 16), (512, 8)]) <= one
 
 
+def test_large_blocks_take_the_places_alone():
+    """Of 16384 x 16: 1,000 places of 19 words of 32 bits take four, as one word takes two."""
+    design = Design(width=346, height=260, pixels=150, places=1000)
+    shapes = [(256, 16), (512, 8), (1024, 4), (2048, 2)]
+    large, small = counts.large_and_small_blocks(design, [(16384, 16)], shapes)
+    assert large == 4
+    assert small < counts.block_memories(design, shapes)
+
+
 @pytest.mark.parametrize("target", EMULATED, ids=lambda target: target.name)
 def test_instructions_are_predicted_within_a_tenth(target, tmp_path):
     """Of those counted under emulation, for ten designs that the table was not fitted on."""

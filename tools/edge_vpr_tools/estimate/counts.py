@@ -6,13 +6,15 @@ its plain oracle does when every operation and every access is counted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from firmware_model.cost import Memory, memories, operations
 from firmware_model.design import Design
 from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, stride
 from fixedpoint.codes import packed_bytes
+
+Shapes = Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -175,13 +177,13 @@ def flash_bytes(design: Design) -> int:
     return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)
 
 
-def block_memories(design: Design, shapes: list[tuple[int, int]]) -> int:
+def block_memories(design: Design, shapes: Shapes) -> int:
     """Count block memories: each memory takes whole ones, in the shape that suits it best.
 
     Parameters
     ----------
     design : Design
-    shapes : list of (depth, width)
+    shapes : sequence of (depth, width)
         In which a block can be used.
     """
     return sum(
@@ -189,6 +191,14 @@ def block_memories(design: Design, shapes: list[tuple[int, int]]) -> int:
         for memory in memories(design).values()
         if memory.depth
     )
+
+
+def large_and_small_blocks(design: Design, large: Shapes, small: Shapes) -> tuple[int, int]:
+    """Count large blocks for the places, which are only read, and small ones for the rest."""
+    sized = memories(design)
+    places = sized.pop("places")
+    rest = sum(min(memory.tiles(*s) for s in small) for memory in sized.values() if memory.depth)
+    return min(places.tiles(*shape) for shape in large), rest
 
 
 def _traffic(design: Design, **accesses: tuple[int, int]) -> dict[str, Traffic]:

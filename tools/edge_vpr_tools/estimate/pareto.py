@@ -31,6 +31,8 @@ class Candidate:
         Of its folder.
     accuracy : float
         P@100R on its own drives.
+    own_places : int
+        Of its map, among which it was that accurate.
     design : Design
         Of its map; with as many places as the mission's route, if that is given.
     cost : Cost
@@ -41,6 +43,7 @@ class Candidate:
 
     name: str
     accuracy: float
+    own_places: int
     design: Design
     cost: Cost
     memory_bytes: int
@@ -98,6 +101,7 @@ def candidates(
             Candidate(
                 name=str(metrics.parent),
                 accuracy=told["precision_at_100_recall"],
+                own_places=len(reference),
                 design=design,
                 cost=cost(design, target, mission, cycle_energy),
                 memory_bytes=memory_bytes(design, target),

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from edge_vpr_tools.estimate.counts import Headline, block_memories, headline, sizes
+from edge_vpr_tools.estimate.counts import (
+    Headline,
+    block_memories,
+    headline,
+    large_and_small_blocks,
+    sizes,
+)
 from edge_vpr_tools.estimate.fit import Budget, Fit, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware
 from edge_vpr_tools.estimate.model import work as work_of
@@ -161,7 +167,7 @@ def candidates(found: Sequence[Candidate], budgets: Sequence[Budget]) -> None:
         best = fitting[0]
         _say(
             f"within {within}, the best that was evaluated: {best.name}, {best.accuracy:.1%} right "
-            "on its own drives, which says nothing of others"
+            f"on its own drives among {best.own_places:,} places, which says nothing of others"
         )
     else:
         _say(f"none of the evaluated runs fits {within}")
@@ -188,7 +194,7 @@ def basis(
     for constant in cited.values():
         _say(
             f"modelled from {_three(tuple(asdict(constant.value).values()))} {constant.unit} "
-            f"({constant.year}, {constant.node}): {constant.source}; {constant.uncertainty}"
+            f"(year {constant.year}, {constant.node}): {constant.source}; {constant.uncertainty}"
         )
 
 
@@ -218,28 +224,15 @@ def _fits_in(of: Design, target: Target) -> str:
         return _bytes(memory_bytes(of, target)) + (f": over {limit}" if limit else "")
     if not target.blocks:
         return _bytes(sizes(of).packed_bytes)
-    needed = block_memories(of, list(target.block_shapes))
+    needed = block_memories(of, target.block_shapes)
     if needed <= target.blocks:
         return f"{needed} of {target.blocks} blocks"
     if target.large_blocks:
-        large, rest = block_memories_with_large(of, target)
+        large, rest = large_and_small_blocks(of, target.large_block_shapes, target.block_shapes)
         return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large" + (
             "" if rest <= target.blocks and large <= target.large_blocks else ": too many"
         )
     return f"{needed} of {target.blocks} blocks: too many"
-
-
-def block_memories_with_large(of: Design, target: Target) -> tuple[int, int]:
-    """Large blocks for the places, which are only read, and small ones for the rest."""
-    from firmware_model.cost import memories
-
-    shapes = dict.fromkeys(memories(of), target.block_shapes)
-    shapes["places"] = target.large_block_shapes
-    tiles = {
-        name: min(memory.tiles(*shape) for shape in shapes[name])
-        for name, memory in memories(of).items()
-    }
-    return tiles.pop("places"), sum(tiles.values())
 
 
 def _instructions(told: dict[str, float] | None, unit: str, found: Cost) -> str:
@@ -267,8 +260,12 @@ def _spread(value: Spread, unit: str) -> str:
     )  # fmt: skip
     low, central, high = (x / factor for x in asdict(value).values())
     if low == high:
-        return f"{central:.3g} {prefix}{unit}"
-    return f"{central:.3g} ({low:.3g} to {high:.3g}) {prefix}{unit}"
+        return f"{_digits(central)} {prefix}{unit}"
+    return f"{_digits(central)} ({_digits(low)} to {_digits(high)}) {prefix}{unit}"
+
+
+def _digits(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1_000 else f"{value:.3g}"
 
 
 def _central(value: Spread, unit: str) -> str:

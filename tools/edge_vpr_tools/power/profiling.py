@@ -71,6 +71,12 @@ def profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
         energy["resolved"] = False
         energy["marginal_j_per_match"] = energy["matches_per_joule"] = None
     return found | {
+        "load": {
+            "recording": args.recording or "simulated street",
+            "every": args.every,
+            "packet": args.packet,
+            "events_a_round": workload.events_a_round,
+        },
         "map": {
             "places": len(reference),
             "pixels": len(reference.pixel_map),
