@@ -327,6 +327,9 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_files(number, drive, tmp_p
         env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
     )  # fmt: skip
     os.close(read_end)
+    # a run that says nothing fails this test instead of holding it up
+    watchdog = threading.Timer(90, run.kill)
+    watchdog.start()
     with os.fdopen(write_end, "wb") as pipe:
         pipe.write(sent)
         pipe.flush()
@@ -335,8 +338,10 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_files(number, drive, tmp_p
         while " 5,000 events" not in lines[-1]:
             lines.append(run.stdout.readline())
             assert lines[-1]
+            assert len(lines) < 90, lines[-3:]
         run.send_signal(number)
         out, err = run.communicate(timeout=20)
+    watchdog.cancel()
     assert run.returncode == 0, (err, lines, out)
     assert "5,000 events" in out
     assert "0 events lost on the way" in out
