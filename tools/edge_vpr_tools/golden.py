@@ -129,36 +129,17 @@ def _from_map(args: argparse.Namespace) -> tuple[Design, list[Case]]:
 
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.windows import narrow
-    from firmware_model import Design, Event, Memories
+    from edge_vpr_tools.estimate.of_map import design_of, device_codes
+    from firmware_model import Event, Memories
     from firmware_model.vectors import Case
-    from fixedpoint.codes import CounterCode, PixelCodes
 
     reference = ReferenceMap.load(args.map)
-    settings, counts = reference.settings, reference.places.counts
-    codes, places = reference.codes, counts
-    if codes is None:
-        # counts as they are; what a counter of 8 or 16 bits cannot hold, saturates
-        code = CounterCode("linear", 8 if counts.max(initial=0) < 1 << 8 else 16)
-        codes = PixelCodes.shared(code, counts.shape[1])
-        places = narrow(code.encode(counts))
-    design = Design(
-        width=reference.pixel_map.sensor.width,
-        height=reference.pixel_map.sensor.height,
-        pixels=len(reference.pixel_map),
-        polarity=settings.polarity,
-        code=codes.codes[0].kind,
-        code_bits=codes.codes[0].bits,
-        full_scales=tuple(code.full_scale for code in codes.codes),
-        window=settings.window,
-        tau_us=settings.tau_us,
-        window_events=max(1, settings.events_per_window),
-        places=len(reference),
-        length=settings.sequence_length,
-        lanes=args.lanes,
-        exclusion=settings.exclusion,
-    )
+    design = design_of(reference, args.lanes)
     if args.recording is None:
         return design, []
+    codes, places = device_codes(reference), reference.places.counts
+    if reference.codes is None:
+        places = narrow(codes.encode(places))
     pixels = np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist()
     memories = Memories(design, pixels, places.tolist(), codes.row.tolist())
     clock = 1 << design.timestamp_bits

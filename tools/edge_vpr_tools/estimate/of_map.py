@@ -26,10 +26,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     DesignError
         If the device could not be.
     """
-    settings, codes = reference.settings, reference.codes
-    if codes is None:
-        bits = 8 if reference.places.counts.max(initial=0) < 1 << 8 else 16
-        codes = PixelCodes.shared(CounterCode("linear", bits), reference.places.counts.shape[1])
+    settings, codes = reference.settings, device_codes(reference)
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -46,6 +43,18 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         lanes=lanes,
         exclusion=settings.exclusion,
     )
+
+
+def device_codes(reference: ReferenceMap) -> PixelCodes:
+    """Tell the codes of a device for this map.
+
+    Where the map holds counts as they are, they saturate at what 8 or 16 bits hold.
+    """
+    if reference.codes is not None:
+        return reference.codes
+    counts = reference.places.counts
+    bits = 8 if counts.max(initial=0) < 1 << 8 else 16
+    return PixelCodes.shared(CounterCode("linear", bits), counts.shape[1])
 
 
 def event_rates(reference: ReferenceMap) -> tuple[float, float]:
