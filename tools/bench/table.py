@@ -6,8 +6,9 @@ import os
 import platform
 from collections.abc import Iterable
 from importlib import metadata
-from pathlib import Path
 from typing import NamedTuple
+
+from edge_vpr_tools.provenance import processor_name
 
 #: the contestant that all others are compared with
 OURS = "edge-vpr"
@@ -80,16 +81,7 @@ def page(entries: Iterable[Entry], skipped: list[str]) -> str:
 
 def machine() -> str:
     """Name of the processor, its cores, and the system."""
-    name = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        fields = dict(
-            (part.strip() for part in line.split(":", 1))
-            for line in info.read_text(encoding="utf-8").splitlines()
-            if ":" in line
-        )
-        name = fields.get("model name", fields.get("Model", name))
-    return f"{name}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}"
+    return f"{processor_name()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}"
 
 
 def versions() -> str:
