@@ -187,6 +187,24 @@ class BurstFilter:
             self._first_is_burst = bool(burst[decided])
         return [piece for piece in pieces if piece.size]
 
+    def advance(self, until_us: int) -> Events:
+        """Let time pass without events, to T = `until_us`.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (m,)
+            The events known by now to belong to no burst, in order.
+        """
+        held = self._events
+        if held.size and until_us // BURST_SLOT_US > int(held["t"][-1]) // BURST_SLOT_US + 1:
+            return self.finish()
+        return held[:0]
+
+    @property
+    def holds(self) -> bool:
+        """Whether events wait for what comes after them."""
+        return self._events.size > 0
+
     def finish(self) -> Events:
         """End the stream.
 

@@ -136,9 +136,19 @@ class Localiser:
     @property
     def complete(self) -> bool:
         """Whether the L windows are complete, so that matches are given."""
+        seen, whole = self._seen_and_whole()
+        return seen >= whole
+
+    @property
+    def filled(self) -> float:
+        """Share of the L windows that has been seen, 0 to 1."""
+        seen, whole = self._seen_and_whole()
+        return min(1.0, seen / whole)
+
+    def _seen_and_whole(self) -> tuple[int, int]:
         if isinstance(self._window, FixedTime):
-            return self._now >= self._length * self._window.tau_us
-        return bool(self._s.bound[0] >= self._length * self._window.events)
+            return self._now, self._length * self._window.tau_us
+        return int(self._s.bound[0]), self._length * self._window.events
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
         """Feed the next events.

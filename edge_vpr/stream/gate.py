@@ -78,6 +78,19 @@ class Gate:
         if not self._state[_DATED]:
             self._state[_DATED], self._state[_LAST] = 1, time
 
+    def reach(self, time: int) -> None:
+        """Learn that the device's clock has come to `time`, and that no later event is earlier."""
+        state = self._state
+        step = time - state[_LAST]
+        if state[_DATED] and not self._period and 0 < step <= self._limits[1]:
+            state[_NOW] += step
+            state[_LAST] = time
+
+    @property
+    def reached_us(self) -> int:
+        """Time of the newest event, or of what `reach` told since: no later event is earlier."""
+        return int(self._state[_NOW]) * self._tick
+
     def admit(self, columns: Columns) -> Events:
         """Take decoded events in the order of the stream.
 

@@ -14,6 +14,8 @@ from edge_vpr.stream.links import Link, LinkClosed, LinkError
 
 #: 0.9 s of a line of 12 Mbaud.
 BUFFER_BYTES = 1 << 20
+#: Bytes that have waited for so long are dropped, with all that wait behind them.
+MAX_LAG_S = 0.5
 _WAIT_S = 0.1
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
 
@@ -48,10 +50,20 @@ class Intake:
     setup, teardown : bytes
         What to send when it opens and before it closes.
     retry : bool
-        Open the link again when it is lost; else that is the end.
+        Open a live link again when it is lost; else, and for files and pipes, that is the end.
     drop : bool or None
-        When the buffer is full, drop its oldest bytes; else let the link wait. None: drop if the
-        link is live.
+        When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it,
+        so that what follows is of one piece again; else let the link wait. None: drop if the link
+        is live.
+    buffer_bytes : int
+    max_lag_s : float
+
+    Attributes
+    ----------
+    error : EdgeVprError or None
+        Why it ended, if that was no ordinary end.
+    lost_link : str
+        Why the link is closed right now, until it is open again; else empty.
     """
 
     def __init__(
@@ -63,15 +75,18 @@ class Intake:
         retry: bool = False,
         drop: bool | None = None,
         buffer_bytes: int = BUFFER_BYTES,
+        max_lag_s: float = MAX_LAG_S,
     ) -> None:
         self._open, self._setup, self._teardown = open_link, setup, teardown
-        self._retry, self._drop, self._most = retry, drop, buffer_bytes
+        self._retry, self._drop = retry, drop
+        self._most, self._max_lag_s = buffer_bytes, max_lag_s
         self._pieces: deque[Piece] = deque()
         self._held = 0
         self._changed = threading.Condition()
         self._stopping = threading.Event()
         self._ended = False
         self.error: EdgeVprError | None = None
+        self.lost_link = ""
         self._link = open_link()  # the first failure is the caller's to see
         self.address = self._link.address
         self._thread = threading.Thread(target=self._run, name="edge-vpr intake", daemon=True)
@@ -111,14 +126,15 @@ class Intake:
                     self._read(link, reopened)
                 except LinkError as error:
                     link.close()
-                    if not self._retry:
+                    if not (self._retry and link.live):
                         # an end is an end; anything else is a failure to tell
                         self.error = None if isinstance(error, LinkClosed) else error
                         return
+                    self.lost_link = str(error)
                 again = self._reopen()
                 if again is None:
                     return
-                link, reopened = again, True
+                link, reopened, self.lost_link = again, True, ""
         finally:
             with contextlib.suppress(LinkError):
                 self._send(link, self._teardown)
@@ -137,25 +153,20 @@ class Intake:
 
     def _put(self, piece: Piece, drop: bool) -> None:
         with self._changed:
-            while self._held and self._held + len(piece.data) > self._most:
+            while not drop and self._held and self._held + len(piece.data) > self._most:
                 if self._stopping.is_set():
                     return
-                if not drop:
-                    self._changed.wait(_WAIT_S)
-                    continue
-                oldest = self._pieces.popleft()
-                self._held -= len(oldest.data)
-                gone = oldest.lost + len(oldest.data)
-                # the newest are kept; what is missing is told with what comes next
-                if self._pieces:
-                    after = self._pieces[0]
-                    self._pieces[0] = after._replace(
-                        lost=after.lost + gone, reopened=after.reopened or oldest.reopened
-                    )
-                else:
+                self._changed.wait(_WAIT_S)
+            if drop and self._pieces:
+                oldest = self._pieces[0]
+                full = self._held + len(piece.data) > self._most
+                if full or piece.at_s - oldest.at_s > self._max_lag_s:
                     piece = piece._replace(
-                        lost=piece.lost + gone, reopened=piece.reopened or oldest.reopened
+                        lost=self._held + sum(each.lost for each in self._pieces),
+                        reopened=piece.reopened or any(each.reopened for each in self._pieces),
                     )
+                    self._pieces.clear()
+                    self._held = 0
             self._pieces.append(piece)
             self._held += len(piece.data)
             self._changed.notify_all()

@@ -58,8 +58,10 @@ class LiveLocaliser:
         self._localiser: Localiser | None = None
         self._bursts: BurstFilter | None = None
         self._losses = 0
-        self._since = 0  # events, then microseconds, since the newest loss
-        self._whole_us = -1
+        self._since = 0  # events at the selected pixels since the newest loss
+        self._whole_us = -1  # first time after it
+        self._reached = 0
+        self._time = 0  # of the newest event, or the localiser's if that is later
         if reference is not None:
             sensor = reference.pixel_map.sensor
             if sensor != decoder.sensor:
@@ -103,15 +105,31 @@ class LiveLocaliser:
         """End the stream: what was held comes out."""
         return self._follow(self.decoder.finish(), last=True)
 
+    @property
+    def filled(self) -> float:
+        """Share of the first sequence that has been seen, 0 to 1; from 1 on there are matches."""
+        return 0.0 if self._localiser is None else self._localiser.filled
+
     def _follow(self, events: Events, *, last: bool = False) -> Step:
         if self._localiser is None:
             return Step(events, np.empty(0, dtype=MATCH_DTYPE), False)
-        pieces = [events] if self._bursts is None else self._bursts.pieces(events)
-        if last and self._bursts is not None:
-            pieces.append(self._bursts.finish())
-        matches = [self._localiser.update(piece) for piece in pieces]
+        matches = [self._localiser.update(piece) for piece in self._cleaned(events, last)]
+        reached = self.decoder.reached_us
+        if reached > self._time and not (self._bursts and self._bursts.holds):
+            # a device that sees nothing may say so: time passes, and what is matched is empty
+            matches.append(self._localiser.advance(reached))
+            self._time = reached
         found = np.concatenate([np.empty(0, dtype=MATCH_DTYPE), *matches])
         return Step(events, found, self._incomplete(events))
+
+    def _cleaned(self, events: Events, last: bool) -> list[Events]:
+        if events.size:
+            self._time = int(events["t"][-1])
+        if self._bursts is None:
+            return [events]
+        pieces = self._bursts.pieces(events)
+        quiet = self._bursts.finish() if last else self._bursts.advance(self.decoder.reached_us)
+        return [*pieces, quiet]
 
     def _incomplete(self, events: Events) -> bool:
         """Tell whether a loss is younger than the windows that are compared.
@@ -122,15 +140,17 @@ class LiveLocaliser:
         if losses != self._losses:
             self._losses, self._since, self._whole_us = losses, 0, -1
         if self._losses == 0:
+            self._reached = self.decoder.reached_us
             return False
-        if events.size:
+        now = self.decoder.reached_us
+        if events.size or now > self._reached:
+            self._reached = now
             if self._whole_us < 0:
-                self._whole_us = int(events["t"][-1])
+                self._whole_us = now
             self._since += self._selected(events)
         settings = self._settings
         if settings.window == "time":
             span = settings.sequence_length * settings.tau_us
-            now = int(events["t"][-1]) if events.size else self._whole_us
             return self._whole_us < 0 or now - self._whole_us < span
         return self._since < settings.sequence_length * settings.events_per_window
 

@@ -99,6 +99,7 @@ class EvprDecoder(Decoder):
         if x_bits + y_bits + 2 > 8 * width:
             return -1
         self._gate.start_at(base)
+        self._idle_at = -1 if words else base
         n = _take_words(
             frame[HEADER.size : end], width, x_bits, y_bits, base,
             self._t[at:], self._x[at:], self._y[at:], self._p[at:],

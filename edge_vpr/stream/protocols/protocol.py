@@ -41,11 +41,18 @@ class Decoder(ABC):
         self.health = Health(accounting)
         self._pending = b""
         self._host_us = 0
+        # what the device's clock says after the newest event, where a protocol tells; else -1
+        self._idle_at = -1
         self._gate = Gate(sensor, clock, self.health)
 
     def adopt(self, health: Health) -> None:
         """Count in another's `health` from now on."""
         self.health = self._gate.health = health
+
+    @property
+    def reached_us(self) -> int:
+        """Time up to which the stream is known: no later event is earlier than this."""
+        return self._gate.reached_us
 
     def setup(self) -> bytes:
         """Tell what to send to the device when the link opens."""
@@ -111,6 +118,9 @@ class Decoder(ABC):
         self.health.decoded_bytes += used - (self.health.skipped_bytes - before)
         self.health.pending_bytes = len(self._pending)
         events = [self._gate.admit(part) for part in parts]
+        if self._idle_at >= 0:
+            self._gate.reach(self._idle_at)
+            self._idle_at = -1
         if len(events) == 1:
             return events[0]
         return np.concatenate(events) if events else self._gate.admit(no_columns())
