@@ -201,9 +201,11 @@ class BurstFilter:
         return held[:0]
 
     @property
-    def holds(self) -> bool:
-        """Whether events wait for what comes after them."""
-        return self._events.size > 0
+    def known_us(self) -> int:
+        """Time before which every event has left the filter; without events, no bound."""
+        if self._events.size == 0:
+            return np.iinfo(np.int64).max
+        return int(self._events["t"][0]) // BURST_SLOT_US * BURST_SLOT_US
 
     def finish(self) -> Events:
         """End the stream.

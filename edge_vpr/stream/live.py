@@ -61,7 +61,7 @@ class LiveLocaliser:
         self._since = 0  # events at the selected pixels since the newest loss
         self._whole_us = -1  # first time after it
         self._reached = 0
-        self._time = 0  # of the newest event, or the localiser's if that is later
+        self._time = 0  # up to which the localiser has followed
         if reference is not None:
             sensor = reference.pixel_map.sensor
             if sensor != decoder.sensor:
@@ -114,22 +114,26 @@ class LiveLocaliser:
         if self._localiser is None:
             return Step(events, np.empty(0, dtype=MATCH_DTYPE), False)
         matches = [self._localiser.update(piece) for piece in self._cleaned(events, last)]
-        reached = self.decoder.reached_us
-        if reached > self._time and not (self._bursts and self._bursts.holds):
-            # a device that sees nothing may say so: time passes, and what is matched is empty
-            matches.append(self._localiser.advance(reached))
-            self._time = reached
+        known = self.decoder.reached_us
+        if self._bursts is not None:
+            known = min(known, self._bursts.known_us)
+        if known > self._time:
+            # events held back are later than this, and a device that sees nothing may say so
+            matches.append(self._localiser.advance(known))
+            self._time = known
         found = np.concatenate([np.empty(0, dtype=MATCH_DTYPE), *matches])
         return Step(events, found, self._incomplete(events))
 
     def _cleaned(self, events: Events, last: bool) -> list[Events]:
-        if events.size:
-            self._time = int(events["t"][-1])
-        if self._bursts is None:
-            return [events]
-        pieces = self._bursts.pieces(events)
-        quiet = self._bursts.finish() if last else self._bursts.advance(self.decoder.reached_us)
-        return [*pieces, quiet]
+        pieces = [events]
+        if self._bursts is not None:
+            pieces = self._bursts.pieces(events)
+            reached = self.decoder.reached_us
+            pieces.append(self._bursts.finish() if last else self._bursts.advance(reached))
+        for piece in pieces:
+            if piece.size:
+                self._time = int(piece["t"][-1])
+        return pieces
 
     def _incomplete(self, events: Events) -> bool:
         """Tell whether a loss is younger than the windows that are compared.

@@ -11,11 +11,31 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+import numpy as np
+
 if TYPE_CHECKING:
     from edge_vpr.stream.health import Health
-    from edge_vpr.stream.live import Step
+    from edge_vpr.stream.live import LiveLocaliser, Step
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
+
+
+class Lags:
+    """How long pieces took from their arrival to their match, in bins of 0.1 ms up to a second."""
+
+    def __init__(self) -> None:
+        self._pieces = np.zeros(10_001, dtype=np.int64)
+
+    def add(self, lag_s: float) -> None:
+        """Count a piece."""
+        self._pieces[min(int(1e4 * lag_s), self._pieces.size - 1)] += 1
+
+    def percentile_ms(self, share: float) -> float | None:
+        """Lag that this share of the pieces stayed under, to 0.1 ms; None without pieces."""
+        sums = np.cumsum(self._pieces)
+        if not sums[-1]:
+            return None
+        return float(np.searchsorted(sums, share * sums[-1]) + 1) / 10
 
 
 class View:
@@ -38,12 +58,15 @@ class View:
         self._events_then = 0
         self._rate = 0.0
         self._lag_s = 0.0
+        self._lags = Lags()
         self._last: dict[str, Any] | None = None
         self.matched = 0
 
     def matches(self, step: Step, lag_s: float) -> None:
         """Take what a piece of bytes brought, `lag_s` after it came."""
-        self._lag_s = lag_s
+        if step.events.size:
+            self._lag_s = lag_s
+            self._lags.add(lag_s)
         names = step.matches.dtype.names or ()
         for row in step.matches.tolist():
             match = dict(zip(names, row, strict=True))
@@ -52,6 +75,9 @@ class View:
             self._last = {"kind": "match", **match, "incomplete": step.incomplete}
             self.matched += 1
             self._write(self._last)
+        if self._json and step.matches.size:
+            # a program at the other end of a pipe waits for this
+            sys.stdout.flush()
 
     def say(self, kind: str, text: str) -> None:
         """Say that something happened."""
@@ -59,21 +85,22 @@ class View:
         if not self._json and self._live is None:
             print(text, flush=True)
 
-    def tick(self, health: Health) -> None:
+    def tick(self, live: LiveLocaliser) -> None:
         """Show how things are, if it is time to."""
         now = time.monotonic()
         since = now - self._shown
         if since < (_LINE_S if self._live is None else _REFRESH_S):
             return
+        health = live.decoder.health
         self._rate = (health.events - self._events_then) / since
         self._events_then, self._shown = health.events, now
         if now - self._logged >= _LINE_S:
             self._logged = now
             self._write(self._health(health))
         if self._live is not None:
-            self._live.update("\n".join(self._lines(health)))
+            self._live.update("\n".join(self._lines(health, live.filled)))
         elif not self._json:
-            print(" | ".join(self._lines(health)), flush=True)
+            print(" | ".join(self._lines(health, live.filled)), flush=True)
 
     def summary(self, health: Health, bursts_removed: int) -> None:
         """Say how it went."""
@@ -85,6 +112,9 @@ class View:
             f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s, "
             f"{self.matched:,} matches; {bursts_removed:,} events removed as bursts"
         )
+        half, most = (self._lags.percentile_ms(share) for share in (0.5, 0.99))
+        if half is not None:
+            print(f"from byte to match: {half:.1f} ms median, {most:.1f} ms for 99 %")
         print(f"health: {health}; {health.describe_losses()}")
 
     def _health(self, health: Health) -> dict[str, Any]:
@@ -93,9 +123,11 @@ class View:
             **asdict(health),
             "rate": self._rate,
             "lag_ms": 1e3 * self._lag_s,
+            "lag_p50_ms": self._lags.percentile_ms(0.5),
+            "lag_p99_ms": self._lags.percentile_ms(0.99),
         }
 
-    def _lines(self, health: Health) -> list[str]:
+    def _lines(self, health: Health, filled: float) -> list[str]:
         lines = [f"{self._rate:,.0f} events/s", f"{health.events:,} events"]
         if self._last is not None:
             ratio = self._last["ratio"]
@@ -107,7 +139,7 @@ class View:
             if self._last["incomplete"]:
                 lines.append("incomplete: events were lost")
         elif self._places:
-            lines.append("filling the first sequence")
+            lines.append(f"first sequence {100 * filled:.0f} % full")
         return [*lines, f"{1e3 * self._lag_s:.1f} ms from byte to match", str(health)]
 
     def _write(self, row: dict[str, Any]) -> None:

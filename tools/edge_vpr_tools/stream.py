@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from edge_vpr.stream.intake import Intake
     from edge_vpr.stream.live import LiveLocaliser, Step
     from edge_vpr_tools.live_view import View
+    from edge_vpr_tools.rerun_view import RerunView
 
 HELP = "localise live from a camera on a serial line, TCP, UDP, a pipe or a file"
 STALLED_S = 1.0
@@ -46,10 +47,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="drop the oldest bytes and count them, or let the sender wait (default: drop, but for "
         "files and pipes)",
     )  # fmt: skip
+    parser.add_argument(
+        "--max-lag", default="500ms", metavar="TIME",
+        help="on overload, drop everything that waits once its oldest bytes have waited so long "
+        "(default 500ms)",
+    )  # fmt: skip
     parser.add_argument("--log", metavar="RUN.jsonl", help="write matches and health as JSON lines")
     parser.add_argument(
         "--record", action="append", default=[], metavar="FILE",
         help="write raw bytes (.bin) or events (.npz, .raw, ...); may be given twice",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rerun", nargs="?", const="viewer", metavar="FILE.rrd",
+        help="show events and matches in the Rerun viewer, or save them for it",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="JSON lines on standard output")
     parser.add_argument("--learn", action="store_true", help="make a map of this drive")
@@ -96,7 +106,8 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("the size of the sensor is not known: pass --sensor WIDTHxHEIGHT or --map")
     if sum(Path(name).suffix != ".bin" for name in args.record) > (0 if args.learn else 1):
         raise UsageError("one file of events can be recorded, and none with --learn: use .bin")
-    for name in filter(None, [*args.record, args.log, args.output]):
+    saved = None if args.rerun == "viewer" else args.rerun
+    for name in filter(None, [*args.record, args.log, args.output, saved]):
         path = Path(name)
         if path.exists() and not args.overwrite:
             raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
@@ -135,15 +146,17 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
     from edge_vpr_tools.interrupt import stopped_by_signals
     from edge_vpr_tools.live_view import open_view
     from edge_vpr_tools.online import parse_every
+    from edge_vpr_tools.rerun_view import open_rerun
+    from edge_vpr_tools.setting_flags import duration_us
 
     sensor = Sensor.parse(args.sensor) if args.sensor else None
     if sensor is None:
         assert reference is not None
         sensor = reference.pixel_map.sensor
     decoder = open_decoder(args.protocol, sensor)
+    decoder.warm_up()
     every = None if reference is None else parse_every(args.every, reference)
     live = LiveLocaliser(decoder, reference, every)
-    stopping = threading.Event()
     with ExitStack() as stack:
         raw = [
             stack.enter_context(Path(name).open("wb"))
@@ -151,6 +164,8 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
             if Path(name).suffix == ".bin"
         ]
         view = stack.enter_context(open_view(args.json, args.log, len(reference or ())))
+        rerun = stack.enter_context(open_rerun(args.rerun, sensor))
+        stopping = threading.Event()
         stack.enter_context(stopped_by_signals(stopping))
         intake = Intake(
             lambda: open_link(args.port, baud=args.baud, flow_control=args.flow_control),
@@ -158,9 +173,10 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
             teardown=decoder.teardown(),
             retry=not args.once,
             drop=None if args.on_overload is None else args.on_overload == "drop",
+            max_lag_s=duration_us(args.max_lag) / 1e6,
         )
         stack.callback(intake.stop)
-        events = _events(intake, live, view, raw, stopping)
+        events = _events(intake, live, view, raw, rerun, stopping)
         files = [Path(name) for name in args.record if Path(name).suffix != ".bin"]
         target = drive or (files[0] if files else None)
         try:
@@ -176,32 +192,43 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
 
 
 def _events(
-    intake: Intake, live: LiveLocaliser, view: View, raw: list[Any], stopping: threading.Event
+    intake: Intake,
+    live: LiveLocaliser,
+    view: View,
+    raw: list[Any],
+    rerun: RerunView | None,
+    stopping: threading.Event,
 ) -> Iterator[Events]:
     """Yield the stream's events while it is matched and shown."""
     begin = heard = time.monotonic()
-    stalled = False
+    silent = closed = False
     while not (stopping.is_set() or intake.ended):
         piece = intake.take(0.1)
-        if piece is None:
-            if not stalled and time.monotonic() - heard > STALLED_S:
-                stalled = True
-                live.decoder.health.stalls += 1
-                view.say("stalled", f"no bytes for {STALLED_S:g} s from {intake.address}")
-        else:
-            heard, stalled = piece.at_s, False
+        step: Step | None = None
+        if piece is not None:
+            heard, silent = piece.at_s, False
             for file in raw:
                 file.write(piece.data)
-            step: Step = live.feed(
+            step = live.feed(
                 piece.data,
                 int((piece.at_s - begin) * 1e6),
                 lost=piece.lost,
                 reopened=piece.reopened,
             )
             view.matches(step, time.monotonic() - piece.at_s)
+        elif bool(intake.lost_link) != closed:
+            closed = not closed
+            view.say("link", f"{intake.lost_link}; trying again" if closed else "open again")
+        elif not (silent or closed or intake.ended) and time.monotonic() - heard > STALLED_S:
+            silent = True
+            live.decoder.health.stalls += 1
+            view.say("stalled", f"no bytes for {STALLED_S:g} s from {intake.address}")
+        if step is not None:
+            if rerun is not None:
+                rerun.show(step)
             if step.events.size:
                 yield step.events
-        view.tick(live.decoder.health)
+        view.tick(live)
     step = live.finish()
     view.matches(step, 0.0)
     if step.events.size:

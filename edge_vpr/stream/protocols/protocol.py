@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.gate import Clock, Gate, no_columns
 from edge_vpr.stream.health import UNKNOWN, Health
@@ -54,6 +55,21 @@ class Decoder(ABC):
         """Time up to which the stream is known: no later event is earlier than this."""
         return self._gate.reached_us
 
+    def warm_up(self) -> None:
+        """Compile what decoding needs, which takes up to seconds, before the first bytes come.
+
+        Neither the decoder's state nor its health changes.
+        """
+        for sample in self._samples():
+            scratch = copy.deepcopy(self)
+            scratch.feed(sample)
+            scratch.gap(1)
+            scratch.finish()
+
+    def _samples(self) -> Iterable[bytes]:
+        """Give streams that need, together, all of this decoder's kernels."""
+        return ()
+
     def setup(self) -> bytes:
         """Tell what to send to the device when the link opens."""
         return b""
@@ -61,6 +77,9 @@ class Decoder(ABC):
     def teardown(self) -> bytes:
         """Tell what to send to the device before the link closes."""
         return b""
+
+    def warm_up(self) -> None:  # noqa: B027, not every protocol has kernels
+        """Compile what decoding needs, so that the first bytes do not wait for it."""
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
         """Take the next bytes.
@@ -161,6 +180,11 @@ class Encoder(ABC):
 
     #: Whether the host speaks first, so that a device is silent until then.
     waits_for_host: bool = False
+
+
+def made_up_events(n: int = 1_000) -> Events:
+    """Events that fit any sensor, to encode as a sample."""
+    return make_events(np.arange(n) * 10, np.zeros(n), np.zeros(n), np.arange(n) % 2)
 
 
 class OptionReader:
