@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
@@ -109,6 +108,14 @@ class Gate:
         self._report(t.size, n)
         return out[:n]
 
+    def succeed(self, other: Gate) -> None:
+        """Go on where `other` ended, on another clock: the order of events is kept."""
+        other.finish()
+        self._state[:] = other._state
+        self._state[_DATED] = 0
+        self._state[_RESETS] += 1
+        self._report(0, 0)
+
     def finish(self) -> None:
         """End the stream: what is still held was never confirmed."""
         self._state[_LEAPS] += self._state[_HELD]
@@ -155,7 +162,7 @@ def _admit(  # type: ignore[no-untyped-def]
             continue
         time = np.int64(t[i])
         if not dated:
-            dated, last, now = 1, time, 0
+            dated, last = 1, time
         step = _step(last, time, period, late)
         if 0 <= step <= step_limit:
             if n_held:  # a good event after those held: they were nonsense
@@ -197,8 +204,8 @@ def _admit(  # type: ignore[no-untyped-def]
     return n
 
 
-def no_columns() -> Columns:
-    """No events, as columns."""
-    none: npt.NDArray[np.int64] = np.empty(0, dtype=np.int64)
-    coordinate = none.astype(np.uint16)
-    return Columns(none, coordinate, coordinate, none.astype(np.bool_))
+def no_columns(n: int = 0) -> Columns:
+    """Room for `n` events, as columns."""
+    return Columns(
+        np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.bool_)
+    )

@@ -26,7 +26,7 @@ from edge_vpr.stream.protocols.layout import (
     in_sync,
     pace_of,
 )
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
 from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, assemble
 
 SENSOR = Sensor(128, 128)
@@ -286,6 +286,13 @@ class EdvsDecoder(Decoder):
         events = [] if self._inner is not None else [self._detect(0, last=True)]
         end = super().finish() if self._inner is None else self._inner.finish()
         return np.concatenate([*events, end])
+
+    def _samples(self) -> Iterable[bytes]:
+        for bits in {32, STEPS} & set(self._bits) or self._bits:
+            encoder = EdvsEncoder(self.sensor, bits, self._syncs[0], "new", echo=False)
+            words = encoder.encode(made_up_events())
+            # a byte is lost in the midst of them
+            yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         return [], b""

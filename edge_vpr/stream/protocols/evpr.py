@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.gate import Clock
 from edge_vpr.stream.health import EXACT
 from edge_vpr.stream.protocols.cobs import stuff, unstuff
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
 
 #: Longest frame before stuffing, and with stuffing (without the zero at its end).
 MAX_FRAME = 8_192
@@ -40,6 +41,9 @@ class EvprDecoder(Decoder):
         self._dropped = 0
         self._endless = False  # within a frame that is too long already
         self._reserve(1 << 14)
+
+    def _samples(self) -> Iterable[bytes]:
+        yield EvprEncoder(Sensor(1, 1)).encode(made_up_events())
 
     def setup(self) -> bytes:
         """Say that the host is there, by an empty frame."""

@@ -78,9 +78,6 @@ class Decoder(ABC):
         """Tell what to send to the device before the link closes."""
         return b""
 
-    def warm_up(self) -> None:  # noqa: B027, not every protocol has kernels
-        """Compile what decoding needs, so that the first bytes do not wait for it."""
-
     def feed(self, data: bytes, host_us: int = 0) -> Events:
         """Take the next bytes.
 
