@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import re
 import time
 from dataclasses import asdict
 
@@ -13,6 +15,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.request import calibrated
 from edge_vpr_tools.power import pmic
 from edge_vpr_tools.power.conditions import Conditions, void_because
+from edge_vpr_tools.power.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
 from edge_vpr_tools.power.sensor import About, Sensor, SensorError, find_sensors
 from edge_vpr_tools.power.statistics import interval
@@ -50,10 +53,34 @@ def test_a_power_file_is_taken_before_volts_times_amperes(tmp_path, chip):
     sensor = only(tmp_path)
     assert sensor.read() == 2.5
     assert sensor.about.kind == "power" and sensor.about.period_s == 0.034
-    told = "2 mOhm inside" if chip == "ina260" else "100 mOhm: confirm"
+    told = "2 mOhm inside" if chip == "ina260" else "100 mOhm taken by the driver: confirm"
     assert told in sensor.about.detail
+    assert sensor.about.shunt_mohm == (None if chip == "ina260" else 100.0)
     (folder / "power1_input").unlink()
     assert only(tmp_path).read() == pytest.approx(2.0)
+
+
+def test_a_confirmed_shunt_corrects_what_the_driver_took(tmp_path):
+    """10 mOhm by default, 100 mOhm on the board: a tenth of the power; the driver's step too."""
+    write(
+        tmp_path / HWMON / "hwmon0", name="ina219", power1_input=40_000_000, shunt_resistor=10_000
+    )
+    taken = only(tmp_path)
+    assert taken.about.resolution == pytest.approx(0.02)  # 20 times 1 mA
+    confirmed = with_shunt(taken, 100.0)
+    assert confirmed.read() == pytest.approx(4.0)
+    assert confirmed.about.resolution == pytest.approx(0.002)
+    assert "as confirmed" in confirmed.about.detail and "confirm that" not in confirmed.about.detail
+    write(tmp_path / HWMON / "hwmon0", name="ina260", power1_input=1)
+    with pytest.raises(UsageError, match="does not tell the shunt"):
+        with_shunt(only(tmp_path), 100.0)
+
+
+def test_gain_errors_are_of_the_data_sheets_or_said_to_be_assumed():
+    """Each chip names its source; both factors of a power count."""
+    for chip in CHIPS.values():
+        assert 0 < chip.current_gain + chip.voltage_gain == chip.gain_error < 0.02
+        assert re.search(r"S[BL][OY]S\w+|assumed", chip.source)
 
 
 def test_an_energy_file_is_taken_first(tmp_path):
@@ -109,14 +136,14 @@ def test_rapl_unwraps_its_counter(tmp_path):
 def test_a_refused_sensor_says_why(tmp_path, monkeypatch):
     """Root may read everything: permission is refused by hand."""
     folder = rapl(tmp_path, 1)
-    read_text = type(folder).read_text
+    opened = os.open
 
     def refuse(path, *args, **kwargs):
-        if path.name == "energy_uj":
+        if path == folder / "energy_uj":
             raise PermissionError(13, "Permission denied")
-        return read_text(path, *args, **kwargs)
+        return opened(path, *args, **kwargs)
 
-    monkeypatch.setattr(type(folder), "read_text", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     sensors, missing = find_sensors(tmp_path)
     assert not sensors
     assert any("may not be read" in str(one) and "sudo" in str(one) for one in missing)

@@ -14,7 +14,7 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
     """Find the rails; that of the whole board first: it contains the others."""
     sensors: list[Sensor] = []
     refused = []
-    pattern = "sys/bus/i2c/drivers/ina3221x/*/iio:device*/rail_name_*"
+    pattern = "sys/bus/i2c/drivers/ina3221x/*/iio[:_]device*/rail_name_*"
     for label in sorted(root.glob(pattern)):
         number, rail = label.name.removeprefix("rail_name_"), read_text(label)
         about = About(
@@ -23,10 +23,10 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
             scope="whole board" if rail in WHOLE_BOARD else f"rail {rail} only",
             period_s=_PERIOD_S,
             resolution=_RESOLUTION_W,
-            gain_error=CHIPS["ina3221"] + SHUNT_TOLERANCE,
-            detail="the board's own shunts",
+            gain_error=CHIPS["ina3221"].gain_error + SHUNT_TOLERANCE,
+            detail=f"the board's own shunts; {CHIPS['ina3221'].source}",
         )
-        sensor = PowerFile(about, label.with_name(f"in_power{number}_input"), 1e-3)
+        sensor = PowerFile(about, label.with_name(f"in_power{number}_input"), unit=1e-3)
         try:
             sensor.read()
         except SensorError as error:

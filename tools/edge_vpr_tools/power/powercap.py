@@ -7,9 +7,9 @@ from pathlib import Path
 from edge_vpr_tools.power.sensor import (
     About,
     Missing,
+    NumberFile,
     Sensor,
     SensorError,
-    read_number,
     read_text,
 )
 
@@ -21,24 +21,31 @@ class Package(Sensor):
     """
 
     def __init__(self, about: About, folder: Path) -> None:
-        self.about, self._counter = about, folder / "energy_uj"
-        self._range = read_number(folder / "max_energy_range_uj")
-        self._last = read_number(self._counter)
+        self.about, self._path = about, folder / "energy_uj"
+        self._counter = NumberFile(self._path)
+        span = NumberFile(folder / "max_energy_range_uj")
+        self._range = span.read()
+        span.close()
+        self._last = self._counter.read()
         self._total = 0.0
 
     def read(self) -> float:
         """Joules since the sensor was opened."""
-        now = read_number(self._counter)
+        now = self._counter.read()
         step = now - self._last
         if step < 0:
             step += self._range + 1
         if not 0 <= now <= self._range or step < 0:
             raise SensorError(
-                f"{self._counter} reads {now:g} uJ of at most {self._range:g}: it cannot be trusted"
+                f"{self._path} reads {now:g} uJ of at most {self._range:g}: it cannot be trusted"
             )
         self._last = now
         self._total += step
         return self._total * 1e-6
+
+    def close(self) -> None:
+        """See `Sensor.close`."""
+        self._counter.close()
 
 
 def find(root: Path) -> tuple[list[Sensor], list[Missing]]:

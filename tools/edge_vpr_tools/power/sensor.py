@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import math
+import os
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,9 +41,11 @@ class About:
     resolution : float
         Step of a reading, in joules or watts; 0 where it is not known.
     gain_error : float
-        Largest relative error of the scale, by data sheet, shunt included.
+        Largest relative error of the scale, shunt included.
     detail : str
-        What the user has to confirm, for example the shunt.
+        Where the gain error is from, and what the user has to confirm.
+    shunt_mohm : float, optional
+        The shunt that the reading was computed with, where that is told.
     """
 
     name: str
@@ -49,6 +55,7 @@ class About:
     resolution: float = 0.0
     gain_error: float = 0.0
     detail: str = ""
+    shunt_mohm: float | None = None
 
 
 class Sensor(ABC):
@@ -65,6 +72,19 @@ class Sensor(ABC):
         SensorError
             If it vanished, refuses, or reads what cannot be.
         """
+
+    def sample(self) -> tuple[float, float]:
+        """Read, and tell of what moment of the monotonic clock it is.
+
+        The same moment twice is the same reading.
+        """
+        before = time.monotonic()
+        value = self.read()
+        # of some moment between the two
+        return (before + time.monotonic()) / 2, value
+
+    def close(self) -> None:  # noqa: B027, most sensors hold nothing
+        """Give back what it holds; again is harmless."""
 
 
 @dataclass(frozen=True)
@@ -107,20 +127,50 @@ def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
     return sensors, missing
 
 
-def read_number(path: Path) -> float:
-    """Read one number from a file of sysfs.
+class NumberFile:
+    """One number in a file of sysfs, opened once and read from its beginning again and again.
 
-    Raises
-    ------
-    SensorError
-        If the file vanished, may not be read, or holds no number.
+    Parameters
+    ----------
+    path : path
     """
-    try:
-        return float(path.read_text(encoding="ascii").strip())
-    except PermissionError as error:
-        raise SensorError(f"{path} may not be read: run as root, or allow reading it") from error
-    except (OSError, ValueError) as error:
-        raise SensorError(f"{path} cannot be read ({error}): is the sensor still there?") from error
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._descriptor = path, -1
+
+    def read(self) -> float:
+        """Read it anew.
+
+        Raises
+        ------
+        SensorError
+            If the file vanished, may not be read, or holds no number.
+        """
+        path = self._path
+        try:
+            if self._descriptor < 0:
+                self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            number = float(os.pread(self._descriptor, 64, 0))
+            # a file that is only left to us is not the sensor's any more
+            if os.fstat(self._descriptor).st_nlink == 0:
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+        except PermissionError as error:
+            raise SensorError(
+                f"{path} may not be read: run with sudo, or allow reading it"
+            ) from error
+        except (OSError, ValueError) as error:
+            raise SensorError(
+                f"{path} cannot be read ({error}): is the sensor still there?"
+            ) from error
+        if not math.isfinite(number):
+            raise SensorError(f"{path} reads {number}, which is no number: check the driver")
+        return number
+
+    def close(self) -> None:
+        """Close; a later read opens it again."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
 
 
 def read_text(path: Path) -> str:

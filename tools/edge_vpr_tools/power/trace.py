@@ -114,7 +114,10 @@ class Sampler:
         assert self._thread is not None
         self._thread.join()
         if self.error is None:
-            self._take()
+            try:
+                self._take()
+            except SensorError as error:
+                self.error = error
 
     def trace(self) -> Trace:
         """Give what was sampled.
@@ -132,10 +135,10 @@ class Sampler:
         return Trace.of_power(times, values)
 
     def _take(self) -> None:
-        # the reading is of some moment between the two
-        before = time.monotonic()
-        value = self.sensor.read()
-        self._times.append((before + time.monotonic()) / 2)
+        when, value = self.sensor.sample()
+        if self._times and when <= self._times[-1]:
+            return  # a sensor that was asked before it had something new
+        self._times.append(when)
         self._values.append(value)
 
     def _run(self) -> None:
