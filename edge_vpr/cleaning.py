@@ -133,13 +133,14 @@ class BurstFilter:
     def __init__(self, sensor: Sensor) -> None:
         self.removed = 0
         self._sensor = sensor
+        self._least = sensor.pixels * BURST_SHARE[0] // BURST_SHARE[1]
         self._hold_nothing()
 
     def _hold_nothing(self) -> None:
         # The newest two slots that have events: the last may still grow, and the one before it may
-        # still turn out to be the first half of a burst.
+        # still turn out to be the first half of a burst. Rows: number and size; size 0: none yet.
         self._events = np.empty(0, dtype=EVENT_DTYPE)
-        self._slots = _slots_of(self._events["t"])
+        self._newest = np.array([[-4, 0], [-2, 0]], dtype=np.int64)
         self._first_is_burst = False  # the first of the two, with the slot before it
 
     def update(self, events: Events) -> Events:
@@ -167,25 +168,31 @@ class BurstFilter:
         """
         if events.size == 0:
             return []
-        held = self._events
-        slots = _joined(self._slots, _slots_of(events["t"]))
-        burst = self._bursts(slots, held, events)
-        decided = max(0, len(slots.number) - 2)
-        cut = int(slots.size[:decided].sum())
-        if burst[:decided].any():
+        held, newest = self._events, self._newest.copy()
+        most, cut = _newest_slots(events["t"], held.size, newest)
+        keep = None
+        if most > self._least or self._first_is_burst:
+            slots = _joined(self._slots(), _slots_of(events["t"]))
+            burst = self._bursts(slots, held, events)
+            decided = max(0, len(slots.number) - 2)
             keep = np.repeat(~burst[:decided], slots.size[:decided])
+            if decided:
+                self._first_is_burst = bool(burst[decided])
+        if keep is None or keep.all():
+            pieces = [held[:cut], events[: max(0, cut - held.size)]]
+        else:
             self.removed += int(np.count_nonzero(~keep))
             pieces = [np.concatenate([held, events])[:cut][keep]]
-        else:
-            pieces = [held[:cut], events[: max(0, cut - held.size)]]
         if cut < held.size:
             self._events = np.concatenate([held[cut:], events])
         else:
             self._events = events[cut - held.size :].copy()
-        self._slots = _Slots(slots.number[decided:], slots.size[decided:])
-        if decided:
-            self._first_is_burst = bool(burst[decided])
+        self._newest = newest
         return [piece for piece in pieces if piece.size]
+
+    def _slots(self) -> _Slots:
+        known = self._newest[self._newest[:, 1] > 0]
+        return _Slots(known[:, 0], known[:, 1])
 
     def advance(self, until_us: int) -> Events:
         """Let time pass without events, to T = `until_us`.
@@ -216,7 +223,8 @@ class BurstFilter:
             The remaining events that belong to no burst.
         """
         held = self._events
-        keep = np.repeat(~self._bursts(self._slots, held, held[:0]), self._slots.size)
+        slots = self._slots()
+        keep = np.repeat(~self._bursts(slots, held, held[:0]), slots.size)
         self.removed += int(np.count_nonzero(~keep))
         self._hold_nothing()
         return held[keep]
@@ -227,9 +235,8 @@ class BurstFilter:
         burst[:1] = self._first_is_burst
         follows = np.diff(slots.number, prepend=-2) == 1
         together = slots.size + np.where(follows, np.concatenate([[0], slots.size[:-1]]), 0)
-        least = self._sensor.pixels * BURST_SHARE[0] // BURST_SHARE[1]
         # pixels need be counted only where there are events enough
-        candidates = np.flatnonzero(together > least)
+        candidates = np.flatnonzero(together > self._least)
         if candidates.size == 0:
             return burst
         joined = np.concatenate([held, events])
@@ -241,6 +248,28 @@ class BurstFilter:
                 burst[i] = True
                 burst[i - 1 : i] |= follows[i]
         return burst
+
+
+@nb.njit(cache=True, nogil=True)
+def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
+    """Walk on through the slots of events at times `t`, behind `held` events in two slots.
+
+    Returns the most events that two neighbouring slots hold together, and how many events lie
+    before the newest two slots, whose numbers and sizes are left in `newest`.
+    """
+    before, before_size, last, last_size = newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1]
+    before_at, last_at = 0, before_size
+    most = np.int64(0)
+    for i in range(t.size):
+        slot = t[i] // BURST_SLOT_US
+        if slot != last:
+            before, before_size, before_at = last, last_size, last_at
+            last, last_size, last_at = slot, 0, held + i
+        last_size += 1
+        together = last_size + (before_size if last == before + 1 else 0)
+        most = max(most, together)
+    newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1] = before, before_size, last, last_size
+    return most, before_at
 
 
 class _Slots(NamedTuple):

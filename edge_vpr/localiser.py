@@ -385,6 +385,8 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any], source: str) -> Reference
 def _matches(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
     """Name the columns of the kernel's rows, and add the ratio."""
     matches = np.empty(len(rows), dtype=MATCH_DTYPE)
+    if matches.size == 0:
+        return matches
     names = [name for name in MATCH_DTYPE.names or () if name != "ratio"]
     for name, column in zip(names, rows.T, strict=True):
         matches[name] = column

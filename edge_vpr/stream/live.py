@@ -121,7 +121,8 @@ class LiveLocaliser:
             # events held back are later than this, and a device that sees nothing may say so
             matches.append(self._localiser.advance(known))
             self._time = known
-        found = np.concatenate([np.empty(0, dtype=MATCH_DTYPE), *matches])
+        some = [each for each in matches if each.size]
+        found = np.concatenate(some) if len(some) > 1 else (some or matches)[0]
         return Step(events, found, self._incomplete(events))
 
     def _cleaned(self, events: Events, last: bool) -> list[Events]:
