@@ -56,22 +56,28 @@ def build(
     *,
     sources: Path = SOURCES,
     files: Sequence[str] = FIRMWARE,
+    program: str = "replay_main.c",
     name: str = "firmware",
+    options: Sequence[str] = (),
 ) -> Path:
     """Compile and link the firmware.
 
     Parameters
     ----------
     target : Target
-        For the host, the program ``replay``; for the others, an image of all functions.
+        For the host, a program; for the others, an image of all functions.
     folder : path
         Where the result and the compiler's cache go.
     sources : path
         Folder of the C files.
     files : sequence of str
-        C files; for the host, the program's are added.
+        C files.
+    program : str
+        C file with the program, which is added for the host.
     name : str
         Of the result.
+    options : sequence of str
+        Further ones for the compiler.
 
     Returns
     -------
@@ -92,10 +98,10 @@ def build(
     out = folder / f"{name}-{target.name}.elf"
     if target.triple:
         freestanding = ["-ffreestanding", "-fno-builtin", "-nostdlib", "-Wl,--no-gc-sections"]
-        options = ["-target", target.triple, f"-mcpu={target.cpu}", *freestanding]
-        options.append("-Wl,--entry,vpr_events")  # any of them: it is called by address
+        chosen = ["-target", target.triple, f"-mcpu={target.cpu}", *freestanding]
+        chosen.append("-Wl,--entry,0")  # none: functions are called by address
     else:
-        options, files = [], [*files, "replay_main.c"]
+        chosen, files = [], [*files, program]
     command = [
         sys.executable,
         "-m",
@@ -104,6 +110,7 @@ def build(
         "-std=c11",
         *OPTIMISATION,
         *WARNINGS,
+        *chosen,
         *options,
     ]
     command += [str(sources / file) for file in files] + ["-o", str(out)]
