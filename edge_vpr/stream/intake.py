@@ -93,16 +93,24 @@ class Intake:
         self._thread.start()
 
     def take(self, timeout: float) -> Piece | None:
-        """Return the oldest bytes, or None if there are none within `timeout` seconds."""
+        """Return all bytes that wait, or None if there are none within `timeout` seconds.
+
+        Of a host that is late, fewer and longer pieces catch up with the link.
+        """
         with self._changed:
             if not self._pieces and not self._ended:
                 self._changed.wait(timeout)
             if not self._pieces:
                 return None
-            piece = self._pieces.popleft()
-            self._held -= len(piece.data)
+            first = self._pieces.popleft()
+            parts = [first.data]
+            # a loss is told before the bytes that it comes before
+            while self._pieces and not (self._pieces[0].lost or self._pieces[0].reopened):
+                parts.append(self._pieces.popleft().data)
+            data = b"".join(parts)
+            self._held -= len(data)
             self._changed.notify_all()
-            return piece
+            return first._replace(data=data)
 
     @property
     def ended(self) -> bool:

@@ -198,41 +198,53 @@ class UdpSenderLink(DescriptorLink):
         self._fd = -1
 
 
-class SerialLink(Link):
-    """A serial port, or any other address of pyserial's ``serial_for_url``."""
+class SerialLink(DescriptorLink):
+    """A serial port that is set up by pyserial, and read without it.
 
-    def __init__(self, address: str, baud: int, *, flow_control: bool) -> None:
+    pyserial sets the port up anew for each change of the time-out, and waits for one byte where
+    thousands come together.
+    """
+
+    def __init__(self, address: str, port: Any) -> None:
+        super().__init__(address, port.fileno())
+        self._port = port
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        self._fd = -1
+        with contextlib.suppress(Exception):
+            self._port.close()
+
+
+class UrlLink(Link):
+    """An address of pyserial's that is no file of the system's, such as ``rfc2217://``."""
+
+    def __init__(self, address: str, port: Any) -> None:
         super().__init__(address)
-        import serial
-
-        try:
-            self._port: Any = serial.serial_for_url(
-                address, baudrate=baud, timeout=0, write_timeout=1, rtscts=flow_control
-            )
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise LinkError(
-                f"cannot open {address}: {error}: check cable and permissions"
-            ) from error
+        port.timeout = 0
+        self._port = port
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`."""
         import serial
 
-        try:
-            waiting = self._port.in_waiting
-            self._port.timeout = 0 if waiting else timeout
-            data: bytes = self._port.read(waiting or 1)
-        except (serial.SerialException, OSError, TypeError) as error:
-            # TypeError: pyserial's port that another thread has closed
-            raise LinkClosed(f"{self.address} was lost: {error}") from error
-        return data
+        end = time.monotonic() + timeout
+        while True:
+            try:
+                data: bytes = self._port.read(READ_BYTES)
+            except (serial.SerialException, OSError, TypeError) as error:
+                # TypeError: pyserial's port that another thread has closed
+                raise LinkClosed(f"{self.address} was lost: {error}") from error
+            left = end - time.monotonic()
+            if data or left <= 0:
+                return data
+            time.sleep(min(0.001, left))
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""
         import serial
 
         try:
-            self._port.write_timeout = timeout
             return int(self._port.write(data) or 0)
         except serial.SerialTimeoutException:
             return 0
@@ -243,6 +255,25 @@ class SerialLink(Link):
         """See `Link.close`."""
         with contextlib.suppress(Exception):
             self._port.close()
+
+
+def _open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
+    """Open a serial port, or any other address of pyserial's ``serial_for_url``."""
+    import io
+
+    import serial
+
+    try:
+        port = serial.serial_for_url(
+            address, baudrate=baud, timeout=0, write_timeout=1, rtscts=flow_control
+        )
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise LinkError(f"cannot open {address}: {error}: check cable and permissions") from error
+    try:
+        port.fileno()
+    except (AttributeError, io.UnsupportedOperation, OSError):
+        return UrlLink(address, port)
+    return SerialLink(address, port)
 
 
 def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
@@ -280,7 +311,7 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
     if path.is_file():
         with _as_link_error(address):
             return DescriptorLink(address, os.open(path, os.O_RDONLY), live=False)
-    return SerialLink(address, baud, flow_control=flow_control)
+    return _open_serial(address, baud, flow_control=flow_control)
 
 
 def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
@@ -300,7 +331,7 @@ def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = 
         return TcpServerLink(*_host_port(address))
     if address.startswith("udp://"):
         return UdpSenderLink(*_host_port(address))
-    return SerialLink(address, baud, flow_control=flow_control)
+    return _open_serial(address, baud, flow_control=flow_control)
 
 
 def _host_port(address: str) -> tuple[str, int]:
