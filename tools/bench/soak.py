@@ -58,6 +58,7 @@ class Watched:
         )
         self.matches: list[tuple[int, float]] = []
         self.summary: dict[str, Any] = {}
+        self.started = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -65,6 +66,7 @@ class Watched:
         assert self.process.stdout is not None
         for line in self.process.stdout:
             now = time.monotonic()
+            self.started.set()
             row = json.loads(line)
             if row["kind"] == "match":
                 self.matches.append((row["t"], now))
@@ -104,6 +106,7 @@ def soak(protocol: str, minutes: float, baud: int, every: str) -> dict[str, Any]
         watched = Watched(words)
         bridge = Bridge(link, encoder)
         bridge.wait_for_host()
+        watched.started.wait(60)
         seen = _play(link, encoder, slices(rng, sensor, rate), watched, 60 * minutes)
         link.drain(5)
         time.sleep(0.5)
