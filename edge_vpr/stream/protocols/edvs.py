@@ -22,12 +22,10 @@ from edge_vpr.stream.protocols.layout import (
     Layout,
     LayoutDecoder,
     LayoutEncoder,
-    follows,
-    in_sync,
-    pace_of,
+    read_words,
 )
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
-from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, assemble
+from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw
 
 SENSOR = Sensor(128, 128)
 #: Bits of the time, by format; steps are not of fixed size.
@@ -202,14 +200,14 @@ def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int,
 
 def _share(raw: Raw, layout: Layout) -> tuple[float, float]:
     """Share of words that look right from the best offset, and how fast time runs there."""
-    found = [(0.0, 0.0)]
-    for offset in range(min(layout.size, raw.size)):
-        whole = raw[offset : offset + (raw.size - offset) // layout.size * layout.size]
-        if whole.size:
-            words = assemble(whole, layout.size, big=True)
-            good = in_sync(words, layout)
-            good[1:] &= follows(words, layout)
-            found.append((float(good.mean()), pace_of(words, layout)))
+    found, form = [(0.0, 0.0)], layout.form()
+    for offset in range(layout.size):
+        words = (raw.size - offset) // layout.size
+        if words > 0:
+            reading = read_words(raw[offset:], words, form)
+            # the same again and again is a dead line; of few words many look right by chance
+            share = reading.good / words * reading.moves - words**-0.5
+            found.append((share, reading.pace))
     best = max(share for share, _ in found)
     return best, min(pace for share, pace in found if share > best - 0.1)
 
@@ -329,7 +327,7 @@ class EdvsDecoder(Decoder):
         else:
             inner = LayoutDecoder("edvs", layout_of(bits, sync), self.sensor)
         inner.adopt(self.health)
-        self._inner = inner
+        self._inner, self._gate = inner, inner._gate
 
 
 class EdvsEncoder(Encoder):

@@ -13,9 +13,9 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock
+from edge_vpr.stream.gate import Clock, no_columns
 from edge_vpr.stream.health import EXACT
-from edge_vpr.stream.protocols.cobs import stuff, unstuff
+from edge_vpr.stream.protocols.cobs import Bytes, stuff, unstuff
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
 
 #: Longest frame before stuffing, and with stuffing (without the zero at its end).
@@ -25,7 +25,15 @@ MAX_STUFFED = MAX_FRAME + MAX_FRAME // 254 + 1
 HEADER = struct.Struct("<BBHIIQ")
 CHECK = struct.Struct("<I")
 VERSION = 1
+_HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
 _NO_FRAME = b"\0"
+
+
+# what is remembered from frame to frame: boot (-1: no frame yet), sequence number that the next
+# frame should have, drops told so far
+_BOOT, _NEXT, _DROPPED = range(3)
+# what the frames of one piece brought
+_FRAMES, _DAMAGED, _SKIPPED, _GAPS, _LOST, _DROPS, _RESETS, _BASE, _IDLE_AT, _BROUGHT = range(10)
 
 
 class EvprDecoder(Decoder):
@@ -35,12 +43,9 @@ class EvprDecoder(Decoder):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
-        self._frame = np.empty(MAX_STUFFED, dtype=np.uint8)
-        self._boot: int | None = None
-        self._next = 0  # sequence number that the next frame should have
-        self._dropped = 0
+        self._memory = np.array([-1, 0, 0], dtype=np.int64)
         self._endless = False  # within a frame that is too long already
-        self._reserve(1 << 14)
+        self._reserve(1 << 12)
 
     def _samples(self) -> Iterable[bytes]:
         yield EvprEncoder(Sensor(1, 1)).encode(made_up_events())
@@ -49,29 +54,22 @@ class EvprDecoder(Decoder):
         """Say that the host is there, by an empty frame."""
         return _NO_FRAME
 
-    def _reserve(self, words: int) -> None:
-        self._t = np.empty(words, dtype=np.int64)
-        self._x, self._y = np.empty(words, np.uint16), np.empty(words, np.uint16)
-        self._p = np.empty(words, dtype=np.bool_)
+    def _reserve(self, size: int) -> None:
+        """Make room for what frames of `size` bytes together can hold."""
+        self._plain = np.empty(size, dtype=np.uint8)
+        self._spans = np.empty((size // 2 + 1, 3), dtype=np.int64)
+        self._room = no_columns(size // 3)
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
-        *frames, rest = data.split(_NO_FRAME)
-        if len(data) // 3 > self._t.size:
-            self._reserve(len(data) // 3)
-        n = 0
-        for frame in frames:
+        end = data.rfind(_NO_FRAME) + 1
+        parts, rest = [], data[end:]
+        if end:
+            start = 0
             if self._endless:
-                self.health.skipped_bytes += len(frame) + 1
+                start = data.index(_NO_FRAME) + 1
+                self.health.skipped_bytes += start
                 self._endless = False
-            elif frame:
-                found = self._take_frame(frame, n)
-                if found < 0:
-                    self.health.crc_errors += 1
-                    self.health.resyncs += 1
-                    self.health.skipped_bytes += len(frame) + 1
-                else:
-                    n += found
-                    self.health.frames += 1
+            parts.append(self._take_frames(np.frombuffer(data, dtype=np.uint8)[start:end]))
         if self._endless or len(rest) > MAX_STUFFED or (final and rest):
             self.health.skipped_bytes += len(rest)
             if not self._endless:
@@ -80,52 +78,115 @@ class EvprDecoder(Decoder):
                 self._endless = True
             rest = b""
         self._endless = self._endless and not final
-        return [Columns(self._t[:n], self._x[:n], self._y[:n], self._p[:n])], rest
+        return parts, rest
 
-    def _take_frame(self, stuffed: bytes, at: int) -> int:
-        """Decode one frame into the columns from `at` on; return its events, -1 if damaged."""
-        if len(stuffed) > MAX_STUFFED:
-            return -1
-        frame = self._frame
-        size = unstuff(np.frombuffer(stuffed, dtype=np.uint8), frame)
-        end = size - CHECK.size
-        if (
-            end < HEADER.size
-            or zlib.crc32(frame[:end].data) != CHECK.unpack_from(frame.data, end)[0]
-        ):
-            return -1
-        kind, widths, boot, sequence, dropped, base = HEADER.unpack_from(frame.data)
-        width = kind & 15
-        x_bits, y_bits = widths & 15, widths >> 4
-        words = end - HEADER.size
-        if kind >> 4 != VERSION or width not in (3, 4) or words % width or base >= 1 << 62:
-            return -1
-        if x_bits + y_bits + 2 > 8 * width:
-            return -1
-        self._gate.start_at(base)
-        self._idle_at = -1 if words else base
-        n = _take_words(
-            frame[HEADER.size : end], width, x_bits, y_bits, base,
-            self._t[at:], self._x[at:], self._y[at:], self._p[at:],
-        )  # fmt: skip
-        self._account(boot, sequence, dropped, n)
-        return int(n)
+    def _take_frames(self, raw: Bytes) -> Columns:
+        """Decode frames, each with the zero at its end."""
+        if raw.size > self._plain.size:
+            self._reserve(raw.size)
+        n = _unstuff_frames(raw, self._plain, self._spans)
+        spans, plain = self._spans[:n], self._plain.data
+        # zlib's checksum is several times faster than a compiled one of our own
+        checks = np.array(
+            [zlib.crc32(plain[at : at + size]) for at, size, _ in spans.tolist()], dtype=np.int64
+        )
+        brought = np.zeros(_BROUGHT, dtype=np.int64)
+        t, x, y, p = self._room
+        events = _take_frames(self._plain, spans, checks, self._memory, brought, t, x, y, p)
+        self._account(brought.tolist())
+        return Columns(t[:events], x[:events], y[:events], p[:events])
 
-    def _account(self, boot: int, sequence: int, dropped: int, n: int) -> None:
-        """Compare the device's running totals, modulo 2^32, with ours."""
+    def _account(self, brought: list[int]) -> None:
         health = self.health
-        if self._boot is None:
-            self._next, self._dropped = sequence, dropped
-        elif boot != self._boot:
-            health.device_resets += 1
-            self._next, self._dropped = 0, 0
-        missing = (sequence - self._next) & 0xFFFFFFFF
-        health.sequence_gaps += missing > 0
-        health.lost += missing
+        health.frames += brought[_FRAMES]
+        health.crc_errors += brought[_DAMAGED]
+        health.resyncs += brought[_DAMAGED]
+        health.skipped_bytes += brought[_SKIPPED]
+        health.sequence_gaps += brought[_GAPS]
+        health.lost += brought[_LOST]
         health.lost_at_most = health.lost
-        health.device_dropped += (dropped - self._dropped) & 0xFFFFFFFF
-        self._boot, self._dropped = boot, dropped
-        self._next = (sequence + n) & 0xFFFFFFFF
+        health.device_dropped += brought[_DROPS]
+        health.device_resets += brought[_RESETS]
+        if brought[_FRAMES]:
+            self._gate.start_at(brought[_BASE])
+            self._idle_at = brought[_IDLE_AT]
+
+
+@njit(cache=True, nogil=True)
+def _unstuff_frames(raw, plain, spans):  # type: ignore[no-untyped-def]
+    """Undo the stuffing of every frame; count them.
+
+    A span says where the plain frame lies, how many bytes its checksum covers (none if it is
+    damaged beyond that), and how many bytes it took on the line.
+    """
+    frames, start, at = 0, 0, 0
+    for i in range(raw.size):
+        if raw[i] != 0:
+            continue
+        if i > start:
+            stuffed = i - start
+            size = unstuff(raw[start:i], plain[at:]) if stuffed <= MAX_STUFFED else -1
+            whole = size >= _HEADER_BYTES + _CHECK_BYTES
+            spans[frames, 0] = at
+            spans[frames, 1] = size - _CHECK_BYTES if whole else 0
+            spans[frames, 2] = stuffed + 1
+            frames += 1
+            at += size if whole else 0
+        start = i + 1
+    return frames
+
+
+@njit(cache=True, nogil=True)
+def _number(data, at, size):  # type: ignore[no-untyped-def]
+    number = np.int64(0)
+    for i in range(size):
+        number |= np.int64(data[at + i]) << (8 * i)
+    return number
+
+
+@njit(cache=True, nogil=True)
+def _take_frames(plain, spans, checks, memory, brought, t, x, y, p):  # type: ignore[no-untyped-def]
+    """Decode the frames that are whole, and compare the device's running totals with ours."""
+    n = 0
+    for i in range(checks.size):
+        at, end = spans[i, 0], spans[i, 0] + spans[i, 1]
+        width, x_bits, y_bits = plain[at] & 15, plain[at + 1] & 15, plain[at + 1] >> 4
+        words = end - at - _HEADER_BYTES
+        if (
+            words < 0
+            or _number(plain, end, _CHECK_BYTES) != checks[i]
+            or plain[at] >> 4 != VERSION
+            or (width != 3 and width != 4)
+            or words % width
+            or x_bits + y_bits + 2 > 8 * width
+            or plain[at + 19] >= 64  # a base time of 2^62
+        ):
+            brought[_DAMAGED] += 1
+            brought[_SKIPPED] += spans[i, 2]
+            continue
+        boot, sequence = _number(plain, at + 2, 2), _number(plain, at + 4, 4)
+        dropped, base = _number(plain, at + 8, 4), _number(plain, at + 12, 8)
+        if memory[_BOOT] < 0:
+            memory[_NEXT], memory[_DROPPED] = sequence, dropped
+        elif boot != memory[_BOOT]:
+            brought[_RESETS] += 1
+            memory[_NEXT] = memory[_DROPPED] = 0
+        # running totals are modulo 2^32
+        missing = (sequence - memory[_NEXT]) & 0xFFFFFFFF
+        brought[_GAPS] += missing > 0
+        brought[_LOST] += missing
+        brought[_DROPS] += (dropped - memory[_DROPPED]) & 0xFFFFFFFF
+        if brought[_FRAMES] == 0:
+            brought[_BASE] = base
+        brought[_FRAMES] += 1
+        brought[_IDLE_AT] = -1 if words else base
+        events = _take_words(
+            plain[at + _HEADER_BYTES : end], width, x_bits, y_bits, base, t[n:], x[n:], y[n:], p[n:]
+        )
+        memory[_BOOT], memory[_DROPPED] = boot, dropped
+        memory[_NEXT] = (sequence + events) & 0xFFFFFFFF
+        n += events
+    return n
 
 
 @njit(cache=True, nogil=True)
@@ -134,6 +195,7 @@ def _take_words(data, width, x_bits, y_bits, base, t, x, y, p):  # type: ignore[
 
     A word whose time field is all ones is a pause, as long as its other bits say.
     """
+    width, x_bits, y_bits = np.int64(width), np.int64(x_bits), np.int64(y_bits)
     p_at = x_bits + y_bits
     t_at = p_at + 1
     x_mask, y_mask = (1 << x_bits) - 1, (1 << y_bits) - 1

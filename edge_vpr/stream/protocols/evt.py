@@ -15,7 +15,7 @@ from edge_vpr.recordings.evt import Decoder as WordsDecoder
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.gate import Clock
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
-from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, WordDecoder
+from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, native
 
 #: Bytes a word, and bits of the clock, which counts microseconds.
 _SIZES = {"evt2": (4, 34), "evt21": (8, 34), "evt3": (2, 24)}
@@ -37,6 +37,7 @@ class EvtDecoder(WordDecoder):
             notice_words=64 if name == "evt3" else 16,
         )  # fmt: skip
         self._name = name
+        self._shift = np.uint64(32 if name == "evt21" else 0)  # to the upper half of a long word
         self._fresh()
 
     def _samples(self) -> Iterable[bytes]:
@@ -48,33 +49,19 @@ class EvtDecoder(WordDecoder):
         self._words = WordsDecoder(self._name, 1)
         self._undated = 0
 
-    def _good(self, raw: Raw) -> npt.NDArray[np.bool_]:
-        words = raw.view(self._words.dtype)
-        width, height = self.sensor
-        if self._name == "evt3":
-            kind, value = words >> 12, words & 0x7FF
-            known = (_KINDS_EVT3 >> kind.astype(np.int64)) & 1 == 1
-            off = ((kind == 0) & (value >= height)) | ((kind == 2) & (value >= width))
-            return np.asarray(known & ~off & ~((kind == 3) & (value >= width)))
-        top = (words >> np.uint64(32) if self._name == "evt21" else words).astype(np.int64)
-        kind = top >> 28
-        known = (_KINDS_EVT2 >> kind) & 1 == 1
-        off = (kind < 2) & (((top >> 11) & 2047 >= width) | (top & 2047 >= height))
-        return np.asarray(known & ~off)
+    def _read(self, raw: Raw, words: int) -> Reading:
+        found = native(raw[: words * self._size], self._words.dtype)
+        return Reading(*_read(found, self._name == "evt3", self._shift, *self.sensor))
 
-    def _usable(self, raw: Raw) -> int:
-        words = raw.view(self._words.dtype)
-        if self._name == "evt3":
-            return int(_first_bad_evt3(words, *self.sensor))
-        return int(_first_bad_evt2(words, *self.sensor, 32 if self._name == "evt21" else 0))
-
-    def _columns(self, raw: Raw) -> Columns:
-        columns = self._words.decode(raw.view(self._words.dtype))
+    def _take_words(self, raw: Raw) -> tuple[int, Columns]:
+        words = native(raw, self._words.dtype)
+        used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
+        columns = self._words.decode(words[:used])
         undated = self._words.undated
         self.health.undated += undated - self._undated
         self.health.decoded += undated - self._undated
         self._undated = undated
-        return columns
+        return used, columns
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
@@ -83,28 +70,36 @@ class EvtDecoder(WordDecoder):
 
 
 @njit(cache=True, nogil=True)
-def _first_bad_evt2(words, width, height, shift):  # type: ignore[no-untyped-def]
+def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
+    """Tell of a word, or of the upper half of a longer one, whether it cannot be."""
+    if evt3:
+        kind, value = word >> 12, word & 2047
+        if not (_KINDS_EVT3 >> kind) & 1:
+            return True
+        return value >= (height if kind == 0 else width if kind == 2 or kind == 3 else 2048)
+    kind = word >> 28
+    if kind < 2:
+        return (word >> 11) & 2047 >= width or word & 2047 >= height
+    return not (_KINDS_EVT2 >> kind) & 1
+
+
+@njit(cache=True, nogil=True)
+def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
+    """Count the words before the first that cannot be."""
     for i in range(words.size):
-        top = np.int64(words[i] >> shift)
-        kind = top >> 28
-        if kind < 2:
-            if (top >> 11) & 2047 >= width or top & 2047 >= height:
-                return i
-        elif not (_KINDS_EVT2 >> kind) & 1:
+        if _bad(np.int64(words[i] >> shift), evt3, width, height):
             return i
     return words.size
 
 
 @njit(cache=True, nogil=True)
-def _first_bad_evt3(words, width, height):  # type: ignore[no-untyped-def]
+def _read(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
+    good, first = 0, words.size
     for i in range(words.size):
-        word = np.int64(words[i])
-        kind, value = word >> 12, word & 0x7FF
-        bad = not (_KINDS_EVT3 >> kind) & 1
-        bad |= (kind == 0 and value >= height) or ((kind == 2 or kind == 3) and value >= width)
-        if bad:
-            return i
-    return words.size
+        if not _bad(np.int64(words[i] >> shift), evt3, width, height):
+            good += 1
+            first = min(first, i)
+    return good, first
 
 
 class Evt2Encoder(Encoder):

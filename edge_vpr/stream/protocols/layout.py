@@ -12,9 +12,22 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import LATE_US, STEP_US, Clock
+from edge_vpr.stream.gate import LATE_US, STEP_US, Clock, no_columns
 from edge_vpr.stream.protocols.protocol import Encoder, made_up_events
-from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, WordDecoder, assemble
+from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder
+
+Form = npt.NDArray[np.uint64]
+
+#: A shifted stream is noticed within so many words.
+NOTICE_WORDS = 24
+# what of a layout lies where in a form; after the place of a field, its mask
+_SIZE, _BIG, _OFF, _SYNC_MASK, _SYNC, _LATE, _SPAN = range(7)
+_X, _Y, _P, _T, _FORM = range(7, 16, 2)
+_X_MASK, _Y_MASK, _P_MASK, _T_MASK = _X + 1, _Y + 1, _P + 1, _T + 1
+# an odd step counts so much, a good one -1, and more than this is a lost place
+_ODD, _TOO_ODD = 4, 8
+# time of the last word (-1: there is none), and how odd the last steps were
+_NOTHING = (-1, 0)
 
 
 @dataclass(frozen=True)
@@ -66,11 +79,18 @@ class Layout:
         """The device's clock, or that of the host."""
         return Clock(self.t.bits, self.tick_us) if self.t.bits else Clock()
 
-    @property
-    def plausible(self) -> tuple[int, int]:
-        """Ticks that an event may be late, and come later, and still look right."""
-        late = min(LATE_US // self.tick_us, (1 << self.t.bits) // 16)
-        return late, (1 << self.t.bits) // 2
+    def form(self) -> Form:
+        """Give what a kernel needs of it, as an array of uint64."""
+        form = np.zeros(_FORM, dtype=np.uint64)
+        form[[_SIZE, _BIG, _OFF]] = self.size, self.big, self.off_is_one
+        for at, field in ((_X, self.x), (_Y, self.y), (_P, self.p), (_T, self.t)):
+            form[at : at + 2] = field.shift, field.mask
+        form[[_SYNC_MASK, _SYNC]] = self.sync_mask, self.sync_value
+        # ticks that an event may be late, and come later, and still look right
+        period = 1 << self.t.bits
+        late = min(LATE_US // self.tick_us, period // 16)
+        form[[_LATE, _SPAN]] = late, late + min(max(1, STEP_US // self.tick_us), period // 2)
+        return form
 
     def check_sensor(self, name: str, sensor: Sensor) -> None:
         """Raise `UsageError` if the sensor has more columns or rows than the fields can say."""
@@ -86,108 +106,105 @@ class LayoutDecoder(WordDecoder):
 
     def __init__(self, name: str, layout: Layout, sensor: Sensor) -> None:
         layout.check_sensor(name, sensor)
-        super().__init__(
-            sensor, layout.clock, layout.size,
-            search_words=SEARCH_WORDS, notice_words=8,
-        )  # fmt: skip
+        super().__init__(sensor, layout.clock, layout.size, notice_words=NOTICE_WORDS)
         self.layout = layout
-        self._memory = np.array([-1], dtype=np.int64)  # time of the last word, -1: none
+        self._form = layout.form()
+        self._memory = np.array(_NOTHING, dtype=np.int64)
+        self._room = no_columns()
 
     def _samples(self) -> Iterable[bytes]:
         words = LayoutEncoder("sample", self.layout, self.sensor).encode(made_up_events())
         # a byte is lost in the midst of them
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
-    def _words(self, raw: Raw) -> npt.NDArray[np.uint64]:
-        return assemble(raw, self.layout.size, big=self.layout.big)
+    def _read(self, raw: Raw, words: int) -> Reading:
+        return read_words(raw, words, self._form)
 
-    def _good(self, raw: Raw) -> npt.NDArray[np.bool_]:
-        words = self._words(raw)
-        good = in_sync(words, self.layout)
-        if words.size > 1:
-            # the first after other bytes has only the next one to agree with
-            fits = follows(words, self.layout)
-            good &= np.append(fits, False) | np.insert(fits, 0, False)
-        return good
+    def _take_words(self, raw: Raw) -> tuple[int, Columns]:
+        words = raw.size // self.layout.size
+        if words > self._room.t.size:
+            self._room = no_columns(words)
+        t, x, y, p = self._room
+        used = int(_take(raw, words, self._form, self._memory, self._host_us, t, x, y, p))
+        return used, Columns(t[:used], x[:used], y[:used], p[:used])
 
-    def _usable(self, raw: Raw) -> int:
-        layout = self.layout
-        if not (layout.sync_mask or layout.t.bits):
-            return raw.size // layout.size
-        late, step = layout.plausible
-        usable = _usable(
-            self._words(raw), np.uint64(layout.sync_mask), np.uint64(layout.sync_value),
-            np.uint64(layout.t.shift), layout.t.mask, late,
-            min(step, STEP_US // layout.tick_us), self._memory,
-        )  # fmt: skip
-        return int(usable)
-
-    def _columns(self, raw: Raw) -> Columns:
-        return take_fields(self._words(raw), self.layout, self._host_us)
-
-    def _pace(self, raw: Raw) -> float:
-        return pace_of(self._words(raw), self.layout)
-
-    def _search(self, raw: Raw) -> int:
-        self._memory[:] = -1
-        return super()._search(raw)
+    def _lose_sync(self) -> None:
+        super()._lose_sync()
+        self._memory[:] = _NOTHING
 
 
-def follows(words: npt.NDArray[np.uint64], layout: Layout) -> npt.NDArray[np.bool_]:
-    """Tell of each word but the first whether its time can be that of the next event."""
-    if not layout.t.bits:
-        return np.ones(max(0, words.size - 1), dtype=np.bool_)
-    late, step = layout.plausible
-    t = ((words >> np.uint64(layout.t.shift)) & np.uint64(layout.t.mask)).astype(np.int64)
-    steps: npt.NDArray[np.int64] = np.subtract(t[1:], t[:-1])
-    return ((steps + late) & layout.t.mask) <= step + late
-
-
-def in_sync(words: npt.NDArray[np.uint64], layout: Layout) -> npt.NDArray[np.bool_]:
-    """Tell of each word whether its sync bits are right."""
-    return (words & np.uint64(layout.sync_mask)) == layout.sync_value
-
-
-def pace_of(words: npt.NDArray[np.uint64], layout: Layout) -> float:
-    """Ticks from one word to the next, the median; 0 where there is no time."""
-    if not layout.t.bits or words.size < 2:
-        return 0.0
-    t = (words >> np.uint64(layout.t.shift)) & np.uint64(layout.t.mask)
-    times = t.astype(np.int64)
-    steps: npt.NDArray[np.int64] = np.subtract(times[1:], times[:-1])
-    return float(np.median(steps & layout.t.mask))
-
-
-def take_fields(words: npt.NDArray[np.uint64], layout: Layout, host_us: int) -> Columns:
-    """Split words to columns; without a time field all came at `host_us`."""
-
-    def field(where: Field, dtype: type[np.generic]) -> npt.NDArray[np.generic]:
-        return ((words >> np.uint64(where.shift)) & np.uint64(where.mask)).astype(dtype)
-
-    t = field(layout.t, np.int64) if layout.t.bits else np.full(words.size, host_us, np.int64)
-    p = field(layout.p, np.bool_) != layout.off_is_one
-    if not layout.p.bits:
-        p = np.ones(words.size, dtype=np.bool_)
-    return Columns(t, field(layout.x, np.uint16), field(layout.y, np.uint16), p)
+def read_words(raw: Raw, words: int, form: Form) -> Reading:
+    """Judge words of one form (`Layout.form`): sync bits, and steps of time."""
+    return Reading(*_read(raw, words, form))
 
 
 @njit(cache=True, nogil=True)
-def _usable(words, sync_mask, sync_value, t_shift, t_mask, late, step, memory):  # type: ignore[no-untyped-def]
-    """Count words up to one whose sync bits are wrong, or that an odd step of time leads to.
+def _word(raw, at, size, big):  # type: ignore[no-untyped-def]
+    word, eight = np.uint64(0), np.uint64(8)
+    for i in range(size):
+        word = word << eight | np.uint64(raw[at + (i if big else size - 1 - i)])
+    return word
 
-    A step that is only long or backwards costs no more than a search, which finds the same place.
+
+@njit(cache=True, nogil=True)
+def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-untyped-def]
+    """Decode words up to one whose sync bits are wrong, or one odd step of time too many.
+
+    A single odd step may be a silence, a damaged time or a restart, which are the gate's to judge.
     """
-    last = memory[0]
-    for i in range(words.size):
-        if words[i] & sync_mask != sync_value:
+    size, big = np.int64(form[_SIZE]), form[_BIG] != 0
+    x_at, x_mask, y_at, y_mask = form[_X], form[_X_MASK], form[_Y], form[_Y_MASK]
+    p_at, p_mask, t_at, t_mask = form[_P], form[_P_MASK], form[_T], form[_T_MASK]
+    sync_mask, sync, off = form[_SYNC_MASK], form[_SYNC], form[_OFF] != 0
+    late, span, period = np.int64(form[_LATE]), np.int64(form[_SPAN]), np.int64(t_mask)
+    last, odd = memory[0], memory[1]
+    for i in range(words):
+        word = _word(raw, i * size, size, big)
+        if word & sync_mask != sync:
             return i
-        if t_mask:
-            t = np.int64((words[i] >> t_shift) & np.uint64(t_mask))
-            if last >= 0 and ((t - last + late) & t_mask) > step + late:
-                return i
-            last = t
-    memory[0] = last
-    return words.size
+        if period:
+            time = np.int64(word >> t_at & t_mask)
+            if last >= 0 and (time - last + late) & period > span:
+                odd += _ODD
+                if odd > _TOO_ODD:
+                    return i
+            elif odd:
+                odd -= 1
+            last = time
+            t[i] = time
+        else:
+            t[i] = host_us
+        x[i] = word >> x_at & x_mask
+        y[i] = word >> y_at & y_mask
+        p[i] = (word >> p_at & p_mask != 0) != off if p_mask else True
+    memory[0], memory[1] = last, odd
+    return words
+
+
+@njit(cache=True, nogil=True)
+def _read(raw, words, form):  # type: ignore[no-untyped-def]
+    """Count words with the right sync bits and a time that can follow the one before."""
+    size, big, t_at, t_mask = np.int64(form[_SIZE]), form[_BIG] != 0, form[_T], form[_T_MASK]
+    late, span, period = np.int64(form[_LATE]), np.int64(form[_SPAN]), np.int64(t_mask)
+    steps = np.zeros(max(1, words - 1), dtype=np.int64)
+    before = _word(raw, 0, size, big)
+    synced = before & form[_SYNC_MASK] == form[_SYNC]
+    good, moves = 1 if synced else 0, False
+    first = 0 if synced and words == 1 else words
+    for i in range(1, words):
+        word = _word(raw, i * size, size, big)
+        step = np.int64(word >> t_at & t_mask) - np.int64(before >> t_at & t_mask)
+        steps[i - 1] = step & period
+        moves |= word != before
+        fits = (step + late) & period <= span
+        # the first after other bytes has only the next one to agree with
+        if synced and fits:
+            first = min(first, i - 1)
+        before, synced = word, word & form[_SYNC_MASK] == form[_SYNC]
+        if synced and fits:
+            good += 1
+            first = min(first, i)
+    return good, first, np.median(steps), moves
 
 
 class LayoutEncoder(Encoder):

@@ -7,7 +7,7 @@ lost its place tries every offset over the next words and takes the one where mo
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,27 @@ Raw = npt.NDArray[np.uint8]
 
 #: Words looked at to find the place.
 SEARCH_WORDS = 32
+
+
+class Reading(NamedTuple):
+    """How well words can be read from one offset.
+
+    Attributes
+    ----------
+    good : int
+        Words that look right.
+    first : int
+        The first of them; as many as were looked at if there is none.
+    pace : float
+        How fast time runs; a shifted reading makes it run faster. 0 where words do not tell.
+    moves : bool
+        Whether anything changes from word to word.
+    """
+
+    good: int
+    first: int
+    pace: float = 0.0
+    moves: bool = True
 
 
 class WordDecoder(Decoder):
@@ -45,28 +66,24 @@ class WordDecoder(Decoder):
         size: int,
         *,
         search_words: int = SEARCH_WORDS,
-        notice_words: int = 4,
+        notice_words: int,
     ) -> None:
         super().__init__(sensor, clock)
         self._size = size
         self._search_words = search_words
         self._searching = True
-        self.resync_bytes = (2 * search_words + notice_words + 1) * size
+        self.resync_bytes = (search_words + notice_words + 1) * size
 
     @abstractmethod
-    def _good(self, raw: Raw) -> npt.NDArray[np.bool_]:
-        """Tell of each word whether it looks right after the one before it.
+    def _read(self, raw: Raw, words: int) -> Reading:
+        """Judge the first `words` words; nothing is remembered."""
 
-        `raw` is whole words from one offset on; nothing is remembered.
+    @abstractmethod
+    def _take_words(self, raw: Raw) -> tuple[int, Columns]:
+        """Decode words up to one that shows the place to be lost; tell how many.
+
+        The columns are valid until the next call.
         """
-
-    @abstractmethod
-    def _usable(self, raw: Raw) -> int:
-        """Count the words before the first one that shows the place to be lost."""
-
-    @abstractmethod
-    def _columns(self, raw: Raw) -> Columns:
-        """Decode whole words; the columns are new arrays, or valid until the next call."""
 
     def _lose_sync(self) -> None:
         self._searching = True
@@ -76,9 +93,8 @@ class WordDecoder(Decoder):
         size, at, parts = self._size, 0, []
         while True:
             if self._searching:
-                if raw.size - at < (self._search_words + 1) * size and not final:
-                    break
-                if raw.size - at < size:
+                needed = 1 if final else self._search_words + 1
+                if raw.size - at < needed * size:
                     break
                 skip = self._search(raw[at:])
                 at += skip
@@ -86,59 +102,44 @@ class WordDecoder(Decoder):
                 if self._searching:
                     continue
             words = (raw.size - at) // size
-            whole = raw[at : at + words * size]
-            used = self._usable(whole)
-            if used:
-                columns = self._columns(whole[: used * size])
-                # a later part overwrites what the columns lie in
-                parts.append(columns if used == words else _copied(columns))
+            used, columns = self._take_words(raw[at : at + words * size])
             at += used * size
             if used == words:
+                parts.append(columns)
                 break
+            if used:
+                # the next words are decoded into the same place
+                parts.append(Columns(*(column.copy() for column in columns)))
             self.health.resyncs += 1
-            self._searching = True
+            self._lose_sync()
         return parts, data[at:]
 
     def _search(self, raw: Raw) -> int:
         """Find how many bytes to skip to the next word; stay lost if it is nowhere near."""
         size = self._size
-        words = min(self._search_words, raw.size // size)
+        most = min(self._search_words, raw.size // size)
         # the first byte from which a word looks right at all
-        first = min(raw.size, words * size)
+        first = min(raw.size, most * size)
         candidates = []
-        for offset in range(size):
-            n = min(words, (raw.size - offset) // size)
-            if n == 0:
-                break
-            stretch = raw[offset : offset + n * size]
-            good = self._good(stretch)
-            if good.any():
-                first = min(first, offset + int(good.argmax()) * size)
+        for offset in range(min(size, raw.size - size + 1)):
+            words = min(most, (raw.size - offset) // size)
+            reading = self._read(raw[offset:], words)
+            first = min(first, offset + reading.first * size)
             # random bytes look right less often than this, and damaged words more often
-            if good[0] and int(good.sum()) * 4 >= n * 3:
-                candidates.append((self._pace(stretch), -int(good.sum()) * words // n, offset))
+            if reading.first == 0 and reading.good * 4 >= words * 3:
+                candidates.append((reading.pace, -reading.good * most // words, offset))
         if candidates:
             self._searching = False
             return min(candidates)[2]
-        return first if first > 0 else min(raw.size, max(1, words // 2) * size)
-
-    def _pace(self, raw: Raw) -> float:
-        """Tell how fast time runs if words begin here; a shifted reading makes it run faster."""
-        return 0.0
+        return first if first > 0 else min(raw.size, max(1, most // 2) * size)
 
 
-def _copied(columns: Columns) -> Columns:
-    return Columns(*(np.array(column) for column in columns))
+def native(raw: Raw, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    """View bytes as words, copied where they do not lie on a word's boundary.
 
-
-def assemble(raw: Raw, size: int, *, big: bool) -> npt.NDArray[Any]:
-    """Join bytes to unsigned words of up to 64 bits."""
-    if size in (2, 4, 8):
-        words: npt.NDArray[Any] = raw.view(np.dtype(f"{'>' if big else '<'}u{size}"))
-        return words.astype(np.uint64)
-    columns = raw.reshape(-1, size)
-    words = np.zeros(len(columns), dtype=np.uint64)
-    for i in range(size):
-        shift = 8 * (size - 1 - i if big else i)
-        words |= columns[:, i].astype(np.uint64) << np.uint64(shift)
-    return words
+    A kernel is compiled anew for words that are not aligned, or may be written to.
+    """
+    if raw.ctypes.data % dtype.itemsize:
+        raw = raw.copy()
+        raw.flags.writeable = False
+    return raw[: raw.size // dtype.itemsize * dtype.itemsize].view(dtype)
