@@ -259,7 +259,7 @@ def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
     """
     before, before_size, last, last_size = newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1]
     before_at, last_at = 0, before_size
-    most = np.int64(0)
+    most = last_size + (before_size if last == before + 1 else 0)
     for i in range(t.size):
         slot = t[i] // BURST_SLOT_US
         if slot != last:

@@ -46,7 +46,7 @@ def test_a_pixel_far_above_its_neighbours_is_hot_and_a_busy_region_is_not():
     seed=st.integers(0, 2**32),
     n=st.integers(0, 200),
     slots=st.integers(1, 60),
-    pieces=st.integers(1, 9),
+    pieces=st.integers(1, 300),
 )
 def test_bursts_equal_the_oracle_however_the_stream_is_cut(seed, n, slots, pieces):
     rng = np.random.default_rng(seed)
@@ -57,6 +57,28 @@ def test_bursts_equal_the_oracle_however_the_stream_is_cut(seed, n, slots, piece
     expected = naive.without_bursts(as_tuples(events), BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
     assert as_tuples(found) == expected
     assert filter_.removed == n - len(expected)
+
+
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 80), slots=st.integers(1, 60))
+def test_time_that_passes_lets_events_out_earlier_and_changes_none(seed, n, slots):
+    rng = np.random.default_rng(seed)
+    events = random_events(rng, n, SENSOR, slots * BURST_SLOT_US)
+    filter_ = BurstFilter(SENSOR)
+    found = []
+    for event in np.split(events, n):
+        known = filter_.known_us
+        now = int(event["t"][0])
+        found.append(filter_.advance(now))
+        found.append(filter_.update(event))
+        assert all(part.size == 0 or part["t"][0] >= known for part in found[-2:])
+        found.append(filter_.advance(now))
+    late = int(events["t"][-1]) // BURST_SLOT_US * BURST_SLOT_US + 2 * BURST_SLOT_US
+    found.append(filter_.advance(late - 1))
+    assert found[-1].size == 0
+    found.append(filter_.advance(late))
+    assert filter_.finish().size == 0
+    expected = naive.without_bursts(as_tuples(events), BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
+    assert as_tuples(np.concatenate(found)) == expected
 
 
 def test_a_burst_goes_and_the_drive_around_it_stays():

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +24,7 @@ from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.stream.bridge import Bridge, LineFaults
-from edge_vpr.stream.intake import Intake
-from edge_vpr.stream.links import Link, LinkClosed, LinkError, open_device_link, open_link
+from edge_vpr.stream.links import open_device_link
 from edge_vpr.stream.live import LiveLocaliser
 from edge_vpr.stream.protocols import open_decoder, open_encoder
 
@@ -190,75 +187,6 @@ def test_learning_over_the_line_gives_the_map_of_the_recording(drive, tmp_path, 
     assert np.array_equal(live.pixel_map.x, file.pixel_map.x)
 
 
-class Script(Link):
-    """A link that gives prepared pieces and then ends."""
-
-    def __init__(self, pieces, live=True):
-        super().__init__("script")
-        self.pieces, self.live, self.closed = list(pieces), live, False
-
-    def read(self, timeout):
-        if not self.pieces:
-            raise LinkClosed("script has ended")
-        return self.pieces.pop(0)
-
-    def write(self, data, timeout):
-        return len(data)
-
-    def close(self):
-        self.closed = True
-
-
-def drained(intake):
-    pieces = []
-    while not intake.ended:
-        piece = intake.take(0.1)
-        if piece is not None:
-            pieces.append(piece)
-    return pieces
-
-
-def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone():
-    sent = [bytes([i]) * 100 for i in range(50)]
-    link = Script(sent)
-    intake = Intake(lambda: link, buffer_bytes=1_000)
-    intake._thread.join(timeout=5)
-    pieces = drained(intake)
-    assert b"".join(piece.data for piece in pieces) == b"".join(sent[-10:])
-    assert sum(piece.lost for piece in pieces) == 4_000
-    assert pieces[0].lost == 4_000
-    assert link.closed
-
-
-def test_a_link_that_can_wait_loses_nothing_to_a_late_reader():
-    sent = [bytes([i]) * 100 for i in range(50)]
-    intake = Intake(lambda: Script(sent, live=False), buffer_bytes=1_000)
-    time.sleep(0.05)
-    pieces = drained(intake)
-    assert b"".join(piece.data for piece in pieces) == b"".join(sent)
-    assert sum(piece.lost for piece in pieces) == 0
-
-
-def test_a_cable_pulled_and_put_back_is_opened_again_and_told():
-    links = [Script([b"one"]), None, Script([b"two"])]
-
-    def open_next():
-        link = links.pop(0)
-        if link is None:
-            raise LinkError("not there yet")
-        return link
-
-    intake = Intake(open_next, retry=True)
-    pieces = []
-    while len(pieces) < 2:
-        piece = intake.take(5)
-        assert piece is not None
-        pieces.append(piece)
-    links.append(None)
-    intake.stop()
-    assert [(p.data, p.reopened) for p in pieces] == [(b"one", False), (b"two", True)]
-
-
 def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
     reference = ReferenceMap.load(drive / "map.npz")
     events = np.concatenate(list(open_recording(drive / "query.npz")))
@@ -281,30 +209,6 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
 def test_a_map_of_another_sensor_is_refused(drive):
     with pytest.raises(MapError, match="use the map of this camera"):
         LiveLocaliser(open_decoder("evt2", Sensor(10, 10)), ReferenceMap.load(drive / "map.npz"))
-
-
-def test_udp_arrives_and_nothing_listens_beyond_loopback():
-    host = open_link("udp://:0")
-    assert host.address.startswith("udp://127.0.0.1:")
-    device = open_device_link(host.address)
-    device.write(b"events", 1)
-    assert host.read(1) == b"events"
-    assert host.read(0) == b""
-    server = open_device_link("tcp://:0")
-    assert server.address.startswith("tcp://127.0.0.1:")
-    for link in (host, device, server):
-        link.close()
-
-
-def test_a_link_that_cannot_be_opened_is_one_line(tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    for address in (f"tcp://127.0.0.1:{port}", str(tmp_path / "ttyNone")):
-        with pytest.raises(LinkError) as raised:
-            open_link(address)
-        assert "check" in str(raised.value)
-    with pytest.raises(UsageError, match="names no port"):
-        open_link("tcp://somewhere")
 
 
 @pytest.mark.parametrize("text", ["drop=2", "drop", "colour=1", "stall=-1"])

@@ -209,6 +209,20 @@ class SerialLink(DescriptorLink):
         super().__init__(address, port.fileno())
         self._port = port
 
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`; a port that fails is one whose cable was pulled."""
+        try:
+            return super().read(timeout)
+        except LinkError as error:
+            raise LinkClosed(f"{self.address} was lost: {error}") from error
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """See `Link.write`."""
+        try:
+            return super().write(data, timeout)
+        except LinkError as error:
+            raise LinkClosed(f"{self.address} was lost: {error}") from error
+
     def close(self) -> None:
         """See `Link.close`."""
         self._fd = -1

@@ -1,0 +1,197 @@
+"""Links to devices, and the thread that reads them: late hosts, lost cables, refused ports."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+
+import pytest
+
+from edge_vpr.errors import UsageError
+from edge_vpr.stream.intake import Intake, Piece
+from edge_vpr.stream.links import (
+    Link,
+    LinkClosed,
+    LinkError,
+    SerialLink,
+    UrlLink,
+    open_device_link,
+    open_link,
+)
+
+
+class Script(Link):
+    """A link that gives prepared pieces and then ends."""
+
+    def __init__(self, pieces, live=True):
+        super().__init__("script")
+        self.pieces, self.live, self.closed = list(pieces), live, False
+        self.pause_before, self.read_so_far = {}, 0
+
+    def read(self, timeout):
+        if not self.pieces:
+            raise LinkClosed("script has ended")
+        time.sleep(self.pause_before.get(self.read_so_far, 0))
+        self.read_so_far += 1
+        return self.pieces.pop(0)
+
+    def write(self, data, timeout):
+        return len(data)
+
+    def close(self):
+        self.closed = True
+
+
+def drained(intake):
+    pieces = []
+    while not intake.ended:
+        piece = intake.take(0.1)
+        if piece is not None:
+            pieces.append(piece)
+    return pieces
+
+
+def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone():
+    sent = [bytes([i]) * 100 for i in range(50)]
+    link = Script(sent)
+    intake = Intake(lambda: link, buffer_bytes=1_000)
+    intake._thread.join(timeout=5)
+    pieces = drained(intake)
+    assert b"".join(piece.data for piece in pieces) == b"".join(sent[-10:])
+    assert sum(piece.lost for piece in pieces) == 4_000
+    assert pieces[0].lost == 4_000
+    assert link.closed
+
+
+def test_what_has_waited_too_long_is_dropped_however_little_it_is():
+    link = Script([b"old", b"older still", b"new"])
+    link.pause_before = {2: 0.2}
+    intake = Intake(lambda: link, max_lag_s=0.1)
+    intake._thread.join(timeout=5)
+    assert [(p.data, p.lost) for p in drained(intake)] == [(b"new", 14)]
+
+
+def test_a_host_that_was_late_takes_all_that_waits_but_never_across_a_loss():
+    intake = Intake(lambda: Script([b"ab", b"cd", b"ef"]))
+    intake._thread.join(timeout=5)
+    assert [piece.data for piece in drained(intake)] == [b"abcdef"]
+    intake = Intake(lambda: Script([]))
+    intake._thread.join(timeout=5)
+    pieces = [Piece(b"a", 0.0), Piece(b"b", 0.0), Piece(b"c", 0.0, 7), Piece(b"d", 0.0, 0, True)]
+    for piece in pieces:
+        intake._pieces.append(piece)
+        intake._held += 1
+    assert [intake.take(0) for _ in range(4)] == [Piece(b"ab", 0.0), *pieces[2:], None]
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_a_file_that_ends_has_ended_and_a_live_link_is_opened_again(live):
+    opened = []
+
+    def open_next():
+        opened.append(1)
+        return Script([b"bytes"], live=live)
+
+    intake = Intake(open_next, retry=True)
+    piece = intake.take(5)
+    assert piece is not None
+    assert (piece.data, piece.reopened) == (b"bytes", False)
+    again = intake.take(5)
+    assert (again is not None) == live
+    assert intake.ended != live
+    intake.stop()
+    assert (len(opened) > 1) == live
+
+
+def test_a_link_that_can_wait_loses_nothing_to_a_late_reader():
+    sent = [bytes([i]) * 100 for i in range(50)]
+    intake = Intake(lambda: Script(sent, live=False), buffer_bytes=1_000)
+    time.sleep(0.05)
+    pieces = drained(intake)
+    assert b"".join(piece.data for piece in pieces) == b"".join(sent)
+    assert sum(piece.lost for piece in pieces) == 0
+
+
+def test_a_cable_pulled_and_put_back_is_opened_again_and_told():
+    links = [Script([b"one"]), None, Script([b"two"])]
+
+    def open_next():
+        link = links.pop(0)
+        if link is None:
+            raise LinkError("not there yet")
+        return link
+
+    intake = Intake(open_next, retry=True)
+    pieces = []
+    while len(pieces) < 2:
+        piece = intake.take(5)
+        assert piece is not None
+        pieces.append(piece)
+    links.append(None)
+    intake.stop()
+    assert [(p.data, p.reopened) for p in pieces] == [(b"one", False), (b"two", True)]
+
+
+def test_udp_arrives_and_nothing_listens_beyond_loopback():
+    host = open_link("udp://:0")
+    assert host.address.startswith("udp://127.0.0.1:")
+    device = open_device_link(host.address)
+    device.write(b"events", 1)
+    assert host.read(1) == b"events"
+    assert host.read(0) == b""
+    server = open_device_link("tcp://:0")
+    assert server.address.startswith("tcp://127.0.0.1:")
+    for link in (host, device, server):
+        link.close()
+
+
+def test_a_link_that_cannot_be_opened_is_one_line(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    for address in (f"tcp://127.0.0.1:{port}", str(tmp_path / "ttyNone")):
+        with pytest.raises(LinkError) as raised:
+            open_link(address)
+        assert "check" in str(raised.value)
+    with pytest.raises(UsageError, match="names no port"):
+        open_link("tcp://somewhere")
+
+
+def test_a_serial_port_is_read_in_whole_pieces_and_ends_when_its_other_side_does():
+    device = open_device_link("virtual")
+    host = open_link(device.address, baud=12_000_000)
+    assert isinstance(host, SerialLink)
+    assert host.read(0.01) == b""
+    sent = bytes(range(256)) * 8
+    device.write(sent, 1)
+    assert host.read(1) == sent  # and not byte by byte
+    host.write(b"E+\n", 1)
+    assert device.read(1) == b"E+\n"
+    device.close()
+    with pytest.raises(LinkClosed, match="was lost"):
+        while True:
+            host.read(1)
+    host.close()
+    host.close()
+
+
+def test_an_address_that_is_no_file_of_the_system_is_read_as_well():
+    link = open_link("loop://")
+    assert isinstance(link, UrlLink)
+    assert link.write(b"events", 1) == 6
+    assert link.read(1) == b"events"
+    assert link.read(0.01) == b""
+    link.close()
+
+
+def test_a_reader_that_waits_is_woken_by_the_first_byte():
+    device = open_device_link("virtual")
+    host = open_link(device.address)
+    late = threading.Timer(0.1, device.write, (b"x", 1))
+    late.start()
+    begin = time.monotonic()
+    assert host.read(5) == b"x"
+    assert time.monotonic() - begin < 2
+    late.join()
+    host.close()
+    device.close()
