@@ -5,7 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import os
+import platform
 import re
+import signal
+import subprocess
+import sys
+import threading
 import time
 from dataclasses import asdict
 
@@ -13,7 +18,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.request import calibrated
-from edge_vpr_tools.power import pmic
+from edge_vpr_tools.power import pmic, profiling
 from edge_vpr_tools.power.conditions import Conditions, void_because
 from edge_vpr_tools.power.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
@@ -227,9 +232,9 @@ METER = About("synthetic", "power", "whole board", 0.1)
 JOULES = 0.005
 
 
-def synthetic(rng, pairs=7, noise=0.2, delta=0.5, drift=1e-4, window=10.0, repeats=3):
+def synthetic(rng, pairs=7, noise=0.2, delta=0.5, drift=1e-4, window=10.0, repeats=3, period=0.1):
     """Idle at 2 W and load at `delta` more; drift, slow refresh with repeats, disturbed windows."""
-    windows, period = [], METER.period_s
+    windows = []
     for pair in range(pairs):
         for load in (False, True) if pair % 2 == 0 else (True, False):
             start = len(windows) * window
@@ -243,13 +248,24 @@ def synthetic(rng, pairs=7, noise=0.2, delta=0.5, drift=1e-4, window=10.0, repea
     return windows, fine.ravel(), np.repeat(watts, repeats)
 
 
-@pytest.mark.parametrize("pairs", [5, 7, 12])
-def test_the_interval_covers_the_truth_in_90_to_99_of_a_hundred_runs(pairs):
+@pytest.mark.parametrize(
+    ("pairs", "shape"),
+    [
+        (5, {}),
+        (7, {}),
+        (12, {}),
+        (7, {"repeats": 1}),
+        # a meter of 2 Hz that is asked 5 times for each of its readings
+        (7, {"period": 0.5, "repeats": 5, "window": 50.0}),
+    ],
+    ids=lambda value: str(value).strip("{}").replace(" ", "").replace("'", ""),
+)
+def test_the_interval_covers_the_truth_in_90_to_99_of_a_hundred_runs(pairs, shape):
     """500 runs of known energy with noise, drift, repeated readings and slow refresh."""
     rng = np.random.default_rng(pairs)
     covered = 0
     for _ in range(500):
-        windows, time_s, watts = synthetic(rng, pairs)
+        windows, time_s, watts = synthetic(rng, pairs, **shape)
         found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
         low, high = found["marginal_j_per_match_interval"]
         covered += low <= JOULES <= high
@@ -355,7 +371,7 @@ def test_throttling_voids_a_run(tmp_path):
     assert void_because(cool, cool) == void_because(long_ago, long_ago) == ""
     assert "meanwhile" in void_because(cool, long_ago)
     assert "throttled" in void_because(cool, hot)
-    assert Conditions.now(tmp_path / "nothing") == Conditions(None, None, None, None)
+    assert Conditions.now(tmp_path / "nothing") == Conditions(None, None, None, None, None)
 
 
 def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
@@ -381,20 +397,25 @@ def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
             read_csv(path)
 
 
-PROFILE = ["profile", "--quick", "--window-s", "1", "--no-figures"]
+PROFILE = ["profile", "--quick", "--window-s", "0.3"]
 
 
 @pytest.fixture(scope="module")
-def profile(drive, tmp_path_factory):  # noqa: F811
+def load(drive):  # noqa: F811
+    """A small map and a recording of its route."""
+    return ["--map", str(drive / "map.npz"), "--recording", str(drive / "query.npz")]
+
+
+@pytest.fixture(scope="module")
+def profile(load, tmp_path_factory):
     """A profile of a small map, on a machine without a sensor."""
     folder = tmp_path_factory.mktemp("profile")
-    load = ["--map", str(drive / "map.npz"), "--recording", str(drive / "query.npz")]
-    nowhere = ["--sysroot", str(folder)]
-    assert main([*PROFILE, *load, *nowhere, "-o", str(folder / "out")]) == 0
+    nowhere = ["--sysroot", str(folder), "-o", str(folder / "out"), "--no-figures"]
+    assert main([*PROFILE, *load, *nowhere]) == 0
     return folder / "out"
 
 
-def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
+def test_without_a_sensor_all_but_the_joules_is_there(profile, tmp_path, capsys):
     """And says so, in JSON, table and spreadsheet: no zero, no guess."""
     found = json.loads((profile / "profile.json").read_text())
     assert found["throughput"]["matches_per_s"] > 0
@@ -403,12 +424,160 @@ def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
     energy = found["energy"]
     assert energy["measured"] is False and len(energy["not_measured_because"]) >= 3
     assert not any("_j_" in name for name in energy)
-    lines = (profile / "profile.csv").read_text().splitlines()
-    rows = {row[0]: row[1:] for row in csv.reader(lines)}
-    assert rows["marginal_j_per_match"] == ["", "", ""]
-    path = str(profile / "profile.json")
-    assert main(["profile", "compare", path, path]) == 0
+    with (profile / "profile.csv").open(newline="") as file:
+        rows = {row["quantity"]: row for row in csv.DictReader(file)}
+    assert rows["marginal_j_per_match"]["value"] == rows["idle_w"]["low"] == ""
+    for row in rows.values():
+        # numbers as numbers, without units or thousands' commas
+        assert all(not cell or float(cell) >= 0 for cell in list(row.values())[1:])
+    assert float(rows["matches_per_s"]["value"]) == found["throughput"]["matches_per_s"]
+    path, table = str(profile / "profile.json"), tmp_path / "both.csv"
+    assert main(["profile", "compare", path, path, "--csv", str(table)]) == 0
     assert "not measured" in capsys.readouterr().out
+    with table.open(newline="") as file:
+        times = {row["quantity"]: row["times"] for row in csv.DictReader(file)}
+    assert float(times["matches_per_s"]) == 1.0 and times["marginal_j_per_match"] == ""
+
+
+def test_few_pixels_against_all_are_timed_with_intervals(profile):
+    """Counting and matching, also at the paper's sizes; all pixels take longer to match."""
+    found = json.loads((profile / "profile.json").read_text())["sparse_against_all"]
+    assert set(found) == {"counting", "matching", "matching_paper"}
+    for against in found.values():
+        for name in ("sparse_s", "all_s", "times"):
+            told = against[name]
+            assert told["low"] <= told["value"] <= told["high"] and told["value"] > 0
+    paper = found["matching_paper"]
+    assert (paper["sparse_pixels"], paper["all_pixels"]) == (150, 346 * 260)
+    assert paper["times"]["low"] > 5
+
+
+def test_a_profile_says_where_it_was_made(profile, capsys):
+    """Board, kernel, clock, sensor, shunt and versions, known or not."""
+    found = json.loads((profile / "profile.json").read_text())["provenance"]
+    assert found["kernel"] == platform.release()
+    assert {"python", "edge-vpr", "numpy", "numba"} <= set(found["versions"])
+    for name in ("board", "clock_hz", "sensor", "shunt_mohm", "governor"):
+        assert found[name] is None  # nothing is told below this --sysroot
+
+
+class Follower(threading.Thread):
+    """Writes 2 W into a file, and as much more as this process is busy."""
+
+    def __init__(self, path):
+        super().__init__(daemon=True)
+        self.path, self.ended = path, threading.Event()
+
+    def __enter__(self):
+        self.path.write_text("2000000\n")
+        self.start()
+        return self
+
+    def __exit__(self, *unused):
+        self.ended.set()
+        self.join()
+
+    def run(self):
+        cpu, then = time.process_time(), time.monotonic()
+        while not self.ended.wait(0.05):
+            busy, now = time.process_time(), time.monotonic()
+            watts = 2.0 + min((busy - cpu) / (now - then), 1.0)
+            cpu, then = busy, now
+            with self.path.open("r+") as file:
+                file.write(f"{watts * 1e6:09.0f}\n")
+
+
+def board(root):
+    """A Raspberry Pi 4 with an INA226 in its 5 V line; gives the file of its power."""
+    write(root / "proc/device-tree", model="Raspberry Pi 4 Model B Rev 1.4")
+    clock = root / "sys/devices/system/cpu/cpu0/cpufreq"
+    write(clock, scaling_governor="performance", scaling_cur_freq=1_500_000)
+    folder = root / HWMON / "hwmon2"
+    write(folder, name="ina226", power1_input=2_000_000, shunt_resistor=10_000, update_interval=10)
+    return folder / "power1_input"
+
+
+def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(drive, load, tmp_path, capsys):  # noqa: F811
+    """Of the map and smaller ones; the report holds accuracy against energy, all figures drawn."""
+    truth = ["--ground-truth", str(drive / "truth.csv"), "--tolerance", "1.5"]
+    power, out = board(tmp_path), tmp_path / "out"
+    # each window at query time is the place of the same time
+    (drive / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    with Follower(power):
+        flags = ["--sysroot", str(tmp_path), "--shunt-mohm", "20", "-o", str(out)]
+        assert main([*PROFILE, *load, *truth, *flags]) == 0
+    shown = capsys.readouterr()
+    assert "measuring energy takes about" in shown.err
+    found = json.loads((out / "profile.json").read_text())
+    assert found["energy"]["measured"] and 0.9 < found["energy"]["idle_w"] < 1.6
+    low, high = found["energy"]["matches_per_joule_interval"]
+    assert 0 < low <= found["energy"]["matches_per_joule"] <= high
+    told = found["provenance"]
+    assert told["board"].startswith("Raspberry Pi 4") and told["clock_hz"] == 1.5e9
+    assert (told["sensor"], told["shunt_mohm"]) == ("ina226@hwmon2", 20.0)
+    assert found["designs"][-1]["energy"]["resolved"]
+    for one in found["designs"]:
+        assert 0 <= one["precision_at_100_recall"] <= 1 and one["cpu_s_per_match"] > 0
+    pictures = {path.name for path in out.glob("*.png")}
+    assert pictures == {"accuracy.png", "power.png", "pairs.png", "rate.png"}
+    assert (out / "report.html").read_text().count("<img") == 4
+
+
+def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, capsys, monkeypatch):
+    """In mid-run: not measured, with the reason; speed and memory are there."""
+    power, out = board(tmp_path), tmp_path / "out"
+    # some of the turns have been taken by then
+    gone = threading.Timer(1.0, power.unlink)
+    monkeypatch.setattr(profiling, "_say_how_long", lambda *unused: gone.start())
+    flags = ["--sysroot", str(tmp_path), "-o", str(out), "--no-figures"]
+    assert main([*PROFILE, *load, *flags]) == 0
+    gone.join()
+    found = json.loads((out / "profile.json").read_text())
+    assert found["throughput"]["matches_per_s"] > 0
+    assert found["energy"]["measured"] is False
+    assert "still there" in found["energy"]["not_measured_because"][0]
+    assert "not measured" in capsys.readouterr().out
+
+
+def test_a_throttled_run_is_void(load, tmp_path, capsys):
+    """What was read stays, and no figure does."""
+    board(tmp_path)
+    pi(tmp_path, throttled=0x4)
+    flags = ["--sysroot", str(tmp_path), "-o", str(tmp_path / "out"), "--sensor-name"]
+    assert main([*PROFILE, *load, *flags, "ina226@hwmon2"]) == 0
+    found = json.loads((tmp_path / "out/profile.json").read_text())
+    assert found["conditions"]["void_because"] == "throttled"
+    energy = found["energy"]
+    assert not energy["resolved"] and energy["windows"] and energy["trace"]["watts"]
+    assert {v for name, v in energy.items() if "_j_" in name or name == "idle_w"} == {None}
+    shown = capsys.readouterr().out
+    assert "VOID" in shown and "void: throttled" in shown
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_profile_leaves_nothing(load, tmp_path, number):
+    """At any time: one line, exit 130, no file half written."""
+    board(tmp_path)
+    out = tmp_path / "results" / "out"
+    command = [sys.executable, "-m", "edge_vpr_tools.cli", "profile", *load, "-o", str(out)]
+    with subprocess.Popen(
+        [*command, "--sysroot", str(tmp_path)], stderr=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stderr is not None
+        # it says so when it begins to measure, for minutes
+        assert "measuring" in running.stderr.readline()
+        time.sleep(0.3)
+        running.send_signal(number)
+        rest = running.stderr.read()
+        assert running.wait(20) == 130
+    assert rest == "edge-vpr: interrupted; nothing half written was left\n"
+    assert list((tmp_path / "results").iterdir()) == []
+
+
+def test_a_meter_on_a_port_that_is_none_is_one_line(load, tmp_path, capsys):
+    """Before anything is measured."""
+    assert main([*PROFILE, *load, "--meter-port", str(tmp_path / "rfcomm0")]) == 1
+    assert "cannot open" in capsys.readouterr().err
 
 
 def test_a_profile_cannot_calibrate_what_it_did_not_measure(profile, capsys):
@@ -461,6 +630,10 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     [
         (["--map", "a.npz"], "belong together"),
         (["--pairs", "2"], "5 pairs"),
+        (["--window-s", "3"], "--quick"),
+        (["--ground-truth", "t.csv"], "name --map"),
+        (["--meter", "--meter-port", "x"], "name one"),
+        (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),
         (["compare", "a.json"], "expected `profile`"),
         (["compare", "a.json", "b.json"], "cannot read a profile"),
     ],

@@ -26,12 +26,15 @@ class Conditions:
         The hottest zone.
     throttled : int or None
         Bits as of ``vcgencmd get_throttled``.
+    throttle_events : int or None
+        How often the cores of a processor that counts it were throttled since its start.
     """
 
     governor: str | None
     frequency_hz: float | None
     temperature_c: float | None
     throttled: int | None
+    throttle_events: int | None
 
     @classmethod
     def now(cls, root: Path = ROOT) -> Conditions:
@@ -39,12 +42,15 @@ class Conditions:
         cpu = root / "sys/devices/system/cpu/cpu0/cpufreq"
         clock = _number(cpu / "scaling_cur_freq")
         zones = [_number(p) for p in (root / "sys/class/thermal").glob("thermal_zone*/temp")]
+        counters = root.glob("sys/devices/system/cpu/cpu*/thermal_throttle/core_throttle_count")
+        events = [count for count in map(_number, counters) if count is not None]
         degrees = [zone / 1e3 for zone in zones if zone is not None]
         return cls(
             governor=read_text(cpu / "scaling_governor") or None,
             frequency_hz=None if clock is None else clock * 1e3,
             temperature_c=max(degrees, default=None),
             throttled=_throttled(root),
+            throttle_events=int(sum(events)) if events else None,
         )
 
     @property
@@ -60,6 +66,8 @@ def void_because(before: Conditions, after: Conditions) -> str:
     if before.throttled is not None and after.throttled is not None:
         new = (after.throttled & ~before.throttled) >> 16
         faults += [f"{text} meanwhile" for bit, text in _NOW.items() if new >> bit & 1]
+    if (after.throttle_events or 0) > (before.throttle_events or 0):
+        faults.append("throttled by temperature meanwhile")
     return ", ".join(dict.fromkeys(faults))
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import platform
 import resource
+import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +17,52 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.matches import match_descriptors
-from edge_vpr.pipeline import EventSource, cleaned, describe, map_traverse
+from edge_vpr.pipeline import EventSource, cleaned, map_traverse
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.experiments.trial import Times, TruthOf
 from edge_vpr_tools.power.conditions import Conditions, void_because
+from edge_vpr_tools.power.designs import PIXELS, Compared, compare, of_map, of_pair
 from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
-from edge_vpr_tools.power.sensor import About, Missing, Sensor, find_sensors
+from edge_vpr_tools.power.sensor import (
+    About,
+    Missing,
+    Sensor,
+    SensorError,
+    find_sensors,
+    read_text,
+)
+from edge_vpr_tools.power.speed import sparse_against_all
 from edge_vpr_tools.power.trace import Trace, Window, align, read_csv
 from edge_vpr_tools.power.workload import Workload
 from edge_vpr_tools.provenance import run_record
 
-Pair = tuple[EventSource, EventSource]
-
 PROFILE = "profile.json"
-SCHEMA = 1
-#: of the simulated street, long enough for 5 windows in a sequence many times over
-_STREET_M = 200.0
+SCHEMA = 2
+#: of the simulated street: some 70 places
+_STREET_M = 400.0
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """What is run: a map, the events of a query drive, and designs to compare, if truth is known.
+
+    Attributes
+    ----------
+    reference : ReferenceMap
+    events : list of ndarray
+        Of the query drive, cleaned.
+    query : EventSource
+    designs : iterable of Compared
+    truth_of : callable, optional
+    inputs : sequence of path
+    """
+
+    reference: ReferenceMap
+    events: list[Events]
+    query: EventSource
+    designs: Iterable[Compared]
+    truth_of: TruthOf | None
+    inputs: Sequence[str]
 
 
 def profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
@@ -53,41 +85,81 @@ def profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
         If map, recording or sensor cannot be used.
     """
     root = Path(args.sysroot)
-    reference, events, pair, inputs = _load(args)
-    from edge_vpr_tools.online import parse_every
-
-    workload = Workload(reference, events, parse_every(args.every, reference), args.packet)
-    sensor, missing = _choose(find_sensors(root), args.sensor_name)
-    before = Conditions.now(root)
-    found = {"schema": SCHEMA, "quick": plan.quick, "throughput": _throughput(workload, plan)}
-    energy = _not_measured(missing)
-    if sensor is not None:
-        energy = {"measured": True} | measure(sensor, plan, workload.run, args.mission_rate)
-    elif args.meter:
-        energy["windows"] = [window._asdict() for window in take_turns(plan, workload.run)]
-    after = Conditions.now(root)
-    void = void_because(before, after)
-    if void and energy.get("measured"):
-        energy["resolved"] = False
-        energy["marginal_j_per_match"] = energy["matches_per_joule"] = None
+    sensor, missing = _choose(args, root)
+    try:
+        load = _load(args)
+        found = _measured(args, plan, load, sensor, missing, root)
+    finally:
+        if sensor is not None:
+            sensor.close()
     return found | {
         "load": {
-            "recording": args.recording or "simulated street",
+            "recording": args.recording or f"simulated street of {_STREET_M:g} m",
             "every": args.every,
             "packet": args.packet,
-            "events_a_round": workload.events_a_round,
         },
+        "provenance": _provenance(root, found),
+        "run": run_record(load.reference.settings.to_dict(), load.inputs),
+    }
+
+
+def _measured(
+    args: argparse.Namespace,
+    plan: Plan,
+    load: Load,
+    sensor: Sensor | None,
+    missing: Sequence[Missing],
+    root: Path,
+) -> dict[str, Any]:
+    from edge_vpr_tools.online import parse_every
+
+    reference = load.reference
+    every = parse_every(args.every, reference)
+    workload = Workload(reference, load.events, every, args.packet)
+    designs = load.truth_of is not None and not args.no_designs
+    if sensor is not None:
+        _say_how_long(plan.for_period(sensor.about.period_s), designs)
+    before = Conditions.now(root)
+    throughput = _throughput(workload, plan)
+    energy = _not_measured([str(one) for one in missing])
+    if sensor is not None:
+        try:
+            energy = {"measured": True} | measure(sensor, plan, workload.run, args.mission_rate)
+        except SensorError as error:
+            energy = _not_measured([f"{sensor.about.name}: {error}"])
+            sensor = None
+    elif args.meter:
+        energy["windows"] = [window._asdict() for window in take_turns(plan, workload.run)]
+    compared = []
+    if designs:
+        assert load.truth_of is not None
+        known = (reference, energy)
+        compared = compare(
+            load.designs, load.query, load.events, load.truth_of, sensor, plan, args.mission_rate,
+            known,
+        )  # fmt: skip
+    after = Conditions.now(root)
+    void = void_because(before, after)
+    if void:
+        for one in [energy, *(design["energy"] for design in compared)]:
+            _make_void(one)
+    return {
+        "schema": SCHEMA,
+        "quick": plan.quick,
+        "throughput": throughput | {"events_a_round": workload.events_a_round},
         "map": {
             "places": len(reference),
             "pixels": len(reference.pixel_map),
             "bytes_per_place": reference.packed_bytes_per_place,
             "sequence_length": reference.settings.sequence_length,
         },
-        # last: all pixels take memory that the method does not
-        "sparse_against_all": None if pair is None else _against_all(reference, pair),
         "energy": energy,
+        "designs": compared,
         "conditions": {"before": asdict(before), "after": asdict(after), "void_because": void},
-        "run": run_record(reference.settings.to_dict(), inputs),
+        # last: all pixels take memory that the method does not
+        "sparse_against_all": sparse_against_all(
+            np.concatenate(load.events), reference.pixel_map, len(reference)
+        ),
     }
 
 
@@ -128,54 +200,81 @@ def load(path: Path) -> dict[str, Any]:
     """
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        if found["schema"] > SCHEMA or "throughput" not in found:
+        if found["schema"] != SCHEMA or "throughput" not in found:
             raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UsageError(f"cannot read a profile from {path}: {error}") from error
     return dict(found)
 
 
-def _load(
-    args: argparse.Namespace,
-) -> tuple[ReferenceMap, Iterable[Events], Pair | None, Sequence[str]]:
-    """Give the map, the events, and both drives where they are at hand."""
-    if args.map is not None:
-        from edge_vpr_tools.reading import open_from
+def _load(args: argparse.Namespace) -> Load:
+    if args.map is None:
+        return _simulated(args.seed)
+    from edge_vpr_tools.reading import open_from
+    from edge_vpr_tools.truth import load_truth
 
-        reference = ReferenceMap.load(args.map)
-        recording = open_from(args, args.recording)
-        events = list(cleaned(recording, reference.settings))
-        return reference, events, None, [args.map, args.recording]
+    reference = ReferenceMap.load(args.map)
+    recording = open_from(args, args.recording)
+    truth_of = None
+    inputs = [args.map, args.recording]
+    if args.ground_truth is not None:
+        inputs += args.ground_truth
+
+        def truth_of(places_us: Times, queries_us: Times) -> Any:
+            return load_truth(
+                args.ground_truth, places_us, queries_us, tolerance=args.tolerance, rows=args.rows,
+                frame_period=args.frame_period,
+            )  # fmt: skip
+
+    events = list(cleaned(recording, reference.settings))
+    return Load(reference, events, recording, of_map(reference), truth_of, inputs)
+
+
+def _simulated(seed: int) -> Load:
     from edge_vpr.settings import PRESETS
     from edge_vpr.simulate import simulate_pair
+    from edge_vpr_tools.experiments.simulated import truth_of_pair
 
-    pair = simulate_pair(args.seed, length_m=_STREET_M)
+    pair = simulate_pair(seed, length_m=_STREET_M)
     for drive in pair:
         drive.keep()
-    reference = map_traverse(pair[0], PRESETS["paper"])
-    return reference, list(cleaned(pair[1], reference.settings)), pair, []
+    # N as a window of tau holds on average
+    fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": 0.0}, "profile")
+    reference = map_traverse(pair[0], fixed_n)
+    events = list(cleaned(pair[1], reference.settings))
+    designs = of_pair(pair[0], reference)
+    return Load(reference, events, pair[1], designs, truth_of_pair(*pair), [])
 
 
-def _against_all(reference: ReferenceMap, pair: Pair) -> dict[str, float]:
-    """Time a query's distances to the same map at the selected pixels, and at all (paper, IV)."""
-    from edge_vpr.baselines import map_all_pixels
+def _provenance(root: Path, found: dict[str, Any]) -> dict[str, Any]:
+    """Tell board, kernel, clock, sensor, shunt and versions; None is not known."""
+    board = read_text(root / "proc/device-tree/model").rstrip("\0")
+    after, sensor = found["conditions"]["after"], found["energy"].get("sensor", {})
+    run = run_record({}, ())
+    return {
+        "board": board or read_text(root / "sys/class/dmi/id/product_name") or None,
+        "processor": run["machine"]["processor"],
+        "kernel": platform.release(),
+        "clock_hz": after["frequency_hz"],
+        "governor": after["governor"],
+        "sensor": sensor.get("name"),
+        "shunt_mohm": sensor.get("shunt_mohm"),
+        "versions": run["versions"],
+    }
 
-    found: dict[str, float] = {}
-    for name, mapped in (
-        ("sparse", reference),
-        ("all", map_all_pixels(pair[0], reference.settings, reference.hot)),
-    ):
-        queries = describe(pair[1], mapped.pixel_map, mapped.settings, mapped.full_scale)
-        match_descriptors(mapped.places, queries, mapped.settings)  # compiled and in the cache
-        took = []
-        for _ in range(5):
-            start = time.perf_counter()
-            matches = match_descriptors(mapped.places, queries, mapped.settings)
-            took.append(time.perf_counter() - start)
-        found[f"{name}_us_per_match"] = 1e6 * float(np.median(took)) / len(matches)
-        found[f"{name}_pixels"] = len(mapped.pixel_map)
-    found["times_faster"] = found["all_us_per_match"] / found["sparse_us_per_match"]
-    return found
+
+def _say_how_long(plan: Plan, designs: bool) -> None:
+    one = plan.pairs * 2 * plan.window_s
+    print(
+        f"edge-vpr: measuring energy takes about {_duration(one)}"
+        + f", and {_duration(one * (len(PIXELS) + 1))} more for other designs (--no-designs: none)"
+        * designs,
+        file=sys.stderr,
+    )
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def _throughput(workload: Workload, plan: Plan) -> dict[str, float]:
@@ -203,22 +302,42 @@ def _throughput(workload: Workload, plan: Plan) -> dict[str, float]:
     }
 
 
-def _choose(
-    found: tuple[list[Sensor], list[Missing]], name: str | None
-) -> tuple[Sensor | None, list[Missing]]:
-    sensors, missing = found
-    if name is None:
-        return (sensors[0] if sensors else None), missing
-    for sensor in sensors:
-        if sensor.about.name == name:
-            return sensor, missing
-    known = ", ".join(sensor.about.name for sensor in sensors) or "none"
-    raise UsageError(f"there is no power sensor {name!r}: this machine has {known}")
+def _choose(args: argparse.Namespace, root: Path) -> tuple[Sensor | None, list[Missing]]:
+    """Take the meter that was named, else the sensor, else the best there is."""
+    from edge_vpr_tools.power.hwmon import with_shunt
+
+    sensors, missing = find_sensors(root)
+    if args.meter_port is not None:
+        from edge_vpr_tools.power.um_meter import UmMeter
+
+        sensors = [UmMeter(args.meter_port)]
+    if args.sensor_name is not None:
+        known = ", ".join(sensor.about.name for sensor in sensors) or "none"
+        sensors = [sensor for sensor in sensors if sensor.about.name == args.sensor_name]
+        if not sensors:
+            raise UsageError(
+                f"there is no power sensor {args.sensor_name!r}: this machine has {known}"
+            )
+    for unused in sensors[1:]:
+        unused.close()
+    if not sensors:
+        if args.shunt_mohm is not None:
+            raise UsageError(f"--shunt-mohm {args.shunt_mohm:g}: no power monitor was found")
+        return None, missing
+    chosen = sensors[0]
+    if args.shunt_mohm is not None:
+        chosen = with_shunt(chosen, args.shunt_mohm)
+    return chosen, missing
 
 
-def _not_measured(missing: Sequence[Missing]) -> dict[str, Any]:
-    return {
-        "measured": False,
-        "resolved": False,
-        "not_measured_because": [str(one) for one in missing],
-    }
+def _not_measured(reasons: list[str]) -> dict[str, Any]:
+    return {"measured": False, "resolved": False, "not_measured_because": reasons}
+
+
+def _make_void(energy: dict[str, Any] | None) -> None:
+    """Take every figure away that a throttled machine gave; what was read stays."""
+    for name in energy or ():
+        if "_j_" in name or name.startswith(("matches_per_joule", "idle_w", "load_w", "pairs_")):
+            energy[name] = None  # type: ignore[index]
+    if energy and "resolved" in energy:
+        energy["resolved"] = False

@@ -16,7 +16,8 @@ from edge_vpr_tools.power.trace import Sampler, Trace, Window
 #: runs the load for so many seconds and gives the number of matches
 Load = Callable[[float], int]
 
-LEAST_SAMPLES = 100
+#: of a window, for a figure that can be published
+LEAST_S, LEAST_SAMPLES = 10.0, 100
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Plan:
     """
 
     pairs: int = LEAST_PAIRS
-    window_s: float = 10.0
+    window_s: float = LEAST_S
     quick: bool = False
 
     def for_period(self, period_s: float) -> Plan:
@@ -145,6 +146,7 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
     idle = interval(idle_w)
     low, high = marginal.with_gain(about.gain_error)
     resolved = marginal.resolved
+    value = marginal.value
     mission = idle_w / rate + (load_w - idle_w) * a_match_s
     at_mission = interval(mission)
     start = windows[0].start_s
@@ -155,16 +157,18 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
         "pairs": marginal.pairs,
         "window_s": float(np.median([w.end_s - w.start_s for w in windows])),
         "native_samples_per_window": int(np.median(samples)),
-        "marginal_j_per_match": marginal.value if resolved else None,
+        "marginal_j_per_match": value if resolved else None,
         "marginal_j_per_match_interval": [marginal.low, marginal.high],
         "marginal_j_per_match_interval_with_gain": [low, high],
         "pairs_needed": None if resolved else marginal.pairs_needed(),
+        "saturated_matches_per_s": float(np.median(1 / a_match_s)),
         "saturated_j_per_match": saturated.value,
         "saturated_j_per_match_interval": [saturated.low, saturated.high],
         "mission_matches_per_s": rate,
         "mission_j_per_match": at_mission.value,
         "mission_j_per_match_interval": [at_mission.low, at_mission.high],
-        "matches_per_joule": 1 / marginal.value if resolved else None,
+        "matches_per_joule": 1 / value if resolved else None,
+        "matches_per_joule_interval": [1 / marginal.high, 1 / marginal.low] if resolved else None,
         "idle_w": idle.value,
         "idle_w_interval": [idle.low, idle.high],
         "load_w": float(np.median(load_w)),

@@ -1,29 +1,31 @@
-"""How a profile is shown: one table, a report with figures, and a file for a spreadsheet."""
+"""How a profile is shown: one table, a report with figures, and files for a spreadsheet."""
 
 from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
 from edge_vpr.archive import replacing
 from edge_vpr_tools import results
+from edge_vpr_tools.power import figures
+from edge_vpr_tools.power.numbers import numbers
 from edge_vpr_tools.power.profiling import load
 from edge_vpr_tools.report.page import Page
-from edge_vpr_tools.report.style import BLUE, GREEN, ORANGE, figure, save
+from edge_vpr_tools.report.style import save
 
-NOT_MEASURED, NOT_RESOLVED = "not measured", "not resolved"
+NOT_MEASURED, NOT_RESOLVED, VOID = "not measured", "not resolved", "void: throttled"
+_DESIGNS = ("design", "P@100R", "bytes a place", "processor time a match", "marginal energy")
 
 
 def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """Tell what a profile says, as name and value; what was not measured says so."""
-    speed, energy = found["throughput"], found["energy"]
+    speed = found["throughput"]
     told = [
         ("events a second", f"{speed['events_per_s']:,.0f}"),
         ("matches a second", f"{speed['matches_per_s']:,.1f}"),
@@ -33,34 +35,66 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("processor time a match", f"{speed['cpu_s_per_match'] * 1e6:,.1f} us"),
         ("peak memory of the process", f"{speed['peak_memory_bytes'] / 2**20:,.1f} MiB"),
     ]
-    against = found.get("sparse_against_all")
-    if against:
+    for name, against in found["sparse_against_all"].items():
+        what = f"{name.partition('_')[0]}, {against['sparse_pixels']:,} against "
+        what += f"{against['all_pixels']:,} pixels"
+        if against["places"]:
+            what += f", {against['places']:,} places"
+        if name.endswith("_paper"):
+            what += ", made up"
+        few, every, times = (against[key] for key in ("sparse_s", "all_s", "times"))
         told.append(
-            (f"{against['sparse_pixels']:,} against {against['all_pixels']:,} pixels",
-             f"{against['sparse_us_per_match']:,.1f} against {against['all_us_per_match']:,.1f} us "
-             f"a match, {against['times_faster']:,.1f} times")
+            (what, f"{_seconds(few['value'])} against {_seconds(every['value'])} "
+                   f"{against['unit']}: {_three(times)} times")
         )  # fmt: skip
-    return told + _energy_rows(energy)
+    return told + _energy_rows(found["energy"], bool(found["conditions"]["void_because"]))
 
 
-def _energy_rows(energy: dict[str, Any]) -> list[tuple[str, str]]:
+def _energy_rows(energy: dict[str, Any], void: bool) -> list[tuple[str, str]]:
     names = ("marginal energy of a match", "whole board, saturated", "whole board at the mission")
-    if not energy.get("measured"):
-        return [(name, NOT_MEASURED) for name in names]
-    marginal = NOT_RESOLVED
-    if energy["pairs_needed"] is not None:
-        marginal += f": about {energy['pairs_needed']} pairs would do"
-    if energy["resolved"]:
-        marginal = _joules(energy, "marginal_j_per_match")
+    if void or not energy.get("measured"):
+        return [(name, VOID if void else NOT_MEASURED) for name in names]
     rate = energy["mission_matches_per_s"]
     told = [
-        (names[0], marginal),
+        (names[0], _marginal(energy)),
         (names[1], _joules(energy, "saturated_j_per_match")),
         (f"{names[2]}'s {rate:g} matches a second", _joules(energy, "mission_j_per_match")),
         ("power at rest", f"{energy['idle_w']:.4g} W"),
     ]
     if energy["resolved"]:
-        told.append(("matches a joule (marginal)", f"{energy['matches_per_joule']:,.4g}"))
+        low, high = energy["matches_per_joule_interval"]
+        told.append(
+            ("matches a joule (marginal)",
+             f"{energy['matches_per_joule']:,.4g} ({low:,.4g} to {high:,.4g})")
+        )  # fmt: skip
+    return told
+
+
+def _marginal(energy: dict[str, Any]) -> str:
+    if energy["resolved"]:
+        return _joules(energy, "marginal_j_per_match")
+    pairs = energy["pairs_needed"]
+    if pairs is None:
+        return NOT_RESOLVED
+    minutes = pairs * 2 * energy["window_s"] / 60
+    return f"{NOT_RESOLVED}: about {pairs} pairs ({minutes:.0f} min) would do"
+
+
+def designs(found: dict[str, Any]) -> list[list[str]]:
+    """Tell how right each design is, and what a match of it takes, as rows of `_DESIGNS`."""
+    void = bool(found["conditions"]["void_because"])
+    told = []
+    for one in found["designs"]:
+        energy, (low, high) = one["energy"], one["cpu_s_per_match_interval"]
+        joules = NOT_MEASURED
+        if void:
+            joules = VOID
+        elif energy is not None and "not_measured_because" not in energy:
+            joules = _marginal(energy)
+        told.append(
+            [one["name"], f"{one['precision_at_100_recall']:.3f}", f"{one['bytes_per_place']:,}",
+             f"{_seconds(one['cpu_s_per_match'])} ({_seconds(low)} to {_seconds(high)})", joules]
+        )  # fmt: skip
     return told
 
 
@@ -71,24 +105,43 @@ def notes(found: dict[str, Any]) -> list[str]:
     if found["quick"]:
         said.append("--quick: windows too short for a figure to be published.")
     if conditions["void_because"]:
-        said.append(f"VOID: the board was throttled ({conditions['void_because']}).")
+        said.append(
+            f"VOID: the board was throttled ({conditions['void_because']}). Cool it, or give it a "
+            "stronger supply, and run again."
+        )
+    if found["designs"]:
+        places = sorted({one["places"] for one in found["designs"]})
+        span = " to ".join(map(str, dict.fromkeys((places[0], places[-1]))))
+        said.append(
+            f"P@100R of {found['load']['recording']}, among {span} places; it says nothing of "
+            "other drives."
+        )
+    said.append(_provenance(found["provenance"]))
     for when in ("before", "after"):
         state = conditions[when]
         known = ", ".join(
-            f"{name.replace('_', ' ')} {'not known' if value is None else value}"
+            f"{name.replace('_', ' ')} {value}"
             for name, value in state.items()
+            if value is not None
         )
-        said.append(f"{when.capitalize()}: {known}.")
+        nothing = "governor, clock, temperature and throttling are not known"
+        said.append(f"{when.capitalize()}: {known or nothing}.")
     if not energy.get("measured"):
         said.append("Energy is not measured: " + "; ".join(energy["not_measured_because"]) + ".")
         if energy.get("windows"):
             said.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
         return said
     sensor = energy["sensor"]
+    step = "step not known"
+    if sensor["resolution"]:
+        step = f"steps of {sensor['resolution']:.3g} {'J' if sensor['kind'] == 'energy' else 'W'}"
     said.append(
-        f"Sensor {sensor['name']}: {sensor['scope']}; a reading every {sensor['period_s']:g} s, "
-        f"gain error {sensor['gain_error']:.2%}; {sensor['detail']}."
+        f"Sensor {sensor['name']} ({sensor['kind']}): {sensor['scope']}; a reading every "
+        f"{sensor['period_s']:g} s, {step}, gain error {sensor['gain_error']:.2%}; "
+        f"{sensor['detail']}."
     )
+    if conditions["void_because"]:
+        return said
     low, high = energy["marginal_j_per_match_interval_with_gain"]
     said.append(
         f"Intervals are of 95 %, by bootstrap over {energy['pairs']} pairs; with the meter's gain "
@@ -102,20 +155,30 @@ def notes(found: dict[str, Any]) -> list[str]:
     return said
 
 
+def _provenance(of: dict[str, Any]) -> str:
+    def told(name: str, form: str = "{}") -> str:
+        return "not known" if of[name] is None else form.format(of[name])
+
+    clock = None if of["clock_hz"] is None else f"{of['clock_hz'] / 1e6:,.0f} MHz"
+    versions = ", ".join(f"{name} {version}" for name, version in of["versions"].items())
+    return (
+        f"Board {told('board')}, {of['processor']}; kernel {of['kernel']}; clock "
+        f"{clock or 'not known'}; sensor {of['sensor'] or 'none'}; shunt "
+        f"{told('shunt_mohm', '{:g} mOhm')}; {versions}."
+    )
+
+
 def table(found: dict[str, Any]) -> None:
     """Print a profile."""
     console = _console()
-    shown = Table(title=found["run"]["machine"]["processor"])
-    shown.add_column("measured")
-    shown.add_column("", justify="right")
-    for row in rows(found):
-        shown.add_row(*row)
-    console.print(shown)
+    console.print(_table(("measured", ""), rows(found), found["run"]["machine"]["processor"]))
+    if found["designs"]:
+        console.print(_table(_DESIGNS, designs(found)))
     for line in notes(found):
         console.print(line, highlight=False, markup=False)
 
 
-def compare(first: Path, second: Path) -> None:
+def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
     """Print two profiles side by side, with the ratio where both have a number.
 
     Raises
@@ -123,109 +186,93 @@ def compare(first: Path, second: Path) -> None:
     UsageError
         If one cannot be read.
     """
-    a, b = load(first), load(second)
-    shown = Table()
-    for i, title in enumerate(("", str(first), str(second), "times")):
-        shown.add_column(title, justify="left" if i == 0 else "right")
-    for name in dict.fromkeys([*flat(a), *flat(b)]):
-        left, right = flat(a).get(name), flat(b).get(name)
-        ratio = f"{right / left:.3g}" if left and right is not None else "-"
-        shown.add_row(name, _cell(left), _cell(right), ratio)
-    _console().print(shown)
-    for path, found in ((first, a), (second, b)):
-        for line in notes(found):
+    found = [load(path) for path in (first, second)]
+    sides = [{number.name: number for number in numbers(one)} for one in found]
+    told, cells = [], []
+    for name in dict.fromkeys(name for side in sides for name in side):
+        a, b = (side[name].value if name in side else None for side in sides)
+        ratio = b / a if a and b is not None else None
+        cells.append((name, a, b, ratio))
+        told.append((name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}"))
+    _console().print(_table(("", str(first), str(second), "times"), told))
+    for path, one in zip((first, second), found, strict=True):
+        for line in notes(one):
             _console().print(f"{path}: {line}", highlight=False, markup=False)
-
-
-def flat(found: dict[str, Any]) -> dict[str, float | None]:
-    """Gather the numbers of a profile by name; None is not measured or not resolved."""
-    energy = found["energy"]
-    names = ("marginal_j_per_match", "saturated_j_per_match", "mission_j_per_match",
-             "matches_per_joule", "idle_w")  # fmt: skip
-    return {
-        **found["throughput"],
-        **(found.get("sparse_against_all") or {}),
-        **{name: energy.get(name) for name in names},
-    }
+    if spreadsheet is not None:
+        _write(spreadsheet, ("quantity", str(first), str(second), "times"), cells)
 
 
 def write_csv(found: dict[str, Any], path: Path) -> None:
     """Write the numbers for a spreadsheet; an empty cell was not measured."""
+    _write(path, ("quantity", "value", "low", "high"), numbers(found))
+
+
+def _write(path: Path, header: Sequence[str], lines: Iterable[Sequence[Any]]) -> None:
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["quantity", "value", "low", "high"])
-        for name, value in flat(found).items():
-            low, high = found["energy"].get(f"{name}_interval") or ("", "")
-            if value is None:
-                low = high = ""
-            writer.writerow([name, "" if value is None else value, low, high])
+        writer.writerow(header)
+        writer.writerows(["" if cell is None else cell for cell in line] for line in lines)
 
 
 def write_report(found: dict[str, Any], folder: Path) -> None:
-    """Write ``report.html``, with figures where energy was measured."""
+    """Write ``report.html``, with figures."""
     page = Page("edge-vpr: what a match costs on this machine")
     page.text(found["run"]["machine"]["processor"])
     page.table(("measured", ""), rows(found))
     for line in notes(found):
         page.text(line)
-    if found["energy"].get("measured"):
-        for name, drawing, caption in (
-            ("power.png", power_trace(found["energy"]), "Power; load windows are shaded."),
-            ("pairs.png", differences(found["energy"]), "Load less idle of each pair."),
-            ("rate.png", against_rate(found["energy"]),
+    drawings = []
+    if found["designs"]:
+        page.heading("Accuracy and cost of designs")
+        page.table(_DESIGNS, designs(found))
+        caption = "Share of right matches of each design against what a match of it took here."
+        _add(page, folder, "accuracy.png", figures.accuracy(found["designs"]), caption)
+    if found["energy"].get("measured") and not found["conditions"]["void_because"]:
+        page.heading("Energy")
+        drawings = [
+            ("power.png", figures.power_trace, "Power; idle and load windows are shaded."),
+            ("pairs.png", figures.differences, "Load less idle of each pair."),
+            ("rate.png", figures.against_rate,
              "Energy of a match against the match rate: at low rates the board at rest is all."),
-        ):  # fmt: skip
-            save(drawing, folder / name)
-            page.picture(folder / name, caption)
+        ]  # fmt: skip
+    for name, draw, caption in drawings:
+        _add(page, folder, name, draw(found["energy"]), caption)
     page.heading("Where and how")
+    page.verbatim(json.dumps(found["provenance"], indent=2))
     page.verbatim(json.dumps(found["run"], indent=2))
     page.write(folder / results.REPORT)
 
 
-def power_trace(energy: dict[str, Any]) -> Figure:
-    """Draw power over time, load windows shaded."""
-    with figure() as (drawing, axes):
-        for window in energy["windows"]:
-            if window["load"]:
-                axes.axvspan(window["start_s"], window["end_s"], color=ORANGE, alpha=0.25, lw=0)
-        axes.plot(energy["trace"]["time_s"], energy["trace"]["watts"], color=BLUE, lw=0.8)
-        axes.set(title="Power; shaded: load", xlabel="time (s)", ylabel="power (W)")
-    return drawing
+def _add(page: Page, folder: Path, name: str, drawing: Any, caption: str) -> None:
+    save(drawing, folder / name)
+    page.picture(folder / name, caption)
 
 
-def differences(energy: dict[str, Any]) -> Figure:
-    """Draw the difference of each pair."""
-    with figure(7.5, 3.6) as (drawing, axes):
-        values = energy["differences_w"]
-        axes.plot(np.arange(1, len(values) + 1), values, "o", color=BLUE)
-        axes.axhline(float(np.median(values)), color=ORANGE, label="median")
-        axes.axhline(0.0, color="black", lw=0.8)
-        axes.set(title="Load less idle, pair by pair", xlabel="pair", ylabel="power (W)")
-        axes.legend()
-    return drawing
-
-
-def against_rate(energy: dict[str, Any]) -> Figure:
-    """Draw joules a match against matches a second."""
-    with figure() as (drawing, axes):
-        rates = np.logspace(-1, 4, 200)
-        marginal = energy["marginal_j_per_match"]
-        rest = energy["idle_w"] / rates
-        axes.loglog(rates, rest + (marginal or 0.0), color=BLUE, label="whole board")
-        if marginal is not None:
-            axes.axhline(marginal, color=GREEN, ls="--", label="marginal")
-        axes.set(
-            title="Energy of a match against the match rate",
-            xlabel="matches a second",
-            ylabel="energy of a match (J)",
-        )
-        axes.legend()
-    return drawing
+def _table(
+    header: Sequence[str], lines: Iterable[Sequence[str]], title: str | None = None
+) -> Table:
+    shown = Table(title=title)
+    for i, name in enumerate(header):
+        shown.add_column(name, justify="left" if i == 0 else "right")
+    for line in lines:
+        shown.add_row(*line)
+    return shown
 
 
 def _joules(energy: dict[str, Any], name: str) -> str:
     low, high = energy[f"{name}_interval"]
     return f"{energy[name]:.4g} ({low:.4g} to {high:.4g}) J"
+
+
+def _seconds(value: float) -> str:
+    for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us")):
+        if value >= factor:
+            return f"{value / factor:.3g} {unit}"
+    return f"{value * 1e9:.3g} ns"
+
+
+def _three(of: dict[str, float]) -> str:
+    return f"{of['value']:.3g} ({of['low']:.3g} to {of['high']:.3g})"
 
 
 def _cell(value: float | None) -> str:

@@ -1,0 +1,99 @@
+"""The figures of a profile; each function draws one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr_tools.report.style import BLUE, CYCLE, GREEN, ORANGE, SKY, figure
+
+_MARKERS = "os^vDPX"
+
+
+def power_trace(energy: dict[str, Any]) -> Figure:
+    """Draw power over time, idle and load windows shaded."""
+    with figure() as (drawing, axes):
+        labels = {True: "load", False: "idle"}
+        for window in energy["windows"]:
+            load = window["load"]
+            axes.axvspan(
+                window["start_s"], window["end_s"], color=ORANGE if load else SKY, alpha=0.25,
+                lw=0, label=labels.pop(load, None),
+            )  # fmt: skip
+        axes.plot(energy["trace"]["time_s"], energy["trace"]["watts"], color=BLUE, lw=0.8)
+        axes.set(title="Power over time", xlabel="time (s)", ylabel="power (W)")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return drawing
+
+
+def differences(energy: dict[str, Any]) -> Figure:
+    """Draw the difference of each pair."""
+    with figure(7.5, 3.6) as (drawing, axes):
+        values = energy["differences_w"]
+        axes.plot(np.arange(1, len(values) + 1), values, "o", color=BLUE, label="pair")
+        axes.axhline(float(np.median(values)), color=ORANGE, label="median")
+        axes.axhline(0.0, color="black", lw=0.8)
+        axes.set(title="Load less idle, pair by pair", xlabel="pair", ylabel="power (W)")
+        axes.set_xticks(range(1, len(values) + 1))
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return drawing
+
+
+def against_rate(energy: dict[str, Any]) -> Figure:
+    """Draw joules a match against matches a second, as far as this machine can match."""
+    with figure() as (drawing, axes):
+        fastest = energy["saturated_matches_per_s"]
+        rates = np.geomspace(min(0.1, fastest / 10), fastest, 200)
+        marginal = energy["marginal_j_per_match"]
+        axes.loglog(
+            rates, energy["idle_w"] / rates + (marginal or 0.0), color=BLUE, label="whole board"
+        )
+        axes.plot(fastest, energy["saturated_j_per_match"], "o", color=BLUE, label="saturated")
+        rate = energy["mission_matches_per_s"]
+        axes.plot(rate, energy["mission_j_per_match"], "s", color=ORANGE, label="mission")
+        if marginal is not None:
+            axes.axhline(marginal, color=GREEN, ls="--", label="marginal")
+        axes.set(
+            title="Energy of a match against the match rate",
+            xlabel="matches a second",
+            ylabel="energy of a match (J)",
+        )
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return drawing
+
+
+def accuracy(designs: Sequence[dict[str, Any]]) -> Figure:
+    """Draw how right each design is against what a match of it takes, measured.
+
+    Against joules where they were measured and resolved, else against processor time.
+    """
+    joules = [d for d in designs if (d["energy"] or {}).get("resolved")]
+    shown = joules or list(designs)
+    with figure(8.5, 4.8) as (drawing, axes):
+        for i, one in enumerate(shown):
+            if joules:
+                value = one["energy"]["marginal_j_per_match"]
+                low, high = one["energy"]["marginal_j_per_match_interval"]
+            else:
+                value, (low, high) = one["cpu_s_per_match"], one["cpu_s_per_match_interval"]
+            axes.errorbar(
+                value, one["precision_at_100_recall"],
+                xerr=[[max(value - low, 0.0)], [max(high - value, 0.0)]],
+                fmt=_MARKERS[i % len(_MARKERS)], color=CYCLE[i % len(CYCLE)], capsize=3,
+                label=one["name"],
+            )  # fmt: skip
+        axes.set_xscale("log")
+        axes.margins(x=0.15)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.set_ylim(0.0, 1.08)
+        axes.set(
+            title="Accuracy against " + ("energy" if joules else "processor time: no joules"),
+            xlabel="marginal energy of a match (J), measured"
+            if joules
+            else "processor time of a match (s), measured; energy was not",
+            ylabel="P@100R",
+        )
+    return drawing

@@ -1,0 +1,55 @@
+"""The numbers of a profile by name, each with its interval where it has one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+_ENERGY = (
+    "marginal_j_per_match", "saturated_j_per_match", "mission_j_per_match", "matches_per_joule",
+    "idle_w",
+)  # fmt: skip
+
+
+class Number(NamedTuple):
+    """A figure; None was not measured, not resolved, or is void."""
+
+    name: str
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+
+
+def numbers(found: dict[str, Any]) -> list[Number]:
+    """Gather the numbers of a profile, in a fixed order and under the same names in each."""
+    return [*_numbers(found)]
+
+
+def _numbers(found: dict[str, Any]) -> Iterator[Number]:
+    for name, value in found["throughput"].items():
+        yield Number(name, value)
+    for name, against in found["sparse_against_all"].items():
+        for pixels in ("sparse", "all"):
+            yield Number(f"{name}_{pixels}_pixels", against[f"{pixels}_pixels"])
+            yield Number(
+                f"{name}_{pixels}_s_per_{against['unit'].split()[-1]}",
+                *against[f"{pixels}_s"].values(),
+            )
+        yield Number(f"{name}_times_faster", *against["times"].values())
+    for name in _ENERGY:
+        yield _of_energy(found["energy"], name, name)
+    for design in found["designs"]:
+        prefix = design["name"]
+        yield Number(f"{prefix}: precision_at_100_recall", design["precision_at_100_recall"])
+        yield Number(f"{prefix}: bytes_per_place", design["bytes_per_place"])
+        yield Number(
+            f"{prefix}: cpu_s_per_match", design["cpu_s_per_match"],
+            *design["cpu_s_per_match_interval"],
+        )  # fmt: skip
+        yield _of_energy(design["energy"] or {}, _ENERGY[0], f"{prefix}: {_ENERGY[0]}")
+
+
+def _of_energy(energy: dict[str, Any], key: str, name: str) -> Number:
+    value = energy.get(key)
+    low, high = energy.get(f"{key}_interval") or (None, None)
+    return Number(name, value, low, high) if value is not None else Number(name, None)
