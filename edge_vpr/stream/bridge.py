@@ -17,6 +17,8 @@ from edge_vpr.stream.protocols.protocol import Encoder
 #: Events are sent every so often, and an idle device says so.
 SLICE_US = 5_000
 IDLE_US = 100_000
+#: A host that asks for nothing for so long asks for nothing more.
+GONE_S = 10.0
 _AT_ONCE = 1 << 16
 
 
@@ -96,6 +98,8 @@ class Bridge:
     ----------
     sent_events, sent_bytes : int
         Before the faults.
+    dropped_events : int
+        What a device that waits to be asked had no room for.
     """
 
     def __init__(
@@ -111,7 +115,7 @@ class Bridge:
         self._faults = LineFaults() if faults is None else faults
         self._rng = np.random.default_rng(seed)
         self.stopping = threading.Event()
-        self.sent_events = self.sent_bytes = 0
+        self.sent_events = self.sent_bytes = self.dropped_events = 0
 
     def wait_for_host(self) -> None:
         """Wait until a host has connected, and has spoken if the protocol lets it speak first."""
@@ -136,9 +140,12 @@ class Bridge:
             self._send(garbage.tobytes())
             self._send(self._encoder.start())
             self._replay(recording)
+            self._serve_until_held(0)
             self._link.drain(10.0)
         except LinkClosed:
             return
+        finally:
+            self.sent_events -= self._encoder.held
 
     def _replay(self, recording: Iterable[Events]) -> None:
         begin, stalled, now = time.monotonic(), self._faults.stall == 0, 0
@@ -150,22 +157,50 @@ class Bridge:
                 due = int(events["t"][-1]) if events.size else now
                 while self._speed and now + IDLE_US < due and not self.stopping.is_set():
                     now += IDLE_US
-                    self._pause_until(begin + now / 1e6 / self._speed)
+                    self._serve_until(begin + now / 1e6 / self._speed)
                     self._send_spoiled(self._encoder.idle(now))
                 now = due
                 if self._speed:
-                    self._pause_until(begin + now / 1e6 / self._speed)
+                    self._serve_until(begin + now / 1e6 / self._speed)
                     if not stalled and now >= 1_000_000:
                         stalled = True
                         self.stopping.wait(self._faults.stall)
-                self._send_spoiled(self._encoder.encode(events))
-                self.sent_events += events.size
+                else:
+                    self._serve_until_held(self._encoder.capacity)
+                self._encode(events)
         self._send_spoiled(self._encoder.idle(now))
 
-    def _pause_until(self, moment: float) -> None:
-        wait = moment - time.monotonic()
-        if wait > 0:
-            self.stopping.wait(wait)
+    def _encode(self, events: Events) -> None:
+        if self._speed and self._encoder.held > self._encoder.capacity:
+            self.dropped_events += events.size
+            return
+        self._send_spoiled(self._encoder.encode(events))
+        self.sent_events += events.size
+
+    def _serve(self, timeout: float) -> bool:
+        """Hear the host for at most `timeout` seconds and answer; tell whether it said anything."""
+        command = self._link.read(timeout)
+        if command:
+            self._send_spoiled(self._encoder.respond(self._faults.spoil(command, self._rng)))
+        self._send_spoiled(self._encoder.to_send(time.monotonic()))
+        return bool(command)
+
+    def _serve_until(self, moment: float) -> None:
+        while not self.stopping.is_set():
+            wait = moment - time.monotonic()
+            self._serve(min(max(wait, 0.0), 0.1))
+            if wait <= 0:
+                return
+
+    def _serve_until_held(self, most: int) -> None:
+        """Let the host fetch what is held for it, until that is no more than `most` events."""
+        heard = time.monotonic()
+        self._serve(0.0)
+        while self._encoder.held > most and not self.stopping.is_set():
+            if self._serve(0.1):
+                heard = time.monotonic()
+            elif time.monotonic() - heard > GONE_S:
+                return
 
     def _send_spoiled(self, data: bytes) -> None:
         self.sent_bytes += len(data)

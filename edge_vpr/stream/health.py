@@ -66,6 +66,8 @@ class Health:
         How often the link was lost and opened again.
     stalls : int
         Silences of more than a second.
+    retries : int
+        How often an answer of the device did not come, so that it was asked anew.
     """
 
     accounting: str = UNKNOWN
@@ -94,6 +96,7 @@ class Health:
     clock_resets: int = 0
     reopened: int = 0
     stalls: int = 0
+    retries: int = 0
 
     @property
     def rejected(self) -> int:
@@ -113,6 +116,7 @@ class Health:
             + self.overruns
             + self.clock_resets
             + self.reopened
+            + self.retries
         )
 
     def balanced(self) -> bool:

@@ -87,6 +87,8 @@ class Intake:
         self._ended = False
         self.error: EdgeVprError | None = None
         self.lost_link = ""
+        # held to send and to close, so that nothing is sent to what has been closed
+        self._sending = threading.Lock()
         self._link = open_link()  # the first failure is the caller's to see
         self.address = self._link.address
         self._thread = threading.Thread(target=self._run, name="edge-vpr intake", daemon=True)
@@ -112,6 +114,12 @@ class Intake:
             self._changed.notify_all()
             return first._replace(data=data)
 
+    def send(self, data: bytes) -> None:
+        """Send to the device from any thread, if the link is open; what does not go out is gone."""
+        if data:
+            with self._sending, contextlib.suppress(LinkError):
+                self._send(self._link, data)
+
     @property
     def ended(self) -> bool:
         """Whether nothing will come any more."""
@@ -133,7 +141,7 @@ class Intake:
                     self._send(link, self._setup)
                     self._read(link, reopened)
                 except LinkError as error:
-                    link.close()
+                    self._close(link)
                     if not (self._retry and link.live):
                         # an end is an end; anything else is a failure to tell
                         self.error = None if isinstance(error, LinkClosed) else error
@@ -142,11 +150,13 @@ class Intake:
                 again = self._reopen()
                 if again is None:
                     return
+                with self._sending:
+                    self._link = again
                 link, reopened, self.lost_link = again, True, ""
         finally:
             with contextlib.suppress(LinkError):
                 self._send(link, self._teardown)
-            link.close()
+            self._close(link)
             with self._changed:
                 self._ended = True
                 self._changed.notify_all()
@@ -187,6 +197,10 @@ class Intake:
             except LinkError:
                 wait = min(2 * wait, _LAST_RETRY_S)
         return None
+
+    def _close(self, link: Link) -> None:
+        with self._sending:
+            link.close()
 
     @staticmethod
     def _send(link: Link, data: bytes) -> None:

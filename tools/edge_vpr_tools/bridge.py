@@ -63,4 +63,5 @@ def run(args: argparse.Namespace) -> None:
             bridge.run(recording)
     finally:
         link.close()
-    print(f"sent {bridge.sent_events:,} events in {bridge.sent_bytes:,} bytes")
+    dropped = f", dropped {bridge.dropped_events:,}" if bridge.dropped_events else ""
+    print(f"sent {bridge.sent_events:,} events in {bridge.sent_bytes:,} bytes{dropped}")

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--protocol", required=True, metavar="P", help="evpr, edvs, evt3, ...")
     parser.add_argument("--sensor", metavar="WxH", help="size of the sensor (default: the map's)")
-    parser.add_argument("--baud", type=int, default=115_200, help="of a serial port")
+    parser.add_argument("--baud", type=int, help="of a serial port (default: the protocol's)")
     parser.add_argument("--flow-control", action="store_true", help="use RTS and CTS")
     parser.add_argument("--map", metavar="MAP.npz", help="map to localise on")
     parser.add_argument(
@@ -154,6 +154,7 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
         assert reference is not None
         sensor = reference.pixel_map.sensor
     decoder = open_decoder(args.protocol, sensor)
+    baud = args.baud or decoder.baud
     decoder.warm_up()
     every = None if reference is None else parse_every(args.every, reference)
     live = LiveLocaliser(decoder, reference, every)
@@ -168,7 +169,7 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
         stopping = threading.Event()
         stack.enter_context(stopped_by_signals(stopping))
         intake = Intake(
-            lambda: open_link(args.port, baud=args.baud, flow_control=args.flow_control),
+            lambda: open_link(args.port, baud=baud, flow_control=args.flow_control),
             setup=decoder.setup(),
             teardown=decoder.teardown(),
             retry=not args.once,
@@ -202,8 +203,9 @@ def _events(
     """Yield the stream's events while it is matched and shown."""
     begin = heard = time.monotonic()
     silent = closed = False
+    remark = ""
     while not (stopping.is_set() or intake.ended):
-        piece = intake.take(0.1)
+        piece = intake.take(live.decoder.tick_s)
         step: Step | None = None
         if piece is not None:
             heard, silent = piece.at_s, False
@@ -223,6 +225,10 @@ def _events(
             silent = True
             live.decoder.health.stalls += 1
             view.say("stalled", f"no bytes for {STALLED_S:g} s from {intake.address}")
+        intake.send(live.decoder.to_send(time.monotonic()))
+        if live.decoder.remark != remark:
+            remark = live.decoder.remark
+            view.say("device", remark or "the device answers")
         if step is not None:
             if rerun is not None:
                 rerun.show(step)

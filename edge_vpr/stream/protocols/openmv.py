@@ -1,208 +1,385 @@
-"""OpenMV's protocol, version 2: packets with two checksums, events in the payload.
+"""OpenMV's protocol, version 2: events of a camera with a GENX320, asked for or as they come.
 
-Packets are decoded as they come. To ask the camera for a channel again and again is the part of
-a host that speaks the whole protocol, which this is not; `docs/stream.md` says what that means.
+The camera has channels with names; a script on it registers ``events`` or ``raw_events``, whose
+number the list of channels gives. `docs/stream.md` says which script.
 """
 
 from __future__ import annotations
 
-import struct
-from typing import Any
+import copy
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from edge_vpr.events import Events, Sensor
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock
 from edge_vpr.stream.health import BOUND
+from edge_vpr.stream.protocols.openmv_device import CameraEncoder, PushingEncoder
+from edge_vpr.stream.protocols.openmv_host import POLL_S, Session
+from edge_vpr.stream.protocols.openmv_packets import (
+    BAUD,
+    HEADER,
+    MAX_PACKET,
+    MAX_PAYLOAD,
+    Flag,
+    Opcode,
+    Packet,
+    PacketFinder,
+)
+from edge_vpr.stream.protocols.openmv_records import (
+    FORMATS,
+    EventRecords,
+    Records,
+    open_maker,
+    open_records,
+)
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
 
-SYNC = b"\xaa\xd5"
-#: sync, sequence, channel, flags, opcode, length, CRC-16 of these
-HEADER = struct.Struct("<2sBBBBHH")
-CHECK = struct.Struct("<I")
-#: type (0 OFF, 1 ON, 2 to 5 triggers), seconds, milliseconds, microseconds, column, row
-EVENT_BYTES = 12
-_ACK, _NAK, _RTX, _FRAGMENT = 1, 2, 4, 16
-#: Longest packet, and longest run of fragments that is put together.
-MAX_PACKET = HEADER.size + 0xFFFF + CHECK.size
-MAX_PAYLOAD = 1 << 20
-#: The clock's seconds have 16 bits.
-_PERIOD_US = 65_536 * 1_000_000
 
+class PacketDecoder(Decoder):
+    """Finds packets and decodes records; what follows from a packet is the subclass's.
 
-def _table(polynomial: int, bits: int) -> npt.NDArray[np.uint32]:
-    rows = []
-    for byte in range(256):
-        value = byte << (bits - 8)
-        for _ in range(8):
-            value = (value << 1) ^ (polynomial if value >> (bits - 1) else 0)
-            value &= (1 << bits) - 1
-        rows.append(value)
-    return np.array(rows, dtype=np.uint32)
-
-
-_TABLES = {16: _table(0xF94F, 16), 32: _table(0xFA567D89, 32)}
-
-
-def crc(data: bytes, bits: int) -> int:
-    """Checksum of 16 or 32 bits: not reflected, all ones at first, nothing done at the end.
-
-    Examples
-    --------
-    >>> hex(crc(b"123456789", 16)), hex(crc(b"123456789", 32))
-    ('0xe541', '0x41b403d3')
+    Parameters
+    ----------
+    sensor : Sensor
+    records : Records
     """
-    return int(_crc(np.frombuffer(data, dtype=np.uint8), _TABLES[bits], bits))
+
+    resync_bytes = MAX_PACKET + HEADER.size
+
+    def __init__(self, sensor: Sensor, records: Records) -> None:
+        super().__init__(sensor, records.clock, BOUND)
+        self._records = records
+        self._finder = PacketFinder()
+        self._distrusted = 0
+        #: the beginning of a record, and how many bytes to pass over before one begins
+        self._rest, self._skip = b"", 0
+
+    def _take(self, data: bytes, *, final: bool) -> Events:
+        events = super()._take(data, final=final)
+        if isinstance(self._records, EventRecords):
+            # its clock wraps at no power of two, so that the gate cannot do it
+            self.health.wraps = self._records.wraps
+        return events
+
+    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+        finder, health, parts = self._finder, self.health, list[Columns]()
+        finder.start(data, len(data) + 1 if final else self._distrusted)
+        self._distrusted = 0
+        while True:
+            self._aim(finder)
+            packet = finder.find(self._rest)
+            if finder.joined.size > len(self._rest):
+                self._take_joined(finder, finder.joined.size - len(self._rest))
+                self._take_bytes(finder.joined, parts)
+            if packet is None:
+                break
+            self._take_packet(packet, parts)
+        health.frames += finder.packets
+        health.crc_errors += finder.errors
+        health.skipped_bytes += finder.skipped
+        health.resyncs += finder.resyncs
+        return parts, data[finder.at :]
+
+    def _aim(self, finder: PacketFinder) -> None:
+        """Say which fragments can be joined, and what to believe."""
+        raise NotImplementedError
+
+    def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
+        """Learn how much of the fragments has come; `_take_bytes` takes it."""
+        raise NotImplementedError
+
+    def _take_packet(self, packet: Packet, parts: list[Columns]) -> None:
+        """Take any other packet."""
+        raise NotImplementedError
+
+    def _take_bytes(self, raw: npt.NDArray[np.uint8], parts: list[Columns]) -> int:
+        """Decode the whole records of bytes that begin with the rest of those before."""
+        skip = min(self._skip, raw.size)
+        self._skip -= skip
+        whole = skip + (raw.size - skip) // self._records.size * self._records.size
+        self._rest = raw[whole:].tobytes()
+        if whole > skip:
+            # begins where an array of words may
+            aligned = raw[:whole] if skip == 0 else raw[skip:whole].copy()
+            parts.append(self._records.decode(aligned, self.health, self._host_us))
+        return (whole - skip) // self._records.size
 
 
-@njit(cache=True, nogil=True)
-def _crc(data: Any, table: Any, bits: Any) -> Any:
-    value, mask = np.int64((1 << bits) - 1), (1 << bits) - 1
-    for byte in data:
-        value = (value << 8 & mask) ^ np.int64(table[(value >> (bits - 8)) ^ byte])
-    return value
+class AskingDecoder(PacketDecoder):
+    """Speaks with a camera; a packet is delivered whole and undamaged, or not at all.
+
+    What is lost on the way is known to the record, if the answer began to arrive: the camera has
+    told how much there is, and has freed it. If it did not, the camera may still have it. What
+    the camera had to drop before it was asked, it does not tell.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    channel : str
+        Its name.
+    records : Records
+    acknowledge : bool
+        Ask the camera to send again what is lost. Slower: one fragment at a time is on its way.
+    """
+
+    baud = BAUD
+
+    def __init__(
+        self, sensor: Sensor, channel: str, records: Records, *, acknowledge: bool = False
+    ) -> None:
+        super().__init__(sensor, records)
+        self._session = Session(channel, acknowledge)
+        self._unanswered = 0
+        #: of what is being read: bytes, bytes that came or were passed over, records that came
+        self._size = self._position = self._came = 0
+
+    def setup(self) -> bytes:
+        """See `Decoder.setup`."""
+        return self._session.opening()
+
+    def to_send(self, now_s: float) -> bytes:
+        """See `Decoder.to_send`."""
+        session = self._session
+        if session.overdue(now_s):
+            self.health.retries += 1
+            self._unanswered += session.awaited == Opcode.SYNC
+            self._give_up()
+            session.restart()
+            # the end of a packet that is still not there will not come
+            self._distrusted = len(self._pending)
+        out = session.send(now_s)
+        self.tick_s, self.remark = session.tick_s, session.remark
+        if self._unanswered > 1:
+            self.remark = (
+                f"the camera does not answer: open a serial port at {BAUD} baud, and have "
+                "firmware 5.0 or later on the camera"
+            )
+        return out
+
+    def feed(self, data: bytes, host_us: int = 0) -> Events:
+        """See `Decoder.feed`."""
+        session, errors = self._session, self.health.crc_errors
+        before = session.sequence, session.awaited
+        events = super().feed(data, host_us)
+        if (session.sequence, session.awaited) != before:
+            session.wait_anew()
+        if self.health.crc_errors > errors:
+            session.hurry()
+        return events
+
+    def finish(self) -> Events:
+        """See `Decoder.finish`."""
+        events = super().finish()
+        self._give_up()
+        return events
+
+    def gap(self, lost_bytes: int = 0) -> Events:
+        """See `Decoder.gap`."""
+        events = super().gap(lost_bytes)
+        if not lost_bytes:
+            # whoever has opened the link again has sent it
+            self._session.opening()
+        return events
+
+    def _lose_sync(self) -> None:
+        self._give_up()
+        self._session.restart()
+
+    def warm_up(self) -> None:
+        """See `Decoder.warm_up`; a scratch decoder speaks with a simulated camera."""
+        scratch = copy.deepcopy(self)
+        maker = open_maker(self._records.name, self.sensor)
+        camera = CameraEncoder(self.sensor, self._session.name, maker)
+        camera.start()
+        camera.encode(make_events([0], [0], [0], [1]))
+        command = scratch.setup()
+        for step in range(20):
+            scratch.feed(camera.respond(command))
+            command = scratch.to_send(step * POLL_S)
+        scratch.finish()
+
+    def _aim(self, finder: PacketFinder) -> None:
+        session = self._session
+        finder.limit, finder.sequence = session.limit, session.sequence
+        reading = session.awaited == Opcode.READ
+        # of more than was asked for, each packet is looked at
+        joins = reading and self._position < self._size
+        finder.channel = session.channel if joins and session.channel is not None else -1
+
+    def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
+        self._position += n_bytes
+        self._session.sequence = finder.sequence
+
+    def _take_bytes(self, raw: npt.NDArray[np.uint8], parts: list[Columns]) -> int:
+        n = super()._take_bytes(raw, parts)
+        self._came += n
+        return n
+
+    def _take_packet(self, packet: Packet, parts: list[Columns]) -> None:
+        session, flags = self._session, packet.flags
+        if flags & Flag.ACK_REQ:
+            session.acknowledge(packet)
+        if flags & Flag.EVENT:
+            session.hear_event(packet)
+            return
+        if flags & Flag.RTX and packet.sequence != session.sequence:
+            return  # it has come before, and only its acknowledgement was lost
+        self._unanswered = 0
+        if (
+            session.awaited == packet.opcode == Opcode.READ
+            and packet.channel == session.channel
+            and not flags & (Flag.ACK | Flag.NAK)
+        ):
+            self._take_fragment(packet, parts)
+            return
+        before = session.awaited
+        session.hear(packet)
+        if before == Opcode.READ != session.awaited:
+            self._give_up()
+        elif before != Opcode.READ == session.awaited:
+            self._size, self._position, self._came = session.size, 0, 0
+            self._rest, self._skip = b"", 0
+
+    def _take_fragment(self, packet: Packet, parts: list[Columns]) -> None:
+        """Take a part of what was asked for; all but the last are of one length."""
+        session, n = self._session, len(packet.payload)
+        missing = (packet.sequence - session.sequence) & 0xFF
+        last = not packet.flags & Flag.FRAGMENT
+        start = self._size - n if last else self._position + missing * n
+        if (
+            start < self._position
+            or start + n > self._size
+            or (start > self._position) != (missing > 0)
+        ):
+            # not what was asked for
+            self.health.crc_errors += 1
+            self._give_up()
+            session.restart()
+            return
+        if missing:
+            self.health.sequence_gaps += 1
+            self._rest, self._skip = b"", -start % self._records.size
+            self._records.lose()
+        session.sequence = (packet.sequence + 1) & 0xFF
+        self._position = start + n
+        self._take_bytes(np.frombuffer(self._rest + packet.payload, dtype=np.uint8), parts)
+        if last:
+            self._account()
+            session.poll()
+
+    def _give_up(self) -> None:
+        """Stop to wait for what was asked for."""
+        if self._position < self._size:
+            self.health.sequence_gaps += 1
+            self._account()
+
+    def _account(self) -> None:
+        """Count what is missing of what was asked for."""
+        missing = self._size // self._records.size - self._came
+        if missing > 0:
+            self.health.lost_at_most += missing * self._records.most
+            if self._position and isinstance(self._records, EventRecords):
+                self.health.lost += missing
+            self._records.lose()
+        self._size = self._position = self._came = 0
+        self._rest, self._skip = b"", 0
 
 
-class OpenmvDecoder(Decoder):
-    """Decodes packets of one channel; a packet is delivered whole and undamaged, or not at all.
+class ListeningDecoder(PacketDecoder):
+    """Decodes the packets of one channel as they come, of a device that asks for no question.
 
     Parameters
     ----------
     sensor : Sensor
     channel : int
-        Its number, which the camera gives by name; 0 is the protocol's own.
+        Its number.
+    records : Records
     """
 
-    resync_bytes = MAX_PACKET + HEADER.size
-
-    def __init__(self, sensor: Sensor, channel: int) -> None:
-        super().__init__(sensor, Clock(confirm=1), BOUND)
+    def __init__(self, sensor: Sensor, channel: int, records: Records) -> None:
+        super().__init__(sensor, records)
         self._channel = channel
         self._sequence: int | None = None
-        self._fragments = b""
-        self._now = self._last = 0
+        self._fragments = False
+        #: whether a record begins where the next bytes do
+        self._placed = True
+
+    def _samples(self) -> Iterable[bytes]:
+        maker = open_maker(self._records.name, self.sensor)
+        encoder = PushingEncoder(self.sensor, self._channel, maker)
+        yield encoder.encode(make_events([0], [0], [0], [1]))
 
     def _lose_sync(self) -> None:
-        self._fragments = b""
+        self._rest = b""
+        self._placed = not self._fragments
 
-    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
-        parts: list[Columns] = []
-        at, bad_from = 0, -1
-        while True:
-            found = data.find(SYNC, at)
-            if found < 0:
-                # the first half of the mark may be there already
-                found = len(data) - (not final and data.endswith(SYNC[:1]))
-            if found > at and bad_from < 0:
-                bad_from = at
-            at = max(at, found)
-            if len(data) - at < HEADER.size:
-                break
-            _, sequence, channel, flags, _, length, check = HEADER.unpack_from(data, at)
-            size = HEADER.size + length + (CHECK.size if length else 0)
-            whole = crc(data[at : at + 8], 16) == check
-            if whole and len(data) - at < size and not final:
-                break
-            payload = data[at + HEADER.size : at + HEADER.size + length]
-            if whole and length:
-                end = at + size
-                whole = len(data) >= end and crc(payload, 32) == CHECK.unpack_from(data, end - 4)[0]
-            if not whole:
-                self.health.crc_errors += 1
-                bad_from = at if bad_from < 0 else bad_from
-                at += 1
-                continue
-            self._skip(bad_from, at)
-            bad_from = -1
-            at += size
-            self.health.frames += 1
-            self._take_packet(sequence, channel, flags, payload, parts)
-        self._skip(bad_from, at)
-        return parts, data[at:]
+    def _aim(self, finder: PacketFinder) -> None:
+        finder.limit = MAX_PAYLOAD
+        joins = self._placed and self._sequence is not None
+        finder.channel = self._channel if joins else -1
+        finder.sequence = self._sequence or 0
 
-    def _skip(self, start: int, stop: int) -> None:
-        if start >= 0:
-            self.health.skipped_bytes += stop - start
-            self.health.resyncs += 1
+    def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
+        self._fragments = True
+        self._sequence = finder.sequence
 
-    def _take_packet(
-        self, sequence: int, channel: int, flags: int, payload: bytes, parts: list[Columns]
-    ) -> None:
-        if self._sequence is not None and not flags & _RTX:
-            missing = (sequence - self._sequence) & 0xFF
+    def _take_packet(self, packet: Packet, parts: list[Columns]) -> None:
+        most = self._records.most
+        if self._sequence is not None and not packet.flags & (Flag.RTX | Flag.EVENT):
+            missing = (packet.sequence - self._sequence) & 0xFF
             if missing:
                 self.health.sequence_gaps += 1
                 # each packet may have held nothing, or as much as a packet can
-                self.health.lost_at_most += missing * (0xFFFF // EVENT_BYTES)
-                self._fragments = b""
-        self._sequence = (sequence + 1) & 0xFF
-        if channel != self._channel or flags & (_ACK | _NAK):
+                self.health.lost_at_most += missing * (MAX_PAYLOAD // self._records.size) * most
+                self._records.lose()
+                self._lose_sync()
+        self._sequence = (packet.sequence + 1) & 0xFF
+        if packet.channel != self._channel or packet.flags & (Flag.ACK | Flag.NAK | Flag.EVENT):
             return
-        payload = self._fragments + payload
-        if flags & _FRAGMENT and len(payload) <= MAX_PAYLOAD:
-            self._fragments = payload
-            return
-        self._fragments = b""
-        whole = len(payload) // EVENT_BYTES * EVENT_BYTES
-        self.health.lost += len(payload) > whole
-        self.health.lost_at_most += len(payload) > whole
-        parts.append(self._events_of(payload[:whole]))
-
-    def _events_of(self, payload: bytes) -> Columns:
-        kind, s, ms, us, x, y = np.frombuffer(payload, dtype="<u2").reshape(-1, 6).T
-        real = kind < 2
-        raw = s.astype(np.int64) * 1_000_000 + ms.astype(np.int64) * 1_000 + us
-        raw = raw[real]
-        if raw.size:
-            # the seconds wrap after 18.2 hours
-            half = _PERIOD_US // 2
-            steps = (np.diff(raw, prepend=self._last) + half) % _PERIOD_US - half
-            self._last = int(raw[-1])
-            raw = self._now + np.cumsum(steps)
-            self._now = int(raw[-1])
-        return Columns(raw, x[real], y[real], kind[real] == 1)
-
-
-class OpenmvEncoder(Encoder):
-    """Makes packets of the channel ``events``."""
-
-    def __init__(self, sensor: Sensor, channel: int, packet_events: int = 256) -> None:
-        super().__init__(sensor)
-        self._channel, self._packet_events = channel, packet_events
-        self._sequence = 0
-
-    def encode(self, events: Events) -> bytes:
-        """Encode events."""
-        t = events["t"] % _PERIOD_US
-        fields = (
-            events["p"],
-            t // 1_000_000,
-            t // 1_000 % 1_000,
-            t % 1_000,
-            events["x"],
-            events["y"],
-        )
-        rows = np.stack([field.astype("<u2") for field in fields], axis=1)
-        step = self._packet_events
-        return b"".join(
-            self._packet(rows[i : i + step].tobytes()) for i in range(0, events.size, step)
-        )
-
-    def _packet(self, payload: bytes) -> bytes:
-        header = HEADER.pack(SYNC, self._sequence, self._channel, 0, 0, len(payload), 0)[:8]
-        self._sequence = (self._sequence + 1) & 0xFF
-        checked = header + struct.pack("<H", crc(header, 16)) + payload
-        return checked + CHECK.pack(crc(payload, 32))
+        last = not packet.flags & Flag.FRAGMENT
+        self._fragments |= not last
+        if self._placed:
+            raw = np.frombuffer(self._rest + packet.payload, dtype=np.uint8)
+            self._take_bytes(raw, parts)
+        else:
+            # the end of a message whose beginning is missing
+            self.health.lost_at_most += (len(packet.payload) // self._records.size + 1) * most
+        if last:
+            self.health.lost_at_most += bool(self._rest)
+            self._rest, self._placed = b"", True
 
 
 def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
     """Make a decoder."""
-    return OpenmvDecoder(sensor, options.integer("channel", 4, 0, 255))
+    channel, records_format = _channel(options)
+    acknowledge = options.choice("ack", ("off", "on")) == "on"
+    records = open_records(records_format)
+    if isinstance(channel, int):
+        return ListeningDecoder(sensor, channel, records)
+    return AskingDecoder(sensor, channel, records, acknowledge=acknowledge)
 
 
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     """Make an encoder."""
-    return OpenmvEncoder(sensor, options.integer("channel", 4, 0, 255))
+    channel, records_format = _channel(options)
+    make = open_maker(records_format, sensor)
+    if isinstance(channel, int):
+        return PushingEncoder(sensor, channel, make)
+    return CameraEncoder(sensor, channel, make)
+
+
+def _channel(options: OptionReader) -> tuple[str | int, str]:
+    """Read which channel, by name or by number, and what it holds."""
+    channel = options.text("channel") or "events"
+    records_format = options.choice("format", ("auto", *FORMATS))
+    if records_format == "auto":
+        # as the scripts of the maker have it
+        records_format = "evt21" if channel == "raw_events" else "events"
+    if not channel.isdigit():
+        return channel, records_format
+    if int(channel) > 255:
+        raise UsageError(f"openmv: channel={channel}: expected 0 to 255, or a name")
+    return int(channel), records_format

@@ -33,9 +33,18 @@ class Decoder(ABC):
     health : Health
     resync_bytes : int
         After a fault, the next event is found once so many undamaged bytes have followed.
+    baud : int
+        Of a serial port, where nothing else is said.
+    tick_s : float
+        `to_send` wants to be called so often while nothing comes.
+    remark : str
+        What the user should know now, if anything.
     """
 
     resync_bytes: int = 0
+    baud: int = 115_200
+    tick_s: float = 0.1
+    remark: str = ""
 
     def __init__(self, sensor: Sensor, clock: Clock, accounting: str = UNKNOWN) -> None:
         self.sensor = sensor
@@ -76,6 +85,16 @@ class Decoder(ABC):
 
     def teardown(self) -> bytes:
         """Tell what to send to the device before the link closes."""
+        return b""
+
+    def to_send(self, now_s: float) -> bytes:
+        """Tell what to send to the device now; asked after each piece, and while none comes.
+
+        Parameters
+        ----------
+        now_s : float
+            On a clock that never goes back.
+        """
         return b""
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
@@ -175,8 +194,15 @@ class Encoder(ABC):
         """Answer what the host sent."""
         return b""
 
+    def to_send(self, now_s: float) -> bytes:
+        """Tell what to send now unasked; asked again and again."""
+        return b""
+
     #: Whether the host speaks first, so that a device is silent until then.
     waits_for_host: bool = False
+    #: Events that wait to be fetched by the host, and how many may; a device drops what is more.
+    held: int = 0
+    capacity: int = 0
 
 
 def made_up_events(n: int = 1_000) -> Events:

@@ -1,0 +1,214 @@
+"""What the channels of an OpenMV camera with a GENX320 hold: records of one size, end to end."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.evt import Decoder as WordsDecoder
+from edge_vpr.recordings.source import Columns
+from edge_vpr.stream.gate import Clock
+from edge_vpr.stream.health import Health
+from edge_vpr.stream.protocols.evt import Evt2Encoder, Evt3Encoder, Evt21Encoder
+from edge_vpr.stream.protocols.protocol import Encoder
+
+Raw = npt.NDArray[np.uint8]
+
+#: The seconds of the channel `events` have 16 bits, so that its clock wraps after 18.2 hours.
+PERIOD_US = 65_536 * 1_000_000
+
+
+class Records(ABC):
+    """Decodes one channel's records.
+
+    Attributes
+    ----------
+    name : str
+        One of `FORMATS`.
+    size : int
+        Bytes of one.
+    most : int
+        Events that one holds at most.
+    clock : Clock
+    """
+
+    name: str
+    size: int
+    most: int
+    clock: Clock
+
+    @abstractmethod
+    def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
+        """Decode whole records, of one reply or less."""
+
+    def lose(self) -> None:  # noqa: B027, not every kind remembers anything
+        """Learn that some are missing before the next."""
+
+
+class EventRecords(Records):
+    """The channel ``events``: type, seconds, milliseconds, microseconds, column, row, as u16.
+
+    Type 0 is OFF, 1 is ON, 2 to 5 are edges of the trigger inputs, which are no events.
+    """
+
+    name, size, most = "events", 12, 1
+    clock = Clock(confirm=1)
+
+    def __init__(self) -> None:
+        # the last time on the device's clock, that time without wraps, how often it wrapped
+        self._state = np.zeros(3, dtype=np.int64)
+
+    @property
+    def wraps(self) -> int:
+        """How often the clock has wrapped."""
+        return int(self._state[2])
+
+    def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
+        """See `Records.decode`; a record that cannot be one is counted as undated."""
+        rows = raw.view("<u2").reshape(-1, 6)
+        t = np.empty(len(rows), dtype=np.int64)
+        x, y = np.empty(len(rows), dtype=np.uint16), np.empty(len(rows), dtype=np.uint16)
+        p = np.empty(len(rows), dtype=np.bool_)
+        n, odd = _events(rows, t, x, y, p, self._state)
+        health.undated += odd
+        health.decoded += odd
+        return Columns(t[:n], x[:n], y[:n], p[:n])
+
+
+@njit(cache=True, nogil=True)
+def _events(rows, t, x, y, p, state):  # type: ignore[no-untyped-def]
+    half = PERIOD_US // 2
+    last, now = state[0], state[1]
+    n = odd = 0
+    for i in range(rows.shape[0]):
+        kind = rows[i, 0]
+        if kind > 5 or rows[i, 2] > 999 or rows[i, 3] > 999:
+            odd += 1
+            continue
+        if kind > 1:
+            continue
+        time = np.int64(rows[i, 1]) * 1_000_000 + np.int64(rows[i, 2]) * 1_000 + rows[i, 3]
+        step = time - last
+        if step < -half:
+            step += PERIOD_US
+            state[2] += 1
+        elif step >= half:
+            step -= PERIOD_US
+            state[2] -= 1
+        now += step
+        last = time
+        t[n], x[n], y[n], p[n] = now, rows[i, 4], rows[i, 5], kind == 1
+        n += 1
+    state[0], state[1] = last, now
+    return n, odd
+
+
+#: Bytes a word, events a word at most, bits of the clock.
+_EVT = {"evt2": (4, 1, 34), "evt21": (8, 32, 34), "evt3": (2, 12, 24)}
+
+
+class EvtRecords(Records):
+    """The channel ``raw_events`` as Prophesee words, which hold their state over replies."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.size, self.most, bits = _EVT[name]
+        # a checksum vouches for each word
+        self.clock = Clock(bits, confirm=1)
+        self._words = WordsDecoder(name, 1)
+        self._undated = 0
+        #: of EVT 3.0 after a loss, what has not been said again: kinds of word
+        self._unknown: set[int] = set()
+
+    def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
+        """See `Records.decode`."""
+        words = raw.view(self._words.dtype)
+        if self._unknown:
+            words = self._resumed(words, health)
+        columns = self._words.decode(words)
+        health.undated += self._words.undated - self._undated
+        health.decoded += self._words.undated - self._undated
+        self._undated = self._words.undated
+        # the decoder's columns are valid until its next call, and a reply may come in two parts
+        return Columns(*(np.array(column) for column in columns))
+
+    def _resumed(
+        self, words: npt.NDArray[np.unsignedinteger], health: Health
+    ) -> npt.NDArray[np.unsignedinteger]:
+        """Leave out events whose row, time or first column was in what is missing."""
+        kinds = words >> 12
+        known_from = {}
+        for kind in list(self._unknown):
+            found = np.flatnonzero(kinds == kind)
+            known_from[kind] = int(found[0]) if found.size else words.size
+            if found.size:
+                self._unknown.discard(kind)
+        at = np.arange(words.size)
+        dated = max(known_from.get(kind, -1) for kind in (8, 6, 0))
+        event = (kinds == 2) & (at < dated)
+        event |= ((kinds == 4) | (kinds == 5)) & (at < max(dated, known_from.get(3, -1)))
+        health.lost_at_most += int(event.sum()) * self.most
+        return words[~event]
+
+    def lose(self) -> None:
+        """See `Records.lose`."""
+        self._words = WordsDecoder(self.name, 1)
+        self._undated = 0
+        self._unknown = {8, 6, 0, 3} if self.name == "evt3" else set()
+
+
+class AerRecords(Records):
+    """The channel ``raw_events`` as 19 bits in three bytes, without a time of their own."""
+
+    name, size, most = "aer", 3, 1
+    clock = Clock(confirm=1)
+
+    def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
+        """See `Records.decode`."""
+        low, middle, high = raw.reshape(-1, 3).T.astype(np.uint16)
+        y = low | (middle & 1) << 8
+        x = middle >> 1 | (high & 3) << 7
+        return Columns(np.full(y.size, host_us, dtype=np.int64), x, y, high & 4 != 0)
+
+
+FORMATS = ("events", "evt2", "evt21", "evt3", "aer")
+
+
+def open_records(records_format: str) -> Records:
+    """Make a decoder of one of `FORMATS`."""
+    if records_format == "events":
+        return EventRecords()
+    return AerRecords() if records_format == "aer" else EvtRecords(records_format)
+
+
+def open_maker(records_format: str, sensor: Sensor) -> Callable[[Events], bytes]:
+    """Make an encoder of one of `FORMATS`."""
+    if records_format == "events":
+        return _event_rows
+    if records_format == "aer":
+        return _aer_bytes
+    encoders: dict[str, Callable[[Sensor], Encoder]] = {
+        "evt2": Evt2Encoder,
+        "evt21": Evt21Encoder,
+        "evt3": Evt3Encoder,
+    }
+    return encoders[records_format](sensor).encode
+
+
+def _event_rows(events: Events) -> bytes:
+    t = events["t"] % PERIOD_US
+    rows = np.empty((events.size, 6), dtype="<u2")
+    rows[:, 0], rows[:, 1], rows[:, 2] = events["p"], t // 1_000_000, t // 1_000 % 1_000
+    rows[:, 3], rows[:, 4], rows[:, 5] = t % 1_000, events["x"], events["y"]
+    return rows.tobytes()
+
+
+def _aer_bytes(events: Events) -> bytes:
+    word = events["y"].astype(np.uint32) | events["x"].astype(np.uint32) << 9
+    word |= events["p"].astype(np.uint32) << 18
+    return word.astype("<u4").view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
