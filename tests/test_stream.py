@@ -16,8 +16,8 @@ from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
 from edge_vpr.errors import MapError, UsageError
-from edge_vpr.events import Sensor
-from edge_vpr.localiser import Localiser
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.pipeline import cleaned, map_traverse
 from edge_vpr.policy import Every
 from edge_vpr.recordings import open_recording, write_recording
@@ -25,7 +25,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.stream.bridge import Bridge, LineFaults
 from edge_vpr.stream.links import open_device_link
-from edge_vpr.stream.live import LiveLocaliser
+from edge_vpr.stream.live import LiveLocaliser, Step
 from edge_vpr.stream.protocols import open_decoder, open_encoder
 
 SENSOR = Sensor(64, 48)
@@ -120,42 +120,98 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     assert np.array_equal(replayed[["x", "y", "p"]], again[["x", "y", "p"]])
 
 
-def test_a_prefix_of_a_real_walk_over_tcp_is_matched_as_offline(shared_data, tmp_path):
-    frames = np.load(shared_data / "speck_walks" / "query.npz")["frames"][:120]
-    np.savez(tmp_path / "frames.npz", frames=frames)
+@pytest.fixture(scope="module")
+def walks(shared_data, tmp_path_factory):
+    """The real walks as recordings of events, and a map of the first."""
     from fractions import Fraction
 
-    walk = open_recording(tmp_path / "frames.npz", frame_period=Fraction(1, 30))
-    settings = Settings(pixels=25, sigma=3.0, tau_us=200_000, sequence_length=3)
-    map_traverse(walk, settings).save(tmp_path / "map.npz")
-    write_recording(tmp_path / "query.npz", walk)
-    _, address, thread = bridge_thread_of(tmp_path / "query.npz", walk.sensor)
-    log = tmp_path / "run.jsonl"
-    words = ["stream", "--port", address, "--protocol", "evpr", "--map", tmp_path / "map.npz"]
-    words += ["--once", "--every", "10ms", "--log", log, "--on-overload", "wait"]
-    assert main([str(word) for word in words]) == 0
-    thread.join(timeout=5)
-    localiser = Localiser(ReferenceMap.load(tmp_path / "map.npz"), every=Every(interval_us=10_000))
-    recording = open_recording(tmp_path / "query.npz")
-    expected = np.concatenate([localiser.update(e) for e in cleaned(recording, settings)])
-    found = rows_of(log, "match")
-    assert expected.size > 100
-    assert [(r["t"], r["place"], r["distance_sum"], r["second_sum"]) for r in found] == (
-        expected[["t", "place", "distance_sum", "second_sum"]].tolist()
-    )
+    folder = tmp_path_factory.mktemp("walks")
+    settings = Settings(pixels=64, tau_us=1_000_000, sequence_length=5)
+    for name in ("reference", "query"):
+        path = shared_data / "speck_walks" / f"{name}.npz"
+        walk = open_recording(path, frame_period=Fraction(1, 30))
+        if name == "reference":
+            map_traverse(walk, settings).save(folder / "map.npz")
+        else:
+            write_recording(folder / "query.npz", walk)
+    return folder
 
 
-def bridge_thread_of(path, sensor):
-    link = open_device_link("tcp://127.0.0.1:0")
-    bridge = Bridge(link, open_encoder("evpr", sensor), speed=0)
+@pytest.mark.parametrize(
+    ("port", "protocol"), [("virtual", "edvs:format=E4"), ("tcp://127.0.0.1:0", "evpr")]
+)
+def test_a_real_walk_of_nine_million_events_is_matched_live_as_offline(
+    port, protocol, walks, tmp_path
+):
+    sensor = Sensor(128, 128)
+    link = open_device_link(port)
+    bridge = Bridge(link, open_encoder(protocol, sensor), speed=0)
 
     def replay():
-        bridge.run(open_recording(path))
+        bridge.run(open_recording(walks / "query.npz", chunk_events=20_000))
         link.close()
 
     thread = threading.Thread(target=replay, daemon=True)
     thread.start()
-    return bridge, link.address, thread
+    log = tmp_path / "run.jsonl"
+    words = ["stream", "--port", link.address, "--protocol", protocol.partition(":")[0]]
+    words += ["--map", walks / "map.npz", "--once", "--every", "100ms", "--log", log]
+    words += ["--on-overload", "wait"]
+    assert main([str(word) for word in words]) == 0
+    thread.join(timeout=5)
+    reference = ReferenceMap.load(walks / "map.npz")
+    localiser = Localiser(reference, every=Every(interval_us=100_000))
+    recording = open_recording(walks / "query.npz")
+    expected = np.concatenate(
+        [localiser.update(part) for part in cleaned(recording, reference.settings)]
+    )
+    names = ["t", "place", "distance_sum", "second", "second_sum", "events"]
+    found = [tuple(row[name] for name in names) for row in rows_of(log, "match")]
+    assert len(found) > 1_000
+    assert found == expected[names].tolist()
+    (summary,) = rows_of(log, "summary")
+    assert (summary["events"], summary["decoded"], summary["lost"]) == (9_234_993, 9_234_993, 0)
+
+
+def test_a_run_is_saved_for_the_rerun_viewer(drive, tmp_path):
+    pytest.importorskip("rerun", reason="rerun-sdk, 160 MB, is an extra of its own")
+    saved, raw = tmp_path / "run.rrd", tmp_path / "raw.bin"
+    encoder = open_encoder("evpr", SENSOR)
+    sent = np.concatenate(list(open_recording(drive / "query.npz")))
+    raw.write_bytes(encoder.start() + encoder.encode(sent))
+    words = ["stream", "--port", raw, "--protocol", "evpr", "--map", drive / "map.npz"]
+    assert main([str(word) for word in [*words, "--rerun", saved]]) == 0
+    # 2 s in pictures of 33 ms
+    assert saved.read_bytes().count(b"RRF2") >= 1
+    assert saved.stat().st_size > 20_000
+
+
+def test_the_viewer_gets_each_picture_once_and_the_newest_match(drive):
+    pytest.importorskip("rerun", reason="rerun-sdk, 160 MB, is an extra of its own")
+    from edge_vpr_tools.rerun_view import PICTURE_US, RerunView
+
+    told = []
+
+    class Recording:
+        def set_time(self, timeline, *, duration):
+            told.append((timeline, duration))
+
+        def log(self, path, what):
+            told.append((path, what))
+
+    view = RerunView(Recording(), SENSOR)
+    events = make_events([0, 10, PICTURE_US], [1, 2, 3], [4, 5, 6], [1, 0, 1])
+    matches = np.zeros(2, dtype=MATCH_DTYPE)
+    matches["t"], matches["place"], matches["ratio"] = [5, 9], [7, 8], [0.5, np.nan]
+    view.show(Step(events[:1], matches[:0], False))
+    view.show(Step(events[1:], matches, False))
+    assert [path for path, _ in told] == [
+        "stream", "events", "stream", "match/place", "match/incomplete",
+    ]  # fmt: skip
+    assert told[0][1] == PICTURE_US / 1e6
+    picture = told[1][1].buffer.as_arrow_array()[0].values.to_numpy().reshape(48, 64, 3)
+    assert picture[4, 1].tolist() != picture[5, 2].tolist() != picture[0, 0].tolist()
+    assert np.array_equal(picture[0, 0], picture[6, 3])  # of the next picture
 
 
 def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(drive, tmp_path):
@@ -206,6 +262,40 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
     assert health.decoded + health.lost == events.size
 
 
+def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    every = Every(interval_us=10_000)
+    encoder = open_encoder("evpr", SENSOR)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    steps = [live.feed(encoder.start() + encoder.encode(events), 0)]
+    last = int(events["t"][-1])
+    for now in range(last + 50_000, last + 500_000, 50_000):
+        steps.append(live.feed(encoder.idle(now), 0))
+        assert steps[-1].events.size == 0
+        assert steps[-1].matches["t"][-1] == now // 10_000 * 10_000
+    later = events.copy()
+    later["t"] += last + 1_000_000
+    steps.append(live.feed(encoder.encode(later), 0))
+    found = np.concatenate([*(step.matches for step in steps), live.finish().matches])
+    localiser = Localiser(reference, every=every)
+    recording = Drive(np.concatenate([events, later]), SENSOR)
+    expected = [localiser.update(part) for part in cleaned(recording, reference.settings)]
+    # silence brings matches early, and the same ones
+    assert found.tolist() == np.concatenate(expected).tolist()
+
+
+def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
+    encoder = open_encoder("evpr", SENSOR)
+    decoder = open_decoder("evpr", SENSOR)
+    decoder.feed(encoder.start() + encoder.idle(50_000))
+    assert decoder.reached_us == 50_000
+    decoder.feed(encoder.idle(40_000))
+    assert decoder.reached_us == 50_000
+    decoder.feed(encoder.idle(10**12))  # no clock leaps by 11 days
+    assert decoder.reached_us == 50_000
+
+
 def test_a_map_of_another_sensor_is_refused(drive):
     with pytest.raises(MapError, match="use the map of this camera"):
         LiveLocaliser(open_decoder("evt2", Sensor(10, 10)), ReferenceMap.load(drive / "map.npz"))
@@ -217,41 +307,108 @@ def test_faults_that_make_no_sense_are_refused(text):
         LineFaults.parse(text)
 
 
+class Running:
+    """The command as a process; one that says nothing fails its test instead of holding it up."""
+
+    def __init__(self, *words, stdin=None):
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "edge_vpr_tools.cli", "stream", *map(str, words)],
+            stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
+        )  # fmt: skip
+        self._watchdog = threading.Timer(90, self.process.kill)
+        self._watchdog.start()
+
+    def wait_for(self, said):
+        """Read lines until one of them is what is waited for; return it."""
+        assert self.process.stdout is not None
+        lines = [""]
+        while not said(lines[-1]):
+            lines.append(self.process.stdout.readline())
+            assert lines[-1], (lines[-3:], self.process.stderr.read())
+            assert len(lines) < 10_000, lines[-3:]
+        return lines[-1]
+
+    def stop(self, number=signal.SIGTERM):
+        """Send a signal; return what else was printed."""
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=20)
+        self._watchdog.cancel()
+        assert self.process.returncode == 0, (err, out)
+        return out
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run_with_its_summary_and_its_files(number, drive, tmp_path):
     events = np.concatenate(list(open_recording(drive / "query.npz")))[:5_000]
     events["t"] -= events["t"][0]  # the stream has no frame before its first event
     sent = open_encoder("evpr", SENSOR).encode(events)
     read_end, write_end = os.pipe()
-    words = ["stream", "--port", "-", "--protocol", "evpr", "--map", drive / "map.npz"]
-    words += ["--record", tmp_path / "events.npz", "--log", tmp_path / "run.jsonl"]
-    run = subprocess.Popen(
-        [sys.executable, "-m", "edge_vpr_tools.cli", *map(str, words)],
-        stdin=read_end, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
-    )  # fmt: skip
+    files = ["--record", tmp_path / "events.npz", "--log", tmp_path / "run.jsonl"]
+    words = ["--port", "-", "--protocol", "evpr", "--map", drive / "map.npz", *files]
+    run = Running(*words, stdin=read_end)
     os.close(read_end)
-    # a run that says nothing fails this test instead of holding it up
-    watchdog = threading.Timer(90, run.kill)
-    watchdog.start()
     with os.fdopen(write_end, "wb") as pipe:
         pipe.write(sent)
         pipe.flush()
-        assert run.stdout is not None
-        lines = [""]
-        while " 5,000 events" not in lines[-1]:
-            lines.append(run.stdout.readline())
-            assert lines[-1]
-            assert len(lines) < 90, lines[-3:]
-        run.send_signal(number)
-        out, err = run.communicate(timeout=20)
-    watchdog.cancel()
-    assert run.returncode == 0, (err, lines, out)
+        run.wait_for(lambda line: " 5,000 events" in line)
+        out = run.stop(number)
     assert "5,000 events" in out
     assert "0 events lost on the way" in out
+    assert "from byte to match" in out
     recorded = np.concatenate(list(open_recording(tmp_path / "events.npz")))
     assert np.array_equal(recorded, events)
     assert rows_of(tmp_path / "run.jsonl", "summary")[0]["events"] == 5_000
+
+
+def sent_all(link, data):
+    view = memoryview(data)
+    while view:
+        view = view[link.write(bytes(view), 1) :]
+
+
+@pytest.mark.parametrize("kind", ["cable", "network"])
+def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(kind, drive, tmp_path):
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    before, meanwhile, after = np.split(events, [15_000, 25_000])
+    encoder = open_encoder("evpr", SENSOR)
+
+    def plug_in(address="tcp://127.0.0.1:0"):
+        if kind == "network":
+            link = open_device_link(address)
+            return link, link.address
+        link = open_device_link("virtual")
+        port = tmp_path / "event-camera"  # a name of its own, as udev gives it
+        port.symlink_to(link.address)
+        return link, str(port)
+
+    def greeted(link):
+        while not link.read(0.1):
+            pass
+
+    link, address = plug_in()
+    run = Running(
+        "--port", address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
+        "--every", "10ms",
+    )  # fmt: skip
+    greeted(link)
+    sent_all(link, encoder.start() + encoder.encode(before))
+    run.wait_for(lambda line: '"events": 15000' in line)
+    link.close()
+    (tmp_path / "event-camera").unlink(missing_ok=True)
+    encoder.encode(meanwhile)
+    told = json.loads(run.wait_for(lambda line: '"kind": "link"' in line))
+    assert "trying again" in told["text"]
+    link, _ = plug_in(address)
+    greeted(link)
+    sent_all(link, encoder.encode(after))
+    run.wait_for(lambda line: '"events": 30000' in line)
+    last = run.stop().splitlines()[-1]
+    link.close()
+    health = json.loads(last)
+    assert health["kind"] == "summary"
+    assert (health["decoded"], health["lost"], health["reopened"]) == (30_000, 10_000, 1)
+    assert health["accounting"] == "exact"
 
 
 @pytest.mark.parametrize(
