@@ -100,6 +100,7 @@ def _decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """16-bit words that each change a part of the state, or are events.
 
     A new value of the high time bits sets the low ones to 0: the sensor's next low word follows.
+    Parts of the state that no word has told yet are -1.
     """
     n = 0
     base, low, row, first, polarity = (
@@ -110,12 +111,12 @@ def _decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
         state[_P],
     )
     time = (base << 12) | low
-    dated = state[_HIGH] >= 0
+    dated = state[_HIGH] >= 0 and low >= 0
     for word16 in words:
         word = np.int64(word16)
         kind = word >> 12
         if kind == 2:  # one event
-            if dated:
+            if dated and row >= 0:
                 t[n] = time
                 x[n] = word & 2047
                 y[n] = row
@@ -126,6 +127,7 @@ def _decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
         elif kind == 6:  # low time bits
             low = word & 4095
             time = (base << 12) | low
+            dated = state[_HIGH] >= 0
         elif kind == 0:  # row
             row = word & 2047
         elif kind == 4 or kind == 5:  # 12 or 8 columns, one bit each
@@ -134,7 +136,7 @@ def _decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
             column = first
             while valid:
                 if valid & 1:
-                    if dated:
+                    if dated and row >= 0 and first >= 0:
                         t[n] = time
                         x[n] = column
                         y[n] = row
@@ -144,12 +146,13 @@ def _decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
                         state[_UNDATED] += 1
                 valid >>= 1
                 column += 1
-            first += width
+            # beyond the last column it stays there
+            first = min(first + width, 2048) if first >= 0 else first
         elif kind == 8:  # high time bits
             high = word & 4095
             if high != state[_HIGH]:
                 _advance(state, high, 12)
-                base, low, dated = state[_BASE], 0, True
+                base, low = state[_BASE], min(low, 0)
                 time = base << 12
         elif kind == 3:  # first column of the vectors that follow
             first = word & 2047
@@ -182,7 +185,7 @@ class Decoder:
     dtype : dtype
         Of the words.
     undated : int
-        Events so far that came before the first time word, and were dropped.
+        Events so far that came before the first words of time and place, and were dropped.
     """
 
     def __init__(self, encoding: str, capacity: int, endianness: str = "little") -> None:
@@ -190,7 +193,7 @@ class Decoder:
         self.dtype = dtype.newbyteorder(">") if endianness == "big" else dtype
         self._swap = endianness == "legacy" and encoding == "evt21"
         self._state = np.zeros(_STATE, np.int64)
-        self._state[_HIGH] = -1
+        self._state[[_HIGH, _LOW, _Y, _X]] = -1
         self._reserve(capacity)
 
     def _reserve(self, words: int) -> None:

@@ -112,8 +112,9 @@ class Gate:
         """Go on where `other` ended, on another clock: the order of events is kept."""
         other.finish()
         self._state[:] = other._state
+        self._state[_RESETS] += self._state[_DATED]
+        self._state[_NOW] += self._state[_DATED]
         self._state[_DATED] = 0
-        self._state[_RESETS] += 1
         self._report(0, 0)
 
     def finish(self) -> None:

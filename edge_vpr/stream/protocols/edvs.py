@@ -18,6 +18,7 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.gate import Clock, no_columns
 from edge_vpr.stream.protocols.layout import (
+    NOTICE_WORDS,
     Field,
     Layout,
     LayoutDecoder,
@@ -36,6 +37,8 @@ _BITS = {
 }
 #: Bytes from which the format is found, and the longest event.
 DETECT_BYTES = 1_024
+#: A format found is looked for again if most of so many bytes do not fit it.
+DOUBT_BYTES = 16_384
 #: A reading fits if more than this share of a stretch looks right; half of any noise does.
 FITS = 0.75
 #: The same where no time of full length speaks for it.
@@ -69,20 +72,22 @@ class StepDecoder(Decoder):
         self._sync = sync
         self._now = 0
         self._searching = True
-        self.resync_bytes = (2 * SEARCH_WORDS + 4) * _LONGEST
+        self._room = no_columns()
+        self.resync_bytes = (SEARCH_WORDS + NOTICE_WORDS + 1) * _LONGEST
 
     def _lose_sync(self) -> None:
         self._searching = True
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         raw = np.frombuffer(data, dtype=np.uint8)
-        t, x, y, p = _room(raw.size)
+        if raw.size // 3 >= self._room.t.size:
+            self._room = _room(raw.size)
+        t, x, y, p = self._room
         at, count = 0, 0
         while True:
             if self._searching:
-                # one more than looked at, for the offsets
-                need = (SEARCH_WORDS + 1) * _LONGEST
-                starts = raw.size - at - (0 if final else need - 1)
+                # a start is judged by the events after it, and by the starts next to it
+                starts = raw.size - at - (0 if final else (SEARCH_WORDS + 1) * _LONGEST)
                 if starts <= 0:
                     break
                 skip, found = _search_steps(raw[at:], self._sync, SEARCH_WORDS, starts)
@@ -162,10 +167,7 @@ def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
 
 def _room(size: int) -> Columns:
     """Columns for the events that `size` bytes of steps can hold."""
-    n = size // 3 + 1
-    return Columns(
-        np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.bool_)
-    )
+    return no_columns(size // 3 + 1)
 
 
 def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int, int] | None:
@@ -245,12 +247,14 @@ class EdvsDecoder(Decoder):
             raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: leave --sensor out")
         super().__init__(sensor, Clock())
         self._bits, self._syncs, self._command = bits, syncs, command
+        self._given = len(bits) == 1 and len(syncs) == 1
         self._inner: Decoder | None = None
-        self._early = b""
-        self._skipped = self._lost = self._gaps = 0
-        self.resync_bytes = 2 * DETECT_BYTES
-        if len(bits) == 1 and len(syncs) == 1:
+        # bytes received and skipped when the format was last doubted
+        self._since = 0, 0
+        if self._given:
             self._settle(bits[0], syncs[0])
+        else:
+            self.resync_bytes = 2 * (DOUBT_BYTES + DETECT_BYTES)
 
     def setup(self) -> bytes:
         """Stop events, echo off, set the format, clock to zero, start events."""
@@ -262,28 +266,31 @@ class EdvsDecoder(Decoder):
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
         """Take the next bytes; see `Decoder.feed`."""
-        if self._inner is None:
-            self._early += data
-            self._count_early(len(data))
-            if len(self._early) < DETECT_BYTES:
-                return self._gate.admit(no_columns())
-            return self._detect(host_us)
-        return self._inner.feed(data, host_us)
+        if self._given and self._inner is not None:
+            return self._inner.feed(data, host_us)
+        events = []
+        while data:
+            if self._inner is None:
+                data = self._find_format(data)
+                continue
+            # doubted at the same bytes, however they are cut
+            left = DOUBT_BYTES - (self.health.bytes - self._since[0])
+            events.append(self._inner.feed(data[:left], host_us))
+            data = data[left:]
+            self._doubt()
+        return _joined(events) if events else self._gate.admit(no_columns())
 
     def gap(self, lost_bytes: int = 0) -> Events:
         """Learn that bytes are missing; see `Decoder.gap`."""
-        if self._inner is None:
-            if lost_bytes:
-                self.health.overruns += 1
-                self.health.overrun_bytes += lost_bytes
-            return self._gate.admit(no_columns())
-        return self._inner.gap(lost_bytes)
+        return super().gap(lost_bytes) if self._inner is None else self._inner.gap(lost_bytes)
 
     def finish(self) -> Events:
         """End the stream; see `Decoder.finish`."""
-        events = [] if self._inner is not None else [self._detect(0, last=True)]
-        end = super().finish() if self._inner is None else self._inner.finish()
-        return np.concatenate([*events, end])
+        events = []
+        if self._inner is None and (early := self._find_format(b"", last=True)):
+            events.append(self.feed(early))
+        events.append(super().finish() if self._inner is None else self._inner.finish())
+        return _joined(events)
 
     def _samples(self) -> Iterable[bytes]:
         for bits in {32, STEPS} & set(self._bits) or self._bits:
@@ -293,32 +300,29 @@ class EdvsDecoder(Decoder):
             yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
-        return [], b""
+        return [], data
 
-    def _count_early(self, new: int) -> None:
-        self.health.bytes += new
-        self.health.pending_bytes = len(self._early)
-
-    def _detect(self, host_us: int, *, last: bool = False) -> Events:
-        events = self._gate.admit(no_columns())
-        while self._inner is None and self._early:
-            found = detect(self._early[:DETECT_BYTES], self._bits, self._syncs)
-            if found is not None:
-                early, self._early = self._early, b""
-                self._settle(*found)
-                assert self._inner is not None
-                self.health.bytes -= len(early)
-                self.health.pending_bytes = 0
-                events = self._inner.feed(early, host_us)
-            elif len(self._early) >= DETECT_BYTES or last:
+    def _find_format(self, data: bytes, *, last: bool = False) -> bytes:
+        """Take bytes until their format shows; give back those that are to be decoded then."""
+        health = self.health
+        health.bytes += len(data)
+        early = self._pending + data
+        found = None
+        while found is None and len(early) >= (1 if last else DETECT_BYTES):
+            found = detect(early[:DETECT_BYTES], self._bits, self._syncs)
+            if found is None:
                 # noise so far: half of it makes room for what comes
-                cut = DETECT_BYTES // 2
-                self.health.skipped_bytes += len(self._early[:cut])
-                self._early = self._early[cut:]
-                self.health.pending_bytes = len(self._early)
-            else:
-                break
-        return events
+                health.skipped_bytes += len(early[: DETECT_BYTES // 2])
+                early = early[DETECT_BYTES // 2 :]
+        if found is None:
+            self._pending = early
+            health.pending_bytes = len(early)
+            return b""
+        self._pending = b""
+        health.bytes -= len(early)  # they are counted when they are decoded
+        health.pending_bytes = 0
+        self._settle(*found)
+        return early
 
     def _settle(self, bits: int, sync: int) -> None:
         inner: Decoder
@@ -327,7 +331,25 @@ class EdvsDecoder(Decoder):
         else:
             inner = LayoutDecoder("edvs", layout_of(bits, sync), self.sensor)
         inner.adopt(self.health)
+        inner._gate.succeed(self._gate)
         self._inner, self._gate = inner, inner._gate
+        self._since = self.health.bytes, self.health.skipped_bytes
+        self.resync_bytes = inner.resync_bytes
+
+    def _doubt(self) -> None:
+        """Find the format anew if most bytes do not fit it: noise may have looked like it."""
+        received, skipped = self.health.bytes, self.health.skipped_bytes
+        if received - self._since[0] < DOUBT_BYTES or self._inner is None:
+            return
+        unfit = 2 * (skipped - self._since[1]) > DOUBT_BYTES
+        self._since = received, skipped
+        if unfit:
+            self.health.resyncs += 1
+            self._pending, self._inner = self._inner._pending, None
+
+
+def _joined(events: list[Events]) -> Events:
+    return events[0] if len(events) == 1 else np.concatenate(events)
 
 
 class EdvsEncoder(Encoder):
