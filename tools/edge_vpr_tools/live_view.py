@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from edge_vpr.stream.health import Health
     from edge_vpr.stream.live import LiveLocaliser, Step
 
@@ -98,9 +100,9 @@ class View:
             self._logged = now
             self._write(self._health(health))
         if self._live is not None:
-            self._live.update("\n".join(self._lines(health, live.filled)))
+            self._live.update(self._panel(health, live.filled))
         elif not self._json:
-            print(" | ".join(self._lines(health, live.filled)), flush=True)
+            print(" | ".join(self._said(health, live.filled).values()), flush=True)
 
     def summary(self, health: Health, bursts_removed: int) -> None:
         """Say how it went."""
@@ -127,20 +129,43 @@ class View:
             "lag_p99_ms": self._lags.percentile_ms(0.99),
         }
 
-    def _lines(self, health: Health, filled: float) -> list[str]:
-        lines = [f"{self._rate:,.0f} events/s", f"{health.events:,} events"]
+    def _said(self, health: Health, filled: float) -> dict[str, str]:
+        """Name what there is to say, and say it."""
+        said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
         if self._last is not None:
-            ratio = self._last["ratio"]
-            lines += [
+            said["place"] = (
                 f"place {self._last['place']} of {self._places}"
-                f" ({100 * self._last['place'] / max(1, self._places - 1):.0f} % of the route)",
-                "ratio -" if ratio is None else f"ratio {ratio:.3f}",
-            ]
+                f" ({100 * self._position():.0f} % of the route)"
+            )
+            ratio = self._last["ratio"]
+            said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if self._last["incomplete"]:
-                lines.append("incomplete: events were lost")
+                said["certainty"] += ", incomplete: events were lost"
         elif self._places:
-            lines.append(f"first sequence {100 * filled:.0f} % full")
-        return [*lines, f"{1e3 * self._lag_s:.1f} ms from byte to match", str(health)]
+            said["place"] = f"first sequence {100 * filled:.0f} % full"
+        said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to match"
+        said["health"] = str(health)
+        return said
+
+    def _position(self) -> float:
+        """Share of the route that lies behind the newest match."""
+        assert self._last is not None
+        return float(self._last["place"] / max(1, self._places - 1))
+
+    def _panel(self, health: Health, filled: float) -> RenderableType:
+        """Lay out what there is to say, with the position as a bar."""
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+
+        table = Table.grid(padding=(0, 2))
+        table.add_column(style="dim", justify="right")
+        table.add_column()
+        for name, text in self._said(health, filled).items():
+            table.add_row(name, text)
+            if name == "place":
+                share = filled if self._last is None else self._position()
+                table.add_row("", ProgressBar(total=1.0, completed=share, width=50))
+        return table
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
