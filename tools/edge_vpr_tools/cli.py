@@ -42,8 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0, 1 for a failed run, 2 for wrong use, 130 after an interrupt.
     """
-    args = _parser().parse_args(argv)
+    args: argparse.Namespace | None = None
     try:
+        args = _parser().parse_args(argv)
         args.run(args)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -54,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 0
     except Exception as error:
-        if args.debug:
+        if args is not None and args.debug:
             traceback.print_exc()
         return _report(error)
     return 0
