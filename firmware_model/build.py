@@ -46,6 +46,7 @@ EMULATED = (
     Target("cortex-m4", "thumb-freestanding-eabi", "cortex_m4", "usada8"),
     Target("cortex-m7", "thumb-freestanding-eabi", "cortex_m7", "usada8"),
     Target("cortex-a53", "aarch64-freestanding", "cortex_a53", "NEON"),
+    Target("cortex-a72", "aarch64-freestanding", "cortex_a72", "NEON"),
     Target("cortex-a76", "aarch64-freestanding", "cortex_a76", "NEON"),
 )
 

@@ -245,6 +245,7 @@ def _processor(unicorn: Any, target: Target) -> Any:
         uc = unicorn.Uc(unicorn.UC_ARCH_ARM64, unicorn.UC_MODE_ARM)
         models = {
             "cortex_a53": arm64_const.UC_CPU_ARM64_A53,
+            "cortex_a72": arm64_const.UC_CPU_ARM64_A72,
             "cortex_a76": arm64_const.UC_CPU_ARM64_MAX,
         }
         uc.ctl_set_cpu_model(models[target.cpu])

@@ -168,7 +168,7 @@ def test_instructions_stay_within_their_limits(measured):
     """Per byte of a distance, and per event at a selected pixel."""
     for core in ("cortex-m4", "cortex-m7"):
         assert measured[core].sad_per_byte <= 2.0 and measured[core].event_selected <= 30
-    for core in ("cortex-a53", "cortex-a76"):
+    for core in ("cortex-a53", "cortex-a72", "cortex-a76"):
         assert measured[core].sad_per_byte <= 0.7
     for row in measured.values():
         assert row.event_unselected < row.event_selected and row.code_bytes < 4096
