@@ -92,7 +92,9 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
     try:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"cannot read hot pixels from {path}: {error}") from error
+        raise RecordingError(
+            f"cannot read hot pixels from {path}: {error}: name a file with a line x, y for each"
+        ) from error
     hot = np.zeros((sensor.height, sensor.width), dtype=np.bool_)
     for number, line in enumerate(lines, 1):
         fields = line.replace(",", " ").split()

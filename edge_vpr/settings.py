@@ -226,7 +226,9 @@ def resolve_settings(
         try:
             values = tomllib.loads(Path(config).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise UsageError(f"cannot read settings from {config}: {error}") from error
+            raise UsageError(
+                f"cannot read settings from {config}: {error}: name a TOML file"
+            ) from error
         preset = values.pop("preset", preset)
     if preset not in PRESETS:
         raise UsageError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")

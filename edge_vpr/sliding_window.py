@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.counters import select_events
-from edge_vpr.errors import EventError
+from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import Events
 from edge_vpr.pixels import PixelMap
 from edge_vpr.policy import Every
@@ -30,9 +30,14 @@ class SlidingWindow:
     window : FixedTime or FixedCount
         Its length.
     every : Every
-        When to give a descriptor. None is given before the window is full.
+        When to give a descriptor, without `change`. None is given before the window is full.
     polarity : bool
         Count ON and OFF events apart.
+
+    Raises
+    ------
+    UsageError
+        If descriptors are asked for at a change of place.
 
     Examples
     --------
@@ -48,6 +53,8 @@ class SlidingWindow:
     def __init__(
         self, pixel_map: PixelMap, window: Window, *, every: Every, polarity: bool = False
     ) -> None:
+        if every.change:
+            raise UsageError("descriptors name no place that could change: leave change out")
         self.every = every
         self._table = pixel_map.table()
         self._polarity = polarity

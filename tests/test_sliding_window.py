@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 from test_windows import PIXEL_MAP, PIXELS, SENSOR
 
-from edge_vpr.errors import EventError
+from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import make_events
 from edge_vpr.policy import Every
 from edge_vpr.sliding_window import SlidingWindow
@@ -80,3 +80,8 @@ def test_time_that_runs_backwards_is_refused_and_changes_nothing():
     with pytest.raises(EventError, match="backwards"):
         sliding.update(make_events([3], [0], [0]))
     assert sliding.counts[0] == 1
+
+
+def test_descriptors_name_no_place_so_that_a_change_of_it_is_wrong_use():
+    with pytest.raises(UsageError, match="leave change out"):
+        SlidingWindow(PIXEL_MAP, FixedTime(9_000), every=Every(events=1, change=True))

@@ -92,6 +92,7 @@ def _own_errors() -> Iterator[None]:
 
 def _make(args: argparse.Namespace) -> None:
     from edge_vpr.errors import UsageError
+    from edge_vpr_tools.results import results_folder
     from firmware_model import Design
     from firmware_model.vectors import standard_suites, write_suites
 
@@ -99,6 +100,9 @@ def _make(args: argparse.Namespace) -> None:
         raise UsageError("vectors are made of one of --design and --map, to the folder of --output")
     if args.recording is not None and args.map is None:
         raise UsageError("--recording needs a map: name it by --map")
+    output = Path(args.output)
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise UsageError(f"{output} is not an empty folder: name a new one")
     recorded: list[Case] = []
     if args.map is None:
         design = Design.load(args.design)
@@ -107,7 +111,8 @@ def _make(args: argparse.Namespace) -> None:
     suites = standard_suites(design, args.seed)
     if recorded:
         suites["recording"] = recorded
-    manifest = write_suites(args.output, design, suites, args.seed)
+    with results_folder(output, overwrite=True) as folder:
+        manifest = write_suites(folder, design, suites, args.seed)
     for suite in manifest["suites"]:
         missed = [corner for corner, number in suite["coverage"].items() if number == 0]
         if suite["name"] == "corners" and missed:
