@@ -36,7 +36,7 @@ from edge_vpr.stream.protocols.openmv_packets import (
     pack,
 )
 
-#: An answer is late after this, as in the maker's host; doubled each time in a row.
+#: An answer is late after this, as in the maker's host; doubled each time in a row up to this.
 PATIENCE_S, LONGEST_S = 1.0, 4.0
 #: After damaged bytes it is late sooner, if nobody sends it again.
 DAMAGED_S = 0.1
@@ -98,6 +98,9 @@ class Session:
         #: empty once it is sent
         self._command = pack(opcode, self.sequence, channel, 0, payload)
         self._pause = pause
+        if opcode == Opcode.READ and self._acknowledge:
+            # what is lost comes again, after 0.5 s, and 1 s and 2 s later
+            self._patience = LONGEST_S
         #: when the pause is over, or else when the answer is late; None: counted from the next send
         self._moment: float | None = None
 
@@ -130,9 +133,10 @@ class Session:
         return late
 
     def hurry(self) -> None:
-        """Learn that bytes came damaged: if nobody sends them again, do not wait long for them."""
-        if not self._acknowledge and not self._hurried:
-            self._hurried, self._patience = True, DAMAGED_S
+        """Learn that bytes came damaged: wait until they are sent again, or else not for long."""
+        if not self._hurried:
+            self._hurried = True
+            self._patience = LONGEST_S if self._acknowledge else DAMAGED_S
             self.wait_anew()
 
     def wait_anew(self) -> None:

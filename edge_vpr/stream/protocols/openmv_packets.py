@@ -13,7 +13,7 @@ on docs.openmv.io say otherwise, the code of both sides decides.
 from __future__ import annotations
 
 import struct
-from enum import IntEnum, IntFlag
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +31,8 @@ MAX_PACKET = HEADER.size + MAX_PAYLOAD + CHECK.size
 BAUD = 921_600
 
 
-class Flag(IntFlag):
-    """Bits of the flags."""
+class Flag:
+    """Bits of the flags; plain numbers, since an enumeration's take longer than the rest."""
 
     ACK = 1
     NAK = 2
@@ -323,9 +323,9 @@ def _find(  # type: ignore[no-untyped-def]
             found = True
             break
         fill = state[_FILL]
-        for i in range(size - 14):
-            out[fill + i] = data[at + 10 + i]
-        state[_FILL] = fill + max(0, size - 14)
+        if size > 14:
+            out[fill : fill + size - 14] = data[at + 10 : at + size - 4]
+            state[_FILL] = fill + size - 14
         state[_SEQUENCE] = (state[_SEQUENCE] + 1) & 0xFF
         at += size
     if bad_from >= 0:
