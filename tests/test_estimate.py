@@ -23,10 +23,11 @@ from edge_vpr.errors import UsageError
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, EventResult, Machine, WindowResult
 from firmware_model.build import EMULATED, build
-from firmware_model.comparator import SearchModel
+from firmware_model.comparator import ComparatorModel, SearchModel
 from firmware_model.descriptor import DescriptorModel
 from firmware_model.image import image
 from firmware_model.instructions import DESIGN, TABLE
+from firmware_model.memories import Lookup
 
 SMALL = Design(width=64, height=64, pixels=150, places=200)
 RATE = Mission(events_per_s=1e5, selected_share=0.01, matches_per_s=1.0)
@@ -57,16 +58,23 @@ class Metered(int):
 
 
 class Shelf(list):
-    """A list that counts its accesses."""
+    """A memory that counts its accesses, under the name of its own tally."""
 
-    tally: ClassVar[Counter[str]] = Counter()
+    def __init__(self, values, tally):
+        super().__init__(values)
+        self.tally = tally
 
     def __getitem__(self, at):
-        Shelf.tally["reads"] += 1
+        self.tally["reads"] += 1
         return super().__getitem__(at)
 
+    def __iter__(self):
+        for value in super().__iter__():
+            self.tally["reads"] += 1
+            yield value
+
     def __setitem__(self, at, value):
-        Shelf.tally["writes"] += 1
+        self.tally["writes"] += 1
         super().__setitem__(at, value)
 
 
@@ -85,7 +93,18 @@ class Line(deque):
 
 
 class MeteredDescriptor(DescriptorModel):
-    """Counters, also those of a window just begun, that count their accesses."""
+    """Every memory that an event and a window's end touch, metered by name."""
+
+    def __init__(self, memories, tallies):
+        self._tallies = tallies
+        super().__init__(memories)
+        lookup = self.lookup
+        self.lookup = Lookup(
+            Shelf(lookup.displacement, tallies["displacement"]),
+            # row and slot stand in one entry: it is read once for both
+            Shelf(lookup.owner, tallies["lookup"]),
+            lookup.slot,
+        )
 
     @property
     def counts(self):
@@ -93,7 +112,20 @@ class MeteredDescriptor(DescriptorModel):
 
     @counts.setter
     def counts(self, values):
-        self._counts = Shelf(values)
+        """The counters of a window just begun: each is cleared."""
+        self._counts = Shelf(values, self._tallies["counts"])
+        self._tallies["counts"]["writes"] += len(values)
+
+
+class MeteredComparator(ComparatorModel):
+    """Counts the words of a place and of the query that are compared."""
+
+    words = 0
+
+    def steps(self, place, query):
+        for accumulated in super().steps(place, query):
+            MeteredComparator.words += 1
+            yield accumulated
 
 
 class MeteredSearch(SearchModel):
@@ -110,50 +142,90 @@ class MeteredSearch(SearchModel):
         super().take(place, total)
 
 
+def metered(design, memories):
+    """A machine whose every memory counts its accesses, and the tallies by name."""
+    names = ("displacement", "lookup", "counts", "code", "table", "history")
+    tallies = {name: Counter() for name in names}
+    # a frozen design and its tables are wrapped in place
+    design.__dict__["tables"] = tuple(Shelf(table, tallies["code"]) for table in design.tables)
+    object.__setattr__(memories, "tables", Shelf(memories.tables, tallies["table"]))
+    machine = Machine(memories)
+    machine.descriptor = MeteredDescriptor(memories, tallies)
+    machine.comparator = MeteredComparator(memories)
+    machine.comparator._places = [[Metered(code) for code in place] for place in memories.places]
+    history = machine.sequence.history
+    machine.sequence.history = [Shelf(row, tallies["history"]) for row in history]
+    return machine, tallies
+
+
+def same(tallies, work, names):
+    """Reads and writes of these memories are those that were counted without looking."""
+    for name in names:
+        told = work.traffic.get(name)
+        expected = (told.reads, told.writes) if told else (0, 0)
+        assert (tallies[name]["reads"], tallies[name]["writes"]) == expected, name
+
+
 @pytest.mark.parametrize("seed", range(25))
 def test_counts_are_those_of_a_metered_oracle(seed, monkeypatch):
-    """Every event, window and complete match of a random device that is fed a random stream."""
+    """Every event, window's end and complete match of a random device and a random stream."""
     monkeypatch.setattr("firmware_model.machine.SearchModel", MeteredSearch)
     rng = np.random.default_rng(seed)
     design = random_design(rng)
     memories = random_memories(rng, design)
     events = wrapped(random_stream(rng, memories, 300), design)
-    places = tuple(tuple(Metered(code) for code in place) for place in memories.places)
-    machine = Machine(memories)
-    machine.comparator._places = places
-    machine.sequence.history = [Shelf(row) for row in machine.sequence.history]
-    expected = counts.match_work(design)
-    machine.descriptor = MeteredDescriptor(memories)
+    machine, tallies = metered(design, memories)
+    expected, ends = counts.match_work(design), counts.window_work(design)
+
+    def clear():
+        for tally in (*tallies.values(), Metered.tally, Line.tally):
+            tally.clear()
+        MeteredSearch.sums = MeteredComparator.words = 0
+
     for event in events:
-        Shelf.tally.clear()
+        on_sensor = event.x < design.width and event.y < design.height
+        ended = False
+        clear()
         for result in machine.descriptor.take(event):
             if isinstance(result, EventResult):
                 hit = result.slot is not None
                 work = counts.event_work(design, selected=hit)
-                before = Shelf.tally["writes"]
-                assert work.counter_updates == before == (1 if hit else 0)
+                assert work.counter_updates == int(hit)
+                if on_sensor:
+                    same(tallies, work, ("displacement", "lookup"))
+                if not ended:
+                    # the oracle reads the counter once more, to tell it
+                    assert tallies["counts"]["reads"] == 2 * int(hit)
+                    assert tallies["counts"]["writes"] == int(hit)
             if not isinstance(result, WindowResult):
                 continue
-            for tally in (Metered.tally, Shelf.tally, Line.tally):
-                tally.clear()
-            MeteredSearch.sums = 0
+            ended = True
+            clear()
             codes = tuple(Metered(code) for code in result.codes)
             match = machine.match(result._replace(codes=codes))
-            history = dict(Shelf.tally)
             assert Metered.tally["absolute_differences"] == expected.absolute_differences
-            assert history["writes"] == expected.traffic["history"].writes
+            for name in ("query", "places"):
+                assert MeteredComparator.words == expected.traffic[name].reads
+            assert tallies["history"]["writes"] == expected.traffic["history"].writes
             if match is not None:
                 assert Metered.tally["additions"] == expected.additions
                 assert 3 * MeteredSearch.sums + 1 == expected.comparisons
                 asked = expected.multiplications if match.second_sum else 0
                 assert Metered.tally["multiplications"] == asked
-                read = expected.traffic["history"].reads if design.length > 1 else 0
-                assert history.get("reads", 0) == read
+                same(tallies, expected, ["history"])
                 for name, count in (("writes", MeteredSearch.sums), ("reads", None)):
                     of_delay = getattr(expected.traffic["delay"], name)
                     assert Line.tally[name] == of_delay
                     assert count is None or count == of_delay
-            Shelf.tally.clear()
+            clear()
+    # at a window's end each counter is read, coded and cleared, and the codes written as words
+    clear()
+    ((*_, codes),) = machine.descriptor._end_window()
+    of_several = ["table"] * (len(design.full_scales) > 1)
+    same(tallies, ends, ["counts", "code", *of_several])
+    words = [codes[i : i + design.lanes] for i in range(0, len(codes), design.lanes)]
+    assert ends.traffic["query"].writes == len(words)
+    assert ends.traffic["query"].bytes_written >= len(codes) * design.code_bits / 8
 
 
 def test_a_window_touches_each_counter_once():
