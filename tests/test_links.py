@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import socket
+import struct
+import termios
 import threading
 import time
 
@@ -195,3 +198,35 @@ def test_a_reader_that_waits_is_woken_by_the_first_byte():
     late.join()
     host.close()
     device.close()
+
+
+def test_what_the_ports_driver_counts_as_damaged_is_told(monkeypatch):
+    counted = {"framing": 3, "overrun": 5, "parity": 7, "buffer": 11}
+
+    real = fcntl.ioctl
+
+    def ioctl(descriptor, request, *rest):
+        if request != termios.TIOCGICOUNT:
+            return real(descriptor, request, *rest)
+        names = ("framing", "overrun", "parity", None, "buffer")
+        return struct.pack("20i", *[1] * 6, *(counted.get(name, 1) for name in names), *[1] * 9)
+
+    device = open_device_link("virtual")
+    monkeypatch.setattr("fcntl.ioctl", ioctl)
+    host = open_link(device.address)
+    assert host.line_errors() == 0
+    counted.update(framing=4, buffer=111)
+    assert host.line_errors() == 101
+    monkeypatch.undo()
+    host.close()
+    device.close()
+
+
+def test_damage_counted_by_the_system_is_added_up_over_links():
+    links = [Script([b"one"]), Script([b"two"])]
+    for link, errors in zip(links, (2, 3), strict=True):
+        link.line_errors = lambda errors=errors: errors
+    intake = Intake(lambda: links.pop(0) if links else Script([]), retry=True)
+    while intake.line_errors != 5:
+        intake.take(1)
+    intake.stop()

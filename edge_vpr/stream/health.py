@@ -58,6 +58,9 @@ class Health:
         Restarts of the device; what it lost between its last frame and the restart is unknown.
     overruns, overrun_bytes : int
         How often, and how many bytes, the host dropped because it fell behind.
+    line_errors : int
+        Characters with a wrong frame or parity, or dropped by the serial port or its driver, as
+        far as the system counts them.
     wraps : int
         Wraps of the device's clock.
     clock_resets : int
@@ -92,6 +95,7 @@ class Health:
     device_resets: int = 0
     overruns: int = 0
     overrun_bytes: int = 0
+    line_errors: int = 0
     wraps: int = 0
     clock_resets: int = 0
     reopened: int = 0
@@ -114,6 +118,7 @@ class Health:
             + self.device_dropped
             + self.device_resets
             + self.overruns
+            + self.line_errors
             + self.clock_resets
             + self.reopened
             + self.retries

@@ -17,6 +17,8 @@ BUFFER_BYTES = 1 << 20
 #: Bytes that have waited for so long are dropped, with all that wait behind them.
 MAX_LAG_S = 0.5
 _WAIT_S = 0.1
+#: The system's count of errors is looked at so often.
+_LOOK_S = 0.25
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
 
 
@@ -62,6 +64,8 @@ class Intake:
     ----------
     error : EdgeVprError or None
         Why it ended, if that was no ordinary end.
+    line_errors : int
+        Characters that the system says the line damaged or dropped.
     lost_link : str
         Why the link is closed right now, until it is open again; else empty.
     """
@@ -86,6 +90,7 @@ class Intake:
         self._stopping = threading.Event()
         self._ended = False
         self.error: EdgeVprError | None = None
+        self.line_errors = 0
         self.lost_link = ""
         # held to send and to close, so that nothing is sent to what has been closed
         self._sending = threading.Lock()
@@ -163,8 +168,12 @@ class Intake:
 
     def _read(self, link: Link, reopened: bool) -> None:
         drop = link.live if self._drop is None else self._drop
+        errors_before, look = self.line_errors, time.monotonic()
         while not self._stopping.is_set():
             data = link.read(_WAIT_S)
+            if time.monotonic() >= look:
+                look = time.monotonic() + _LOOK_S
+                self.line_errors = errors_before + link.line_errors()
             if data:
                 self._put(Piece(data, time.monotonic(), 0, reopened), drop)
                 reopened = False

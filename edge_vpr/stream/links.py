@@ -6,6 +6,7 @@ import contextlib
 import os
 import select
 import socket
+import struct
 import sys
 import termios
 import time
@@ -17,6 +18,9 @@ from typing import Any
 from edge_vpr.errors import EdgeVprError, UsageError
 
 READ_BYTES = 1 << 16
+# Linux's struct serial_icounter_struct: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk,
+# buf_overrun, and nine that are spare
+_COUNTERS = struct.Struct("20i")
 
 
 class LinkError(EdgeVprError):
@@ -58,6 +62,10 @@ class Link(ABC):
     @abstractmethod
     def close(self) -> None:
         """Close; again is harmless."""
+
+    def line_errors(self) -> int:
+        """Characters that the system says the line damaged or dropped since it was opened."""
+        return 0
 
     def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
         """Wait until the other side has taken what was sent."""
@@ -208,6 +216,19 @@ class SerialLink(DescriptorLink):
     def __init__(self, address: str, port: Any) -> None:
         super().__init__(address, port.fileno())
         self._port = port
+        self._errors_before = 0
+        self._errors_before = self.line_errors()
+
+    def line_errors(self) -> int:
+        """See `Link.line_errors`; 0 as well where the port's driver does not count."""
+        import fcntl
+
+        try:
+            raw = fcntl.ioctl(self._fd, termios.TIOCGICOUNT, bytes(_COUNTERS.size))
+        except (OSError, ValueError, AttributeError):
+            return 0
+        *_, framing, overrun, parity, _, buffer_overrun = _COUNTERS.unpack(raw)[:11]
+        return int(framing + overrun + parity + buffer_overrun) - self._errors_before
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`; a port that fails is one whose cable was pulled."""

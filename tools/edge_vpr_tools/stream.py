@@ -207,6 +207,7 @@ def _events(
     while not (stopping.is_set() or intake.ended):
         piece = intake.take(live.decoder.tick_s)
         step: Step | None = None
+        live.decoder.health.line_errors = intake.line_errors
         if piece is not None:
             heard, silent = piece.at_s, False
             for file in raw:
