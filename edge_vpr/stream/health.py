@@ -33,6 +33,8 @@ class Health:
         Beginnings whose end has not arrived.
     frames : int
         Undamaged frames, where the protocol has frames.
+    repeats : int
+        Undamaged frames that came a second time, and were left out.
     resyncs : int
         How often the decoder had to look for the next event or frame.
     crc_errors : int
@@ -79,6 +81,7 @@ class Health:
     skipped_bytes: int = 0
     pending_bytes: int = 0
     frames: int = 0
+    repeats: int = 0
     resyncs: int = 0
     crc_errors: int = 0
     sequence_gaps: int = 0

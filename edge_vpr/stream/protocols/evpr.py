@@ -29,11 +29,14 @@ _HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
 _NO_FRAME = b"\0"
 
 
+#: A frame that was sent before the last one, by less than this, came twice.
+REPEAT_US = 1_000_000
 # what is remembered from frame to frame: boot (-1: no frame yet), sequence number that the next
-# frame should have, drops told so far
-_BOOT, _NEXT, _DROPPED = range(3)
+# frame should have, drops told so far, the last frame's base time
+_BOOT, _NEXT, _DROPPED, _LAST = range(4)
 # what the frames of one piece brought
-_FRAMES, _DAMAGED, _SKIPPED, _GAPS, _LOST, _DROPS, _RESETS, _BASE, _IDLE_AT, _BROUGHT = range(10)
+_FRAMES, _DAMAGED, _SKIPPED, _REPEATS, _GAPS, _LOST, _DROPS, _RESETS = range(8)
+_BASE, _IDLE_AT, _BROUGHT = range(8, 11)
 
 
 class EvprDecoder(Decoder):
@@ -43,7 +46,7 @@ class EvprDecoder(Decoder):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
-        self._memory = np.array([-1, 0, 0], dtype=np.int64)
+        self._memory = np.array([-1, 0, 0, 0], dtype=np.int64)
         self._endless = False  # within a frame that is too long already
         self._reserve(1 << 12)
 
@@ -102,6 +105,7 @@ class EvprDecoder(Decoder):
         health.crc_errors += brought[_DAMAGED]
         health.resyncs += brought[_DAMAGED]
         health.skipped_bytes += brought[_SKIPPED]
+        health.repeats += brought[_REPEATS]
         health.sequence_gaps += brought[_GAPS]
         health.lost += brought[_LOST]
         health.lost_at_most = health.lost
@@ -166,13 +170,18 @@ def _take_frames(plain, spans, checks, memory, brought, t, x, y, p):  # type: ig
             continue
         boot, sequence = _number(plain, at + 2, 2), _number(plain, at + 4, 4)
         dropped, base = _number(plain, at + 8, 4), _number(plain, at + 12, 8)
-        if memory[_BOOT] < 0:
-            memory[_NEXT], memory[_DROPPED] = sequence, dropped
-        elif boot != memory[_BOOT]:
-            brought[_RESETS] += 1
-            memory[_NEXT] = memory[_DROPPED] = 0
         # running totals are modulo 2^32
         missing = (sequence - memory[_NEXT]) & 0xFFFFFFFF
+        if memory[_BOOT] < 0:
+            memory[_NEXT], memory[_DROPPED], missing = sequence, dropped, 0
+        elif boot != memory[_BOOT] or missing >= 1 << 31:
+            if boot == memory[_BOOT] and 0 <= memory[_LAST] - base < REPEAT_US:
+                brought[_REPEATS] += 1
+                brought[_SKIPPED] += spans[i, 2]
+                continue
+            # anew, even if the device forgot to change the number of its start
+            brought[_RESETS] += 1
+            memory[_NEXT], memory[_DROPPED], missing = 0, 0, sequence
         brought[_GAPS] += missing > 0
         brought[_LOST] += missing
         brought[_DROPS] += (dropped - memory[_DROPPED]) & 0xFFFFFFFF
@@ -183,7 +192,7 @@ def _take_frames(plain, spans, checks, memory, brought, t, x, y, p):  # type: ig
         events = _take_words(
             plain[at + _HEADER_BYTES : end], width, x_bits, y_bits, base, t[n:], x[n:], y[n:], p[n:]
         )
-        memory[_BOOT], memory[_DROPPED] = boot, dropped
+        memory[_BOOT], memory[_DROPPED], memory[_LAST] = boot, dropped, base
         memory[_NEXT] = (sequence + events) & 0xFFFFFFFF
         n += events
     return n

@@ -19,6 +19,8 @@ from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDeco
 
 #: Bytes a word, and bits of the clock, which counts microseconds.
 _SIZES = {"evt2": (4, 34), "evt21": (8, 34), "evt3": (2, 24)}
+#: Cameras say the time's high bits every 16 us, changed or not.
+_SLOT_BITS = 4
 #: Kinds of word that exist, one bit each.
 _KINDS_EVT2 = sum(1 << kind for kind in (0, 1, 8, 10, 14, 15))
 _KINDS_EVT3 = sum(1 << kind for kind in (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15))
@@ -103,19 +105,19 @@ def _read(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
 
 
 class Evt2Encoder(Encoder):
-    """Makes EVT 2.0 words: a time word where the time's high bits change, and a word an event."""
+    """Makes EVT 2.0 words: the time's high bits as often as cameras say them, a word an event."""
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        self._high = -1
+        self._slot = -1
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         if events.size == 0:
             return b""
-        high = events["t"] >> 6
-        new = np.diff(high, prepend=self._high) != 0
-        self._high = int(high[-1])
+        high, slot = events["t"] >> 6, events["t"] >> _SLOT_BITS
+        new = np.diff(slot, prepend=self._slot) != 0
+        self._slot = int(slot[-1])
         time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u4")
         low = (events["t"] & 63).astype(np.uint32) << 22
         word = (
@@ -132,15 +134,15 @@ class Evt21Encoder(Encoder):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        self._high = -1
+        self._slot = -1
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         if events.size == 0:
             return b""
-        high = events["t"] >> 6
-        new = np.diff(high, prepend=self._high) != 0
-        self._high = int(high[-1])
+        high, slot = events["t"] >> 6, events["t"] >> _SLOT_BITS
+        new = np.diff(slot, prepend=self._slot) != 0
+        self._slot = int(slot[-1])
         time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u8") << np.uint64(32)
         x = events["x"].astype(np.uint64)
         top = (
@@ -154,22 +156,22 @@ class Evt21Encoder(Encoder):
 
 
 class Evt3Encoder(Encoder):
-    """Makes EVT 3.0 words: time high, time low and row where they change, and a column an event."""
+    """Makes EVT 3.0 words: times, the row where it changes, and a column an event."""
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        self._high, self._low, self._y = -1, -1, -1
+        self._slot, self._low, self._y = -1, -1, -1
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         if events.size == 0:
             return b""
         t, y = events["t"], events["y"].astype(np.int64)
-        high, low = t >> 12, t & 4095
-        new_high = np.diff(high, prepend=self._high) != 0
+        high, low, slot = t >> 12, t & 4095, t >> _SLOT_BITS
+        new_high = np.diff(slot, prepend=self._slot) != 0
         new_low = new_high | (np.diff(low, prepend=self._low) != 0)
         new_y = np.diff(y, prepend=self._y) != 0
-        self._high, self._low, self._y = int(high[-1]), int(low[-1]), int(y[-1])
+        self._slot, self._low, self._y = int(slot[-1]), int(low[-1]), int(y[-1])
         words = np.stack(
             [
                 8 << 12 | (high & 4095),

@@ -12,14 +12,16 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import LATE_US, STEP_US, Clock, no_columns
+from edge_vpr.stream.gate import STEP_US, Clock, no_columns
 from edge_vpr.stream.protocols.protocol import Encoder, made_up_events
 from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder
 
 Form = npt.NDArray[np.uint64]
 
+#: Words of a device are in order but for this.
+DISORDER_US = 1_000
 #: A shifted stream is noticed within so many words.
-NOTICE_WORDS = 24
+NOTICE_WORDS = 40
 # what of a layout lies where in a form; after the place of a field, its mask
 _SIZE, _BIG, _OFF, _SYNC_MASK, _SYNC, _LATE, _SPAN = range(7)
 _X, _Y, _P, _T, _FORM = range(7, 16, 2)
@@ -88,7 +90,7 @@ class Layout:
         form[[_SYNC_MASK, _SYNC]] = self.sync_mask, self.sync_value
         # ticks that an event may be late, and come later, and still look right
         period = 1 << self.t.bits
-        late = min(LATE_US // self.tick_us, period // 16)
+        late = min(DISORDER_US // self.tick_us, period // 16)
         form[[_LATE, _SPAN]] = late, late + min(max(1, STEP_US // self.tick_us), period // 2)
         return form
 
@@ -189,7 +191,7 @@ def _read(raw, words, form):  # type: ignore[no-untyped-def]
     steps = np.zeros(max(1, words - 1), dtype=np.int64)
     before = _word(raw, 0, size, big)
     synced = before & form[_SYNC_MASK] == form[_SYNC]
-    good, moves = 1 if synced else 0, False
+    good, moves, marked = 1 if synced else 0, False, form[_SYNC_MASK] != 0 and synced
     first = 0 if synced and words == 1 else words
     for i in range(1, words):
         word = _word(raw, i * size, size, big)
@@ -204,7 +206,8 @@ def _read(raw, words, form):  # type: ignore[no-untyped-def]
         if synced and fits:
             good += 1
             first = min(first, i)
-    return good, first, np.median(steps), moves
+        marked &= synced
+    return good, first, np.median(steps), moves, marked
 
 
 class LayoutEncoder(Encoder):

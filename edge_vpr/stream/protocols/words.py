@@ -36,12 +36,15 @@ class Reading(NamedTuple):
         How fast time runs; a shifted reading makes it run faster. 0 where words do not tell.
     moves : bool
         Whether anything changes from word to word.
+    marked : bool
+        Whether every word has the marks that words must have, whatever its time.
     """
 
     good: int
     first: int
     pace: float = 0.0
     moves: bool = True
+    marked: bool = False
 
 
 class WordDecoder(Decoder):
@@ -72,6 +75,7 @@ class WordDecoder(Decoder):
         self._size = size
         self._search_words = search_words
         self._searching = True
+        self._told = False  # whether this search has been counted
         self.resync_bytes = (search_words + notice_words + 1) * size
 
     @abstractmethod
@@ -86,7 +90,7 @@ class WordDecoder(Decoder):
         """
 
     def _lose_sync(self) -> None:
-        self._searching = True
+        self._searching, self._told = True, False
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         raw = np.frombuffer(data, dtype=np.uint8)
@@ -99,6 +103,9 @@ class WordDecoder(Decoder):
                 skip = self._search(raw[at:])
                 at += skip
                 self.health.skipped_bytes += skip
+                # a search that ends where it began has lost nothing
+                self.health.resyncs += skip > 0 and not self._told
+                self._told |= skip > 0
                 if self._searching:
                     continue
             words = (raw.size - at) // size
@@ -110,7 +117,6 @@ class WordDecoder(Decoder):
             if used:
                 # the next words are decoded into the same place
                 parts.append(Columns(*(column.copy() for column in columns)))
-            self.health.resyncs += 1
             self._lose_sync()
         return parts, data[at:]
 
@@ -120,17 +126,22 @@ class WordDecoder(Decoder):
         most = min(self._search_words, raw.size // size)
         # the first byte from which a word looks right at all
         first = min(raw.size, most * size)
-        candidates = []
+        candidates, marked = [], False
         for offset in range(min(size, raw.size - size + 1)):
             words = min(most, (raw.size - offset) // size)
             reading = self._read(raw[offset:], words)
             first = min(first, offset + reading.first * size)
+            marked |= offset == 0 and reading.marked
             # random bytes look right less often than this, and damaged words more often
             if reading.first == 0 and reading.good * 4 >= words * 3:
                 candidates.append((reading.pace, -reading.good * most // words, offset))
         if candidates:
             self._searching = False
             return min(candidates)[2]
+        if marked:
+            # events so rare that their times say nothing
+            self._searching = False
+            return 0
         return first if first > 0 else min(raw.size, max(1, most // 2) * size)
 
 
