@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -262,6 +263,60 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
     assert health.decoded + health.lost == events.size
 
 
+def whole(lines):
+    """Events decoded or known to be lost, as the newest line of health says."""
+    for line in reversed(lines):
+        row = json.loads(line)
+        if row["kind"] == "health":
+            return row["decoded"] + row["lost"]
+    return 0
+
+
+def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(drive):
+    """Nobody reads its output for a while, so that matching stands still while bytes come."""
+    rng = np.random.default_rng(5)
+    flood = random_events(rng, 600_000, SENSOR, 6_000_000)
+    calm = random_events(rng, 60_000, SENSOR, 3_000_000)
+    calm["t"] += 6_000_000
+    link = open_device_link("virtual")
+    encoder = open_encoder("evpr", SENSOR)
+    run = Running(
+        "--port", link.address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
+        "--every", "event", "--max-lag", "100ms",
+    )  # fmt: skip
+    while not link.read(0.1):
+        pass
+    sent_all(link, encoder.start())
+    for part in np.array_split(flood, 60):
+        sent_all(link, encoder.encode(part))
+        time.sleep(0.005)
+    out: list[str] = []
+    reader = threading.Thread(target=lambda: out.extend(run.process.stdout), daemon=True)
+    reader.start()
+    for part in np.array_split(calm, 60):
+        sent_all(link, encoder.encode(part))
+        time.sleep(0.02)
+    end = time.monotonic() + 30
+    while whole(out) < 660_000:
+        assert time.monotonic() < end
+        sent_all(link, encoder.idle(int(calm["t"][-1])))
+        time.sleep(0.1)
+    run.process.send_signal(signal.SIGTERM)
+    reader.join(timeout=30)
+    run.stop()
+    link.close()
+    rows = [json.loads(line) for line in out]
+    health = rows[-1]
+    assert health["kind"] == "summary"
+    assert health["overruns"] > 0
+    assert health["lost"] > 0
+    assert health["decoded"] + health["lost"] == 660_000
+    matches = [row for row in rows if row["kind"] == "match"]
+    assert any(row["incomplete"] for row in matches)
+    assert not matches[-1]["incomplete"]
+    assert matches[-1]["t"] > 8_900_000
+
+
 def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
     reference = ReferenceMap.load(drive / "map.npz")
     events = np.concatenate(list(open_recording(drive / "query.npz")))
@@ -331,7 +386,8 @@ class Running:
 
     def stop(self, number=signal.SIGTERM):
         """Send a signal; return what else was printed."""
-        self.process.send_signal(number)
+        if self.process.poll() is None:
+            self.process.send_signal(number)
         out, err = self.process.communicate(timeout=20)
         self._watchdog.cancel()
         assert self.process.returncode == 0, (err, out)
