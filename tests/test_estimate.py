@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
 from collections import Counter, deque
@@ -11,11 +12,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from designs import random_design, random_memories, random_stream, wrapped
+from edge_vpr_tools import estimate
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.estimate import counts, emulation, pareto, targets
+from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, targets
 from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
+from edge_vpr_tools.estimate.request import design_and_mission
 from naive import sad
 from test_commands import drive  # noqa: F401
 
@@ -24,7 +27,9 @@ from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, EventResult, Machine, WindowResult
 from firmware_model.build import EMULATED, build
 from firmware_model.comparator import ComparatorModel, SearchModel
+from firmware_model.cost import memories
 from firmware_model.descriptor import DescriptorModel
+from firmware_model.emulator import Emulator
 from firmware_model.image import image
 from firmware_model.instructions import DESIGN, TABLE
 from firmware_model.memories import Lookup
@@ -254,6 +259,29 @@ def test_bytes_are_those_of_the_firmware_image(seed):
     assert counts.flash_bytes(design) == len(image(random_memories(rng, design)))
 
 
+@pytest.fixture(scope="module")
+def m4(tmp_path_factory):
+    """The firmware for a Cortex-M4."""
+    pytest.importorskip("ziglang")
+    pytest.importorskip("unicorn")
+    return build(EMULATED[1], tmp_path_factory.mktemp("m4"))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bytes_are_those_that_the_firmware_asks_for(seed, m4):
+    """Its own `vpr_ram_bytes` and the image that it opens, on an emulated Cortex-M4."""
+    rng = np.random.default_rng(seed)
+    design = random_design(rng)
+    emulator = Emulator(EMULATED[1], m4)
+    flash = image(random_memories(rng, design))
+    at_image, at_design = emulator.put(flash), emulator.put(bytes(512))
+    size = counts.sizes(design)
+    # a byte less is refused
+    assert emulator.call("vpr_open", at_design, at_image, size.flash_bytes - 1) & 1 == 0
+    assert emulator.call("vpr_open", at_design, at_image, size.flash_bytes) & 1 == 1
+    assert emulator.call("vpr_ram_bytes", at_design) == size.ram_bytes
+
+
 def test_bytes_are_those_of_a_saved_map(drive):  # noqa: F811
     """A place of the map, packed; and the design says what the map says."""
     reference = ReferenceMap.load(drive / "map.npz")
@@ -265,11 +293,44 @@ def test_bytes_are_those_of_a_saved_map(drive):  # noqa: F811
     assert stored == reference.places.counts.nbytes
 
 
-def test_a_headline_is_the_count_of_a_design():
-    """What is compared with all pixels is what is counted elsewhere."""
-    found, work = counts.headline(SMALL.slots, SMALL, 10.0), counts.match_work(SMALL)
-    assert found.absolute_differences == work.absolute_differences
-    assert (found.additions, found.comparisons) == (work.additions, work.comparisons)
+def test_every_pixel_is_counted_as_a_design_is():
+    """Where a device could hold as many, the counts are that device's but for the look-up."""
+    design = Design(width=16, height=8, pixels=20, places=30, lookup_depth=512)
+    every = counts.EveryPixel.beside(design)
+    device = replace(design, pixels=128)
+    assert (every.pixels, every.slots) == (128, 128)
+    assert counts.match_work(every) == counts.match_work(device)
+    assert counts.window_work(every) == counts.window_work(device)
+    assert set(counts.event_work(every, selected=True).traffic) == {"counts"}
+    sized = memories(device)
+    look_up = sum(sized[name].bits for name in ("displacement", "lookup"))
+    packed = sum(memory.bits for memory in sized.values()) - look_up
+    assert counts.sizes(every).packed_bytes == -(-packed // 8)
+    # more than a device may have
+    whole = counts.EveryPixel.beside(Design(width=346, height=260, pixels=150, places=1000))
+    assert counts.match_work(whole).absolute_differences == 346 * 260 * 1000
+
+
+def test_two_designs_are_compared_in_every_layer(tmp_path, capsys):
+    """Counts, bytes, instructions, time and energy of this design, and of another or all pixels."""
+    other, out = tmp_path / "other.toml", tmp_path / "estimate.json"
+    replace(SMALL, pixels=30).save(other)
+    SMALL.save(tmp_path / "this.toml")
+    this = ["estimate", "--design", str(tmp_path / "this.toml"), "--json", str(out)]
+    for vs, slots in ((str(other), 30), ("all-pixels", 64 * 64)):
+        assert main([*this, "--target", "cortex-m4", "--target", "ice40up5k", "--vs", vs]) == 0
+        shown = " ".join(capsys.readouterr().out.split())
+        found = json.loads(out.read_text())["vs"]
+        assert found["counts"]["counters"] == [150, slots]
+        assert found["counts"]["absolute differences, a match"] == [150 * 200, slots * 200]
+        assert found["counts"]["bytes a place"] == [57, -(-slots * 3 // 8)]
+        for name in ("bytes read, a match", "RAM of the firmware in C"):
+            ours, theirs = found["counts"][name]
+            assert (theirs > ours) == (slots > 150)
+        ours, theirs = found["targets"]["Cortex-M4"]
+        for one in ("instructions", "cycles", "seconds", "energy_j"):
+            assert ours[one]["match"] != theirs[one]["match"]
+        assert "energy of a match, modelled" in shown and "instructions a match" in shown
 
 
 def test_block_memories_are_whole():
@@ -369,7 +430,7 @@ def test_a_fit_is_the_largest(name):
     """What fits keeps the budget, and one more breaks it."""
     target, budget = targets.find(name), Budget.parse("24KiB")
     found = [f for f in fit(SMALL, target, RATE, [budget]) if 0 < f.value < 1 << 15]
-    assert found
+    assert {one.parameter for one in found} >= {"places"}
     for one in found:
         for more, within in ((0, True), (1, False)):
             values = SMALL.to_dict() | {
@@ -377,6 +438,15 @@ def test_a_fit_is_the_largest(name):
             }  # fmt: skip
             used = memory_bytes(Design.from_dict(values), target)
             assert (used <= budget.limit) == within
+
+
+def test_a_fit_tells_the_most_bits_too():
+    """With J and K as given: one more bit breaks the budget."""
+    target, budget = targets.find("ice40up5k"), Budget.parse("16KiB")
+    (most,) = (f for f in fit(SMALL, target, RATE, [budget]) if f.parameter == "code_bits")
+    assert most.value == most.code_bits and most.limited_by == "16KiB"
+    sizes = [memory_bytes(replace(SMALL, code_bits=most.value + n), target) for n in (0, 1)]
+    assert sizes[0] <= budget.limit < sizes[1]
 
 
 def test_a_design_over_the_firmwares_widths_does_not_fit():
@@ -389,27 +459,120 @@ def test_a_design_over_the_firmwares_widths_does_not_fit():
     assert broken_by(SMALL, targets.find("cortex-m4"), RATE, ()) == ""
 
 
-def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # noqa: F811
-    """Accuracy of the run, cost of its design on the mission's route, and what limits it."""
-    for name, accuracy in (("good", 0.9), ("bad", 0.2)):
-        run = tmp_path / name
+def evaluated(folder, drive):  # noqa: F811
+    """Two runs below a folder, one right and one wrong."""
+    for name, right in (("good", 0.9), ("bad", 0.2)):
+        run = folder / name
         run.mkdir()
         (run / "map.npz").write_bytes((drive / "map.npz").read_bytes())
-        told = {"evaluation": {"precision_at_100_recall": accuracy}}
+        told = {"evaluation": {"precision_at_100_recall": right, "queries": 100}}
         (run / "metrics.json").write_text(json.dumps(told))
+    return pareto.evaluated_runs(folder)
+
+
+def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # noqa: F811
+    """Accuracy of the run, cost of its design on the mission's route, and what limits it."""
+    runs = evaluated(tmp_path, drive)
     m4, budget = targets.find("cortex-m4"), [Budget.parse("64KiB")]
-    short = pareto.candidates(tmp_path, m4, budget)
+    asked = pareto.Asked(m4, budget)
+    short = pareto.candidates(runs, asked)
     assert [one.accuracy for one in short] == [0.9, 0.2]
-    assert not any(one.limited_by for one in short) and len(pareto.frontier(short)) == 1
-    long = pareto.candidates(tmp_path, m4, budget, places=10_000)
+    assert not any(one.limited_by for one in short)
+    assert len(pareto.frontier(short, lambda one: one.memory_bytes)) == 1
+    assert "90.0% right" in pareto.answer(short, asked, "these")
+    assert "Nothing limits it" in pareto.answer(short, asked, "these")
+    long = pareto.candidates(runs, replace(asked, places=10_000))
     assert {one.limited_by for one in long} == {"64KiB"}
-    drawn = tmp_path / "pareto.png"
-    asked = ["estimate", "--target", "cortex-m4", "--fit", "64KiB", "--route-km", "1"]
-    assert main([*asked, "--pareto", str(tmp_path), "--figure", str(drawn)]) == 0
+    assert "none of the 2 designs fits" in pareto.answer(long, asked, "these")
+    # the better one does not fit: it is what the limit costs
+    better = [replace(long[0], accuracy=0.95), short[1]]
+    assert "What limits it: 64KiB; 95.0% right" in pareto.answer(better, asked, "these")
+    rover = ["estimate", "--target", "cortex-m4", "--fit", "64KiB", "--route-km", "1"]
+    assert main([*rover, "--pareto", str(tmp_path)]) == 0
     assert "90.0% right" in " ".join(capsys.readouterr().out.split())
-    assert drawn.stat().st_size > 1_000
+    assert (tmp_path / "pareto.png").stat().st_size > 10_000
     with pytest.raises(UsageError, match="no evaluated run"):
-        pareto.candidates(tmp_path / "good" / "empty", m4, budget)
+        pareto.evaluated_runs(tmp_path / "good" / "empty")
+
+
+@pytest.mark.parametrize("name", ["ice40up5k", "raspberry-pi-5"])
+def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_path):  # noqa: F811
+    """Two panels; where energy is unknown, the one of energy says so and draws nothing."""
+    target = targets.find(name)
+    found = pareto.candidates(evaluated(tmp_path, drive), pareto.Asked(target))
+    energy, memory = pareto.draw(found, target).axes
+    assert "modelled" in energy.get_xlabel() or "unknown" in energy.texts[0].get_text()
+    assert bool(energy.lines) == (found[0].cost.per_match_j is not None)
+    assert "bytes" in memory.get_xlabel() and memory.lines
+
+
+def test_the_rovers_question_is_one_command(tmp_path, capsys, monkeypatch):
+    """Without any results: designs are tried on the spot, and each target is answered."""
+    from edge_vpr_tools.experiments.simulated import truth_of_pair
+
+    from edge_vpr.simulate import simulate_pair
+
+    def street():
+        pair = [one.keep() for one in simulate_pair(0, "tiny", length_m=120.0)]
+        return accuracy.Drives("a short street", *pair, truth_of_pair(*pair))
+
+    monkeypatch.setattr(accuracy, "simulated", street)
+    monkeypatch.setattr(accuracy, "PIXELS", (10, 25))
+    out = tmp_path / "answer.json"
+    rover = ["estimate", "--route-km", "8", "--fit", "64KiB", "--fit", "5mW", "--json", str(out)]
+    assert main([*rover, "--accuracy-on", "simulated"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    told = json.loads(out.read_text())["answers"]
+    text = told["text"]
+    assert set(text) == {targets.find(name).name for name in targets.names()}
+    assert "right on a short street" in text["iCE40UP5K"] and "800 places" in text["iCE40UP5K"]
+    assert text["iCE40UP5K"] in shown
+    assert "unknown" in text["Raspberry Pi 5"]
+    # at rest alone it takes more
+    assert "breaks 5mW" in text["Raspberry Pi Zero 2 W"]
+    tried = told["candidates"]["iCE40UP5K"]
+    assert len(tried) == 2 * len(accuracy.BITS)
+    assert all(one["design"]["places"] == 800 and one["queries"] > 0 for one in tried)
+
+
+def test_designs_are_tried_on_ones_own_drives(drive, tmp_path, capsys, monkeypatch):  # noqa: F811
+    """Two recordings and a ground truth."""
+    monkeypatch.setattr(accuracy, "PIXELS", (5,))
+    truth = tmp_path / "truth.csv"
+    truth.write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    pair = [str(drive / f"{name}.npz") for name in ("reference", "query")]
+    flags = ["--tau", "100ms", "-L", "2", "--target", "cortex-m4"]
+    trial = ["estimate", "--accuracy-on", *pair, *flags]
+    assert main([*trial, "--ground-truth", str(truth), "--tolerance", "0.2"]) == 0
+    assert "right on" in " ".join(capsys.readouterr().out.split())
+    assert main(trial) == 2
+    assert "--ground-truth" in capsys.readouterr().err
+
+
+def test_a_match_is_as_often_as_it_is_asked_for():
+    """After windows of time or count, numbers of events, and times."""
+    base = ["estimate", "--event-rate", "1000", "--selected-share", "0.5", "--sensor", "64x64"]
+    for flags, rate in (
+        ([], 1.0),
+        (["--tau", "100ms"], 10.0),
+        (["--window-events", "50"], 10.0),
+        (["--every", "event"], 500.0),
+        (["--every", "25"], 20.0),
+        (["--every", "10ms"], 100.0),
+        (["--match-rate", "3"], 3.0),
+    ):
+        args = parsed([*base, *flags])
+        assert design_and_mission(args)[1].matches_per_s == pytest.approx(rate)
+    for flags in (["--every", "often"], ["--every", "event", "--match-rate", "3"]):
+        with pytest.raises(UsageError):
+            design_and_mission(parsed([*base, *flags]))
+
+
+def parsed(words):
+    """Arguments of the command."""
+    parser = argparse.ArgumentParser()
+    estimate.add_arguments(parser)
+    return parser.parse_args(words[1:])
 
 
 def test_a_budget_of_power_needs_a_power():
@@ -461,7 +624,10 @@ def test_the_command_says_modelled_and_unknown(capsys, tmp_path, drive):  # noqa
     ("arguments", "says"),
     [
         (["--fit", "64KiB"], "one target"),
-        (["--pareto", "results"], "one target"),
+        (["--figure", "x.png"], "one target"),
+        (["--pareto", "nowhere"], "no evaluated run"),
+        (["--accuracy-on", "one.npz"], "expected `simulated`"),
+        (["--accuracy-on", "simulated", "--pareto", "x"], "name one"),
         (["--pixels", "0"], "pixels = 0"),
         (["--places-per-metre", "0"], "positive"),
         (["--event-rate", "-1"], "expected a rate"),

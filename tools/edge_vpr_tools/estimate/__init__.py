@@ -6,7 +6,18 @@ Exact counts, instructions by tables that the emulated firmware wrote, and model
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from edge_vpr.ground_truth import GroundTruth
+    from edge_vpr_tools.estimate.accuracy import Drives
+    from edge_vpr_tools.estimate.fit import Budget
+    from edge_vpr_tools.estimate.pareto import Evaluated
+    from edge_vpr_tools.estimate.targets import Constant, Target
+    from edge_vpr_tools.experiments.trial import Times
+    from firmware_model.design import Design
 
 HELP = "say what a design needs in operations, memory, time and (modelled) energy"
 
@@ -24,6 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     design.add_argument("--counter-bits", type=int, metavar="B", default=4, help="default: 4")
     design.add_argument("--polarity", action="store_true", help="count ON and OFF apart")
     design.add_argument("--tau", metavar="TIME", default="1s", help="window (default: 1s)")
+    design.add_argument(
+        "--window-events", type=int, metavar="N",
+        help="windows of so many events at the selected pixels instead",
+    )  # fmt: skip
     design.add_argument("--lanes", type=int, metavar="P", default=8, help="of an FPGA (default: 8)")
     mission = parser.add_argument_group("mission")
     mission.add_argument(
@@ -36,6 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     mission.add_argument(
         "--match-rate", type=float, metavar="N", help="matches a second (default: one a window)"
     )
+    mission.add_argument(
+        "--every", metavar="WHEN", default="window",
+        help="when to match, as of edge-vpr match: window, event, a number of events, 100ms",
+    )  # fmt: skip
     mission.add_argument("--route-km", type=float, metavar="KM", help="length of the route")
     mission.add_argument(
         "--places-per-metre", type=float, metavar="N", default=0.1, help="default: 0.1"
@@ -56,11 +75,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--calibrate", metavar="PROFILE.json", help="energy of a cycle from your board's profile"
     )
     asked.add_argument(
-        "--pareto",
-        metavar="DIR",
-        help="accuracy of the evaluated runs below DIR against their cost; needs one --target",
-    )
-    asked.add_argument("--figure", metavar="FILE.png", help="with --pareto, draw it")
+        "--pareto", metavar="DIR",
+        help="accuracy of the evaluated runs below DIR against energy and bytes, drawn",
+    )  # fmt: skip
+    asked.add_argument(
+        "--accuracy-on", nargs="+", metavar="DRIVE",
+        help="try designs on two drives now: REFERENCE QUERY with --ground-truth, or `simulated`",
+    )  # fmt: skip
+    asked.add_argument("--ground-truth", nargs="+", metavar="FILE", help="as of edge-vpr evaluate")
+    asked.add_argument("--tolerance", type=float, metavar="T", help="as of edge-vpr evaluate")
+    asked.add_argument(
+        "--figure", metavar="FILE.png",
+        help="where accuracy against cost is drawn (DIR/pareto.png); needs one --target",
+    )  # fmt: skip
     asked.add_argument("--json", metavar="FILE", help="write everything as JSON too")
 
 
@@ -73,7 +100,7 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong.
     """
     from edge_vpr.errors import UsageError
-    from edge_vpr_tools.estimate import show
+    from edge_vpr_tools.estimate import compare, show
     from edge_vpr_tools.estimate.fit import Budget, fit
     from edge_vpr_tools.estimate.request import calibrated, compared, design_and_mission
     from edge_vpr_tools.estimate.targets import find, names
@@ -81,10 +108,12 @@ def run(args: argparse.Namespace) -> None:
     from firmware_model.errors import DesignError
 
     targets = [find(name) for name in args.target or names()]
-    if (args.fit or args.pareto) and len(targets) != 1:
-        raise UsageError("--fit and --pareto are held against one target: name it by --target")
+    evaluated = args.pareto is not None or args.accuracy_on is not None
+    alone = len(targets) == 1
+    if not alone and (args.figure is not None or (args.fit and not evaluated)):
+        raise UsageError("--fit and --figure are held against one target: name it by --target")
     measured = None if args.calibrate is None else calibrated(Path(args.calibrate))
-    if measured is not None and (len(targets) != 1 or targets[0].kind != "processor"):
+    if measured is not None and (not alone or targets[0].kind != "processor"):
         raise UsageError("--calibrate is of one board: name its processor by --target")
     try:
         design, mission = design_and_mission(args)
@@ -92,27 +121,113 @@ def run(args: argparse.Namespace) -> None:
     except DesignError as error:
         raise UsageError(str(error)) from error
     budgets = [Budget.parse(text) for text in args.fit]
-    fits = fit(design, targets[0], mission, budgets, measured) if budgets else []
+    fits = fit(design, targets[0], mission, budgets, measured) if budgets and alone else []
+    tried = _evaluated(args, design) if evaluated else None
     show.design(design, mission, args.places_per_metre)
     show.work(design, mission)
     show.costs(design, targets, mission, measured)
+    if alone:
+        show.units(design, targets[0], mission, measured)
     if other is not None:
-        show.comparison(design, mission, args.vs, *other, targets)
+        compare.comparison((design, mission), other, args.vs, targets, measured)
     if fits:
         show.fits(fits, design, targets[0], budgets)
-    if args.pareto is not None:
-        from edge_vpr_tools.estimate import pareto
-
-        places = None if args.route_km is None else design.places
-        runs = pareto.candidates(
-            Path(args.pareto), targets[0], budgets, places, args.match_rate, measured
-        )
-        show.candidates(runs, budgets)
-        if args.figure is not None:
-            from edge_vpr_tools.report.style import save
-
-            save(pareto.draw(runs, targets[0]), Path(args.figure))
     show.basis(design, targets, mission, measured)
+    values = show.as_dict(design, targets, mission, fits, measured)
+    if other is not None:
+        values["vs"] = compare.as_dict((design, mission), other, targets, measured)
+    if tried is not None:
+        values["answers"] = _answer(args, tried, targets, budgets, design, measured)
     if args.json is not None:
-        values = show.as_dict(design, targets, mission, fits, measured)
         write_json(Path(args.json), values)
+
+
+def _evaluated(args: argparse.Namespace, design: Design) -> tuple[str, list[Evaluated]]:
+    """Find evaluated runs, or try designs on two drives; give the name of the drives too."""
+    from edge_vpr.errors import UsageError
+    from edge_vpr_tools.estimate import accuracy, pareto
+
+    if args.pareto is not None:
+        if args.accuracy_on is not None:
+            raise UsageError(
+                "--pareto takes runs that are there, --accuracy-on makes some: name one"
+            )
+        return "its own drives", pareto.evaluated_runs(Path(args.pareto))
+    from rich.console import Console
+
+    with Console(stderr=True).status("opening the drives") as status:
+        drives = _drives(args)
+        found = accuracy.try_designs(drives, design, status.update)
+    return drives.name, found
+
+
+def _drives(args: argparse.Namespace) -> Drives:
+    from edge_vpr.errors import UsageError
+    from edge_vpr.recordings import open_recording
+    from edge_vpr_tools.estimate import accuracy
+    from edge_vpr_tools.experiments.trial import Kept
+    from edge_vpr_tools.truth import load_truth
+
+    if args.accuracy_on == ["simulated"]:
+        return accuracy.simulated()
+    if len(args.accuracy_on) != 2 or args.ground_truth is None:
+        raise UsageError(
+            f"--accuracy-on {' '.join(args.accuracy_on)}: expected `simulated`, or a reference and "
+            "a query recording with --ground-truth"
+        )
+    reference, query = (Kept(open_recording(path)) for path in args.accuracy_on)
+
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return load_truth(
+            args.ground_truth, places_us, queries_us,
+            tolerance=args.tolerance, rows=None, frame_period=None,
+        )  # fmt: skip
+
+    return accuracy.Drives(" and ".join(args.accuracy_on), reference, query, truth_of)
+
+
+def _answer(
+    args: argparse.Namespace,
+    tried: tuple[str, list[Evaluated]],
+    targets: Sequence[Target],
+    budgets: Sequence[Budget],
+    design: Design,
+    measured: Constant | None,
+) -> dict[str, Any]:
+    """Print what one can have on each target, and draw it for one."""
+    from dataclasses import asdict
+
+    from edge_vpr.errors import UsageError
+    from edge_vpr_tools.estimate import pareto, show
+
+    drives, runs = tried
+    places = None if args.route_km is None and args.places is None else design.places
+    said, told = {}, {}
+    for target in targets:
+        asked = pareto.Asked(target, budgets, places, args.match_rate, args.event_rate, measured)
+        try:
+            found = pareto.candidates(runs, asked)
+        except UsageError as error:
+            if len(targets) == 1:
+                raise
+            said[target.name] = str(error)
+            continue
+        said[target.name] = pareto.answer(found, asked, drives)
+        told[target.name] = [
+            asdict(one) | {"design": one.design.to_dict(), "energy_is": "modelled"} for one in found
+        ]
+        if len(targets) == 1:
+            show.candidates(found)
+            path = args.figure or (args.pareto and str(Path(args.pareto) / "pareto.png"))
+            if path:
+                from edge_vpr_tools.report.style import save
+
+                save(pareto.draw(found, target), Path(path))
+                show.say(f"drawn: {path}")
+    for text in said.values():
+        show.say(text)
+    show.say(
+        "an accuracy is of those drives: a longer route has more places to be mistaken for one "
+        "another"
+    )
+    return {"text": said, "candidates": told}

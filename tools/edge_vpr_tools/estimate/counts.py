@@ -15,6 +15,28 @@ from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, stride
 from fixedpoint.codes import packed_bytes
 
 Shapes = Sequence[tuple[int, int]]
+#: memories that tell which pixels are selected
+_LOOKUP = ("displacement", "lookup")
+
+
+class EveryPixel(Design):
+    """A design with a counter for every pixel of its sensor, to compare with.
+
+    No device of this kind holds as many. It needs no look-up: a pixel is its own slot.
+    """
+
+    def __post_init__(self) -> None:
+        pixels = self.width * self.height
+        # everything but J is checked, and as in a design
+        object.__setattr__(self, "pixels", 1)
+        object.__setattr__(self, "lookup_depth", 0)
+        super().__post_init__()
+        object.__setattr__(self, "pixels", pixels)
+
+    @classmethod
+    def beside(cls, design: Design) -> EveryPixel:
+        """Count every pixel, all else as in a design."""
+        return cls(**design.to_dict())
 
 
 @dataclass(frozen=True)
@@ -88,12 +110,13 @@ def event_work(design: Design, selected: bool) -> Work:
     selected : bool
         Whether it is at a selected pixel.
     """
+    looked_up = 0 if isinstance(design, EveryPixel) else 1
     return Work(
         counter_updates=int(selected),
         traffic=_traffic(
             design,
-            displacement=(1, 0),
-            lookup=(1, 0),
+            displacement=(looked_up, 0),
+            lookup=(looked_up, 0),
             counts=(int(selected), int(selected)),
         ),
     )
@@ -156,7 +179,10 @@ class Sizes:
 
 def sizes(design: Design) -> Sizes:
     """Size a design's memories."""
-    bits = sum(memory.bits for memory in memories(design).values())
+    sized = memories(design)
+    if isinstance(design, EveryPixel):
+        sized = {name: memory for name, memory in sized.items() if name not in _LOOKUP}
+    bits = sum(memory.bits for memory in sized.values())
     return Sizes(
         place_bytes=packed_bytes(design.slots, design.code_bits),
         packed_bytes=-(-bits // 8),
@@ -167,9 +193,10 @@ def sizes(design: Design) -> Sizes:
 
 def flash_bytes(design: Design) -> int:
     """Size the image that `firmware_model.image.image` would lay out, without laying it out."""
+    looked_up = 0 if isinstance(design, EveryPixel) else 1
     tables = (
-        2 * design.height,
-        8 * design.lookup_depth,
+        looked_up * 2 * design.height,
+        looked_up * 8 * design.lookup_depth,
         len(design.full_scales) * (design.count_max + 1),
         design.slots,
         design.places * stride(design),
@@ -208,40 +235,3 @@ def _traffic(design: Design, **accesses: tuple[int, int]) -> dict[str, Traffic]:
         for name, (reads, writes) in accesses.items()
         if reads or writes
     }
-
-
-@dataclass(frozen=True)
-class Headline:
-    """The counts by which a few pixels and all of them are compared."""
-
-    counters: int
-    counter_updates_per_s: float
-    absolute_differences: int
-    additions: int
-    comparisons: int
-    place_bytes: int
-    map_bytes: int
-
-
-def headline(slots: int, design: Design, selected_per_s: float) -> Headline:
-    """Count a match over so many counters, all else as in a design.
-
-    Parameters
-    ----------
-    slots : int
-        Also more than a `Design` may have.
-    design : Design
-    selected_per_s : float
-        Events a second that are counted.
-    """
-    sums = design.places - design.length + 1
-    place = packed_bytes(slots, design.code_bits)
-    return Headline(
-        counters=slots,
-        counter_updates_per_s=selected_per_s,
-        absolute_differences=design.places * slots,
-        additions=design.places * (slots - 1) + sums * (design.length - 1),
-        comparisons=3 * sums + 1,
-        place_bytes=place,
-        map_bytes=design.places * place,
-    )

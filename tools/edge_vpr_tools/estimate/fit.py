@@ -20,7 +20,9 @@ _UNITS = {
     "uw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
 }  # fmt: skip
 FIRMWARE_LIMITS = "the firmware's widths"
+#: bits of a code, for which J and K are searched; and the most that a code has
 _BITS = (8, 6, 4, 3, 2, 1)
+MOST_BITS = 8
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Fit:
 
     Attributes
     ----------
-    parameter : {"pixels", "places"}
+    parameter : {"pixels", "places", "code_bits"}
     code_bits : int
     value : int
         0 if not even one fits.
@@ -86,7 +88,7 @@ def fit(
     budgets: Sequence[Budget],
     cycle_energy: Constant | None = None,
 ) -> list[Fit]:
-    """Find the largest J, and the largest K, for some numbers of bits a code.
+    """Find the largest J, and the largest K, for some numbers of bits a code; and the most bits.
 
     Parameters
     ----------
@@ -129,7 +131,12 @@ def fit(
                 return _changed(design, width, name, value)
 
             found.append(_largest(parameter, bits, least, most, candidate, broken))
-    return found
+
+    def wider(bits: int) -> Design:
+        return _changed(design, bits, "code_bits", bits)
+
+    most_bits = _largest("code_bits", design.code_bits, 1, MOST_BITS, wider, broken)
+    return [*found, replace(most_bits, code_bits=most_bits.value or design.code_bits)]
 
 
 def broken_by(
@@ -155,7 +162,10 @@ def broken_by(
         if budget.quantity == "bytes":
             used: float = memory_bytes(design, target)
         else:
-            used = _watts(cost(design, target, mission, cycle_energy), target)
+            of = cost(design, target, mission, cycle_energy)
+            # a board that takes more at rest needs no figure of its work
+            at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
+            used = budget.limit + 1 if at_rest else _watts(of, target)
         if used > budget.limit:
             return budget.text
     return ""

@@ -1,12 +1,14 @@
-"""Accuracy of evaluated runs against what they would cost on a target."""
+"""Accuracy of evaluated designs against their cost on a target, and the best one that fits."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from edge_vpr.errors import UsageError
@@ -21,16 +23,35 @@ from firmware_model.design import Design
 from firmware_model.errors import DesignError
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One evaluated run, as a device.
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """How right a map was on two drives.
 
     Attributes
     ----------
     name : str
-        Of its folder.
+        Of its folder, or its size.
     accuracy : float
-        P@100R on its own drives.
+        P@100R.
+    queries : int
+        That were evaluated.
+    reference : ReferenceMap
+    """
+
+    name: str
+    accuracy: float
+    queries: int
+    reference: ReferenceMap
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One evaluated map, as a device.
+
+    Attributes
+    ----------
+    name, accuracy, queries
+        See `Evaluated`.
     own_places : int
         Of its map, among which it was that accurate.
     design : Design
@@ -43,6 +64,7 @@ class Candidate:
 
     name: str
     accuracy: float
+    queries: int
     own_places: int
     design: Design
     cost: Cost
@@ -50,36 +72,70 @@ class Candidate:
     limited_by: str
 
 
-def candidates(
-    folder: Path,
-    target: Target,
-    budgets: Sequence[Budget],
-    places: int | None = None,
-    matches_per_s: float | None = None,
-    cycle_energy: Constant | None = None,
-) -> list[Candidate]:
-    """Take every evaluated run below a folder, best accuracy first.
+@dataclass(frozen=True)
+class Asked:
+    """What a candidate has to keep: a target, budgets, and the mission.
 
-    Parameters
+    Attributes
     ----------
-    folder : path
     target : Target
     budgets : sequence of Budget
     places : int, optional
         K of the mission's route, in place of each map's.
     matches_per_s : float, optional
         By default one a window.
+    events_per_s : float, optional
+        By default those of the reference drive.
     cycle_energy : Constant, optional
         See `cost`.
+    """
 
-    Returns
-    -------
-    list of Candidate
+    target: Target
+    budgets: Sequence[Budget] = ()
+    places: int | None = None
+    matches_per_s: float | None = None
+    events_per_s: float | None = None
+    cycle_energy: Constant | None = None
+
+    def candidate(self, one: Evaluated) -> Candidate:
+        """Take a map as a device with the mission's number of places.
+
+        Raises
+        ------
+        UsageError
+            If no device of this kind could be, or a budget of power cannot be held against this
+            target.
+        """
+        reference = one.reference
+        rate, share = event_rates(reference)
+        try:
+            design = design_of(reference)
+            if self.places is not None:
+                design = replace(design, places=self.places)
+        except DesignError as error:
+            raise UsageError(f"{one.name}: {error}") from error
+        windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
+        a_second = self.matches_per_s or len(reference) / max(windows_s, 1e-6)
+        mission = Mission(self.events_per_s or rate, share, a_second)
+        return Candidate(
+            name=one.name,
+            accuracy=one.accuracy,
+            queries=one.queries,
+            own_places=len(reference),
+            design=design,
+            cost=cost(design, self.target, mission, self.cycle_energy),
+            memory_bytes=memory_bytes(design, self.target),
+            limited_by=broken_by(design, self.target, mission, self.budgets, self.cycle_energy),
+        )
+
+
+def evaluated_runs(folder: Path) -> list[Evaluated]:
+    """Find every evaluated run below a folder.
 
     Raises
     ------
     UsageError
-        If no run was evaluated.
+        If there is none.
     """
     found = []
     for metrics in sorted(folder.rglob(results.METRICS)):
@@ -87,66 +143,127 @@ def candidates(
         if told is None or not (metrics.parent / results.MAP).is_file():
             continue
         reference = ReferenceMap.load(metrics.parent / results.MAP)
-        rate, share = event_rates(reference)
-        try:
-            design = design_of(reference)
-            if places is not None:
-                design = replace(design, places=places)
-        except DesignError as error:
-            raise UsageError(f"{metrics.parent}: {error}") from error
-        a_window = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
-        mission = Mission(rate, share, matches_per_s or len(reference) / max(a_window, 1e-6))
-        limit = broken_by(design, target, mission, budgets, cycle_energy)
         found.append(
-            Candidate(
-                name=str(metrics.parent),
-                accuracy=told["precision_at_100_recall"],
-                own_places=len(reference),
-                design=design,
-                cost=cost(design, target, mission, cycle_energy),
-                memory_bytes=memory_bytes(design, target),
-                limited_by=limit,
+            Evaluated(
+                str(metrics.parent), told["precision_at_100_recall"], told["queries"], reference
             )
         )
     if not found:
         raise UsageError(f"no evaluated run in {folder}: edge-vpr match, then edge-vpr evaluate")
+    return found
+
+
+def candidates(evaluated: Iterable[Evaluated], asked: Asked) -> list[Candidate]:
+    """Take evaluated designs for a mission, best accuracy first, then the smallest."""
+    found = [asked.candidate(one) for one in evaluated]
     return sorted(found, key=lambda one: (-one.accuracy, one.memory_bytes))
 
 
-def frontier(found: Sequence[Candidate]) -> list[Candidate]:
-    """Those that no other one beats: as accurate or more, and smaller."""
+def answer(found: Sequence[Candidate], asked: Asked, on: str) -> str:
+    """Say in a sentence what one can have, how right it is, and what limits it."""
+    within = " and ".join(budget.text for budget in asked.budgets) or "no budget"
+    head = f"{asked.target.name}, within {within}: "
+    fitting = [one for one in found if not one.limited_by]
+    if not fitting:
+        least = min(found, key=lambda one: one.memory_bytes)
+        return (
+            f"{head}none of the {len(found)} designs fits; {_told(least)} breaks {least.limited_by}"
+        )
+    best = fitting[0]
+    # of a share, taken as if the queries had nothing to do with one another
+    error = math.sqrt(best.accuracy * (1 - best.accuracy) / max(best.queries, 1))
+    said = (
+        f"{head}{_told(best)}, {best.accuracy:.1%} right on {on}, among its own {best.own_places} "
+        f"places (standard error {error:.1%} of {best.queries} queries)"
+    )
+    better = [one for one in found if one.accuracy > best.accuracy]
+    if not better:
+        return f"{said}. Nothing limits it: none of the designs is more often right"
+    # the one that asks for least more
+    nearest = min(better, key=lambda one: one.memory_bytes)
+    return (
+        f"{said}. What limits it: {nearest.limited_by}; {nearest.accuracy:.1%} right would take "
+        f"{_told(nearest)}"
+    )
+
+
+def _told(one: Candidate) -> str:
+    from edge_vpr_tools.estimate.show import UNKNOWN, size_text, spread
+
+    design, power = one.design, one.cost.whole_w or one.cost.marginal_w
+    watts = f"power {UNKNOWN}"
+    if power is not None:
+        watts = spread(power, "W")
+        watts += " modelled" if one.cost.whole_w else " added by the work, modelled (rest unknown)"
+    return (
+        f"{design.pixels} pixels, {design.code_bits} bit{'s' * (design.code_bits > 1)} "
+        f"({design.code}), {design.places:,} places, L = {design.length}: "
+        f"{size_text(one.memory_bytes)}, {watts}"
+    )
+
+
+def frontier(found: Sequence[Candidate], cost_of: Callable[[Candidate], float]) -> list[Candidate]:
+    """Those that no other one beats: as accurate or more, at a lower cost."""
     best: list[Candidate] = []
-    for one in sorted(found, key=lambda c: (c.memory_bytes, -c.accuracy)):
+    for one in sorted(found, key=lambda c: (cost_of(c), -c.accuracy)):
         if not best or one.accuracy > best[-1].accuracy:
             best.append(one)
     return best
 
 
 def draw(found: Sequence[Candidate], target: Target) -> Figure:
-    """Draw accuracy against memory, and against energy where it is known."""
-    kept = frontier(found)
-    with figure(8.0, 4.8) as (drawing, axes):
-        for one in found:
-            energy = one.cost.per_match_j
-            label = Path(one.name).name
-            if energy is not None:
-                label += f", {energy.central * 1e6:.3g} uJ"
-            axes.plot(
-                one.memory_bytes, one.accuracy, "x" if one.limited_by else "o",
-                color=ORANGE if one.limited_by else BLUE,
-            )  # fmt: skip
-            axes.annotate(
-                label, (one.memory_bytes, one.accuracy), xytext=(5, 4), textcoords="offset points",
-                fontsize=8,
-            )  # fmt: skip
-        axes.step(
-            [one.memory_bytes for one in kept], [one.accuracy for one in kept], where="post",
-            color=BLUE, lw=1, alpha=0.6,
-        )  # fmt: skip
-        axes.set_xscale("log")
-        axes.set(
-            title=f"Accuracy against memory on {target.name}; energy of a match is modelled",
-            xlabel="memory (bytes); crosses: over a budget",
-            ylabel="P@100R",
-        )
+    """Draw accuracy against energy a match and memory; what no other beats has its name."""
+    with figure(12.0, 5.2) as (drawing, only):
+        only.remove()
+        left, right = drawing.subplots(1, 2, sharey=True)
+        known = [one for one in found if one.cost.per_match_j is not None]
+        if known:
+            _panel(
+                left,
+                known,
+                _joules,
+                "energy of a match (J): modelled, central, at the mission's rate",
+            )
+        else:
+            left.text(
+                0.5, 0.5, f"energy on {target.name}: unknown", transform=left.transAxes, ha="center"
+            )
+            left.set_xticks([])
+        _panel(right, found, lambda one: one.memory_bytes, "memory (bytes)")
+        left.set_ylabel("P@100R")
+        handles, labels = right.get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+        drawing.suptitle(f"Accuracy against energy and bytes on {target.name}")
     return drawing
+
+
+def _joules(one: Candidate) -> float:
+    assert one.cost.per_match_j is not None
+    return one.cost.per_match_j.central
+
+
+def _panel(
+    axes: Axes, found: Sequence[Candidate], cost_of: Callable[[Candidate], float], label: str
+) -> None:
+    for limited, marker, colour, name in (
+        (False, "o", BLUE, "fits"), (True, "x", ORANGE, "over a budget")
+    ):  # fmt: skip
+        those = [one for one in found if bool(one.limited_by) == limited]
+        if those:
+            axes.plot(
+                [cost_of(one) for one in those], [one.accuracy for one in those],
+                marker, color=colour, label=name,
+            )  # fmt: skip
+    kept = frontier(found, cost_of)
+    axes.step(
+        [cost_of(one) for one in kept], [one.accuracy for one in kept], where="post",
+        color=BLUE, lw=1, alpha=0.6, label="no other is better and cheaper",
+    )  # fmt: skip
+    for one in kept:
+        axes.annotate(
+            Path(one.name).name, (cost_of(one), one.accuracy), fontsize=7, ha="right",
+            xytext=(-5, 3), textcoords="offset points",
+        )  # fmt: skip
+    axes.set_xscale("log")
+    axes.margins(x=0.3)
+    axes.set_xlabel(label)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr_tools.estimate.counts import Headline, headline
+from edge_vpr_tools.estimate.counts import EveryPixel
 from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.targets import Constant, Spread
 from edge_vpr_tools.setting_flags import duration_us
@@ -48,9 +49,9 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
         share = design.pixels / (design.width * design.height)
     matches = args.match_rate
     if matches is None:
-        matches = 1e6 / design.tau_us
-        if design.window == "count":
-            matches = rate * share / design.window_events
+        matches = _matches_per_s(args.every, design, rate * share)
+    elif args.every != "window":
+        raise UsageError("--match-rate and --every both say how often to match: name one")
     return design, Mission(rate, share, matches)
 
 
@@ -66,6 +67,9 @@ def _of_flags(args: argparse.Namespace) -> Design:
         places = PLACES
         if args.route_km is not None:
             places = math.ceil(args.route_km * 1_000 * args.places_per_metre)
+    by_count = {}
+    if args.window_events is not None:
+        by_count = {"window": "count", "window_events": args.window_events}
     return Design.from_dict(
         {
             "width": sensor.width,
@@ -78,22 +82,37 @@ def _of_flags(args: argparse.Namespace) -> Design:
             "polarity": args.polarity,
             "tau_us": duration_us(args.tau),
             "lanes": args.lanes,
+            **by_count,
         },
         "the command line",
     )
 
 
-def compared(name: str, design: Design, mission: Mission) -> tuple[Headline, Design | None]:
-    """Count what a design is compared with: every pixel of the sensor, or the design of a file.
-
-    All pixels are counted only: no device of this kind holds as many counters.
-    """
+def compared(name: str, design: Design, mission: Mission) -> tuple[Design, Mission]:
+    """Give what a design is compared with, and its mission: the share of events that it counts."""
     if name == "all-pixels":
-        slots = design.width * design.height * (2 if design.polarity else 1)
-        return headline(slots, design, mission.events_per_s), None
+        return EveryPixel.beside(design), replace(mission, selected_share=1.0)
     other = Design.load(name)
     share = min(1.0, mission.selected_share * other.pixels / design.pixels)
-    return headline(other.slots, other, mission.events_per_s * share), other
+    return other, replace(mission, selected_share=share)
+
+
+def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
+    """Tell how often a match is given, as `edge-vpr match --every` reads it."""
+    if every == "window":
+        if design.window == "count":
+            return selected_per_s / design.window_events
+        return 1e6 / design.tau_us
+    if every in ("event", "change"):
+        return selected_per_s
+    if every.isascii() and every.isdigit() and int(every) > 0:
+        return selected_per_s / int(every)
+    try:
+        return 1e6 / duration_us(every)
+    except UsageError:
+        raise UsageError(
+            f"--every {every!r}: expected event, a number of events, a time such as 10ms, or window"
+        ) from None
 
 
 def calibrated(profile: Path) -> Constant:

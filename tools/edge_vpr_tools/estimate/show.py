@@ -2,49 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 
-from edge_vpr_tools.estimate.counts import (
-    Headline,
-    block_memories,
-    headline,
-    large_and_small_blocks,
-    sizes,
-)
+from edge_vpr_tools.estimate.counts import block_memories, large_and_small_blocks, sizes
 from edge_vpr_tools.estimate.fit import Budget, Fit, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware
 from edge_vpr_tools.estimate.model import work as work_of
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target
 from firmware_model.design import Design
 
+UNKNOWN = "unknown"
 if TYPE_CHECKING:
     from edge_vpr_tools.estimate.pareto import Candidate
 
-UNKNOWN = "unknown"
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 _WIDTH = 118
+#: rows of a table of designs
+_SHOWN = 12
 
 
 def design(of: Design, mission: Mission, places_per_metre: float) -> None:
     """Print the design, its sizes, and the mission that the rates are for."""
     size = sizes(of)
     route_m = of.places / places_per_metre
-    _say(
+    say(
         f"{of.pixels} of {of.width} x {of.height} pixels, {of.slots} counters, codes of "
         f"{of.code_bits} bits ({of.code}), {of.places:,} places, sequences of {of.length}"
     )
-    _say(
-        f"{size.place_bytes} bytes a place, {_bytes(1_000 * places_per_metre * size.place_bytes)} "
+    say(
+        f"{size.place_bytes} bytes a place, {size_text(1e3 * places_per_metre * size.place_bytes)} "
         f"a km at {places_per_metre:g} places a metre ({route_m / 1000:g} km); all memories "
-        f"{_bytes(size.packed_bytes)} packed; firmware in C, a byte a code: flash "
-        f"{_bytes(size.flash_bytes)} of tables, RAM {_bytes(size.ram_bytes)}"
+        f"{size_text(size.packed_bytes)} packed; firmware in C, a byte a code: flash "
+        f"{size_text(size.flash_bytes)} of tables, RAM {size_text(size.ram_bytes)}"
     )
-    _say(
+    say(
         f"at {mission.events_per_s:,.0f} events a second, {mission.selected_share:.3%} of them at "
         f"selected pixels, and {mission.matches_per_s:g} matches a second"
     )
@@ -70,7 +66,7 @@ def work(of: Design, mission: Mission) -> None:
             if any(each_bytes):
                 total = sum(n * r for n, r in zip(each_bytes, rates.values(), strict=True))
                 rows.append([f"  {memory}", *(f"{n:,.6g}" for n in each_bytes), f"{total:,.0f}"])
-    _table(header, rows)
+    table(header, rows)
 
 
 def costs(
@@ -94,83 +90,82 @@ def costs(
                 _fits_in(of, target),
             ]
         )
-    _table(
+    table(
         ["target", "event", "match", "time of a match", "busy", "energy of a match (modelled)",
          "added power (modelled)", "power at rest", "memory"],
         rows,
     )  # fmt: skip
 
 
-def comparison(
-    of: Design,
-    mission: Mission,
-    name: str,
-    other: Headline,
-    other_design: Design | None,
-    targets: Sequence[Target],
-) -> None:
-    """Print two designs side by side."""
-    ours = headline(of.slots, of, mission.events_per_s * mission.selected_share)
+def units(of: Design, target: Target, mission: Mission, measured: Constant | None) -> None:
+    """Print what each unit of work takes on one target, and a second of the mission."""
+    found = cost(of, target, mission, measured)
     rows = []
-    for field, value in asdict(ours).items():
-        theirs = asdict(other)[field]
+    for unit in found.cycles:
+        told = "-" if found.instructions is None else f"{found.instructions[unit]:,.0f}"
         rows.append(
-            [field.replace("_", " "), f"{value:,.6g}", f"{theirs:,.6g}", _times(theirs, value)]
-        )
-    if other_design is not None:
-        for target in targets:
-            a, b = (cost(d, target, mission).per_match_j for d in (of, other_design))
-            if a is not None and b is not None:
-                rows.append(
-                    [f"{target.name}: J a match (modelled)", _spread(a, "J"), _spread(b, "J"),
-                     _times(b.central, a.central)]
-                )  # fmt: skip
-    _table(["a match", "this design", name, "times"], rows)
+            [unit, told, count(found.cycles[unit]), spread(found.seconds[unit], "s"),
+             UNKNOWN if found.energy_j is None else spread(found.energy_j[unit], "J")]
+        )  # fmt: skip
+    told = "-"
+    if found.instructions is not None:
+        each = found.instructions
+        told = f"{sum(each[unit] * rate for unit, rate in mission.rates.items()):,.0f}"
+    every_second = _sum(found.cycles, mission)
+    rows.append(
+        ["a second of the mission", told, count(every_second), spread(found.load, "s"),
+         UNKNOWN if found.marginal_w is None else spread(found.marginal_w, "J")]
+    )  # fmt: skip
+    table([target.name, "instructions", "cycles", "time", "energy (modelled)"], rows)
+
+
+def _sum(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
+    total = Spread(0.0, 0.0, 0.0)
+    for unit, rate in mission.rates.items():
+        total = total + of_unit[unit] * rate
+    return total
 
 
 def fits(found: Sequence[Fit], of: Design, target: Target, budgets: Sequence[Budget]) -> None:
     """Print the largest designs within the budgets."""
     limits = " and ".join(budget.text for budget in budgets)
     rows = [
-        [f"{fit.code_bits} bits", fit.parameter, f"{fit.value:,}" if fit.value else "none",
-         fit.limited_by]
+        ["-" if fit.parameter == "code_bits" else f"{fit.code_bits} bits",
+         fit.parameter.replace("code_bits", "bits a code"),
+         f"{fit.value:,}" if fit.value else "none", fit.limited_by]
         for fit in found
     ]  # fmt: skip
-    _say(
-        f"within {limits} on {target.name}: the largest J with K = {of.places:,}, and the largest "
-        f"K with J = {of.pixels}"
+    say(
+        f"within {limits} on {target.name}: the largest J with K = {of.places:,}; the largest K "
+        f"with J = {of.pixels}; the most bits with both"
     )
-    _table(["code", "parameter", "largest", "limited by"], rows)
+    table(["code", "parameter", "largest", "limited by"], rows)
     if target.kind == "processor":
-        _say("the firmware in C keeps a byte a code, so that fewer bits save it no memory")
+        say("the firmware in C keeps a byte a code, so that fewer bits save it no memory")
     if any(b.quantity == "watts" for b in budgets) and not target.idle_power:
-        _say("the budget of power is held against what the work adds: power at rest is unknown")
-    _say("how well such a design recognises places is not estimated: edge-vpr evaluate tells it")
+        say("the budget of power is held against what the work adds: power at rest is unknown")
+    say("how well such a design recognises places is not estimated: --accuracy-on tries it")
 
 
-def candidates(found: Sequence[Candidate], budgets: Sequence[Budget]) -> None:
-    """Print evaluated runs by accuracy, and the best that fits."""
+def candidates(found: Sequence[Candidate]) -> None:
+    """Print evaluated designs by accuracy: the best ones, and the best that fits."""
+    fitting = [one for one in found if not one.limited_by]
+    shown = found if len(found) <= _SHOWN else [*found[:_SHOWN]]
+    if fitting and fitting[0] not in shown:
+        shown = [*shown, fitting[0]]
     rows = [
         [one.name, f"{one.accuracy:.3f}", f"{one.design.pixels}", f"{one.design.code_bits}",
-         f"{one.design.places:,}", _bytes(one.memory_bytes), _joules(one.cost.per_match_j),
+         f"{one.design.places:,}", size_text(one.memory_bytes), joules(one.cost.per_match_j),
          one.limited_by or "fits"]
-        for one in found
+        for one in shown
     ]  # fmt: skip
-    _table(
-        ["evaluated run", "P@100R", "J", "bits", "K", "memory", "energy a match (modelled)",
+    table(
+        ["evaluated", "P@100R", "J", "bits", "K", "memory", "energy a match (modelled)",
          "limited by"],
         rows,
     )  # fmt: skip
-    fitting = [one for one in found if not one.limited_by]
-    within = " and ".join(budget.text for budget in budgets) or "no budget"
-    if fitting:
-        best = fitting[0]
-        _say(
-            f"within {within}, the best that was evaluated: {best.name}, {best.accuracy:.1%} right "
-            f"on its own drives among {best.own_places:,} places, which says nothing of others"
-        )
-    else:
-        _say(f"none of the evaluated runs fits {within}")
+    if len(shown) < len(found):
+        say(f"and {len(found) - len(shown)} more, less often right (all of them by --json)")
 
 
 def basis(
@@ -181,18 +176,18 @@ def basis(
     for target in targets:
         if target.kind == "processor":
             told = firmware()[target.core]
-            _say(
+            say(
                 f"{target.name}: instructions of the reference firmware ({told.compiler}, "
                 f"{target.core}); cycles an instruction {_three(target.cpi)}: {target.cpi_source}"
             )
         if target.note:
-            _say(f"{target.name}: {target.note}")
+            say(f"{target.name}: {target.note}")
         if target.unknown and measured is None:
-            _say(f"{target.name}: {target.unknown}; --calibrate takes a profile of your board")
+            say(f"{target.name}: {target.unknown}; --calibrate takes a profile of your board")
         for constant in cost(of, target, mission, measured).basis:
             cited[constant.source + constant.unit] = constant
     for constant in cited.values():
-        _say(
+        say(
             f"modelled from {_three(tuple(asdict(constant.value).values()))} {constant.unit} "
             f"(year {constant.year}, {constant.node}): {constant.source}; {constant.uncertainty}"
         )
@@ -221,9 +216,9 @@ def as_dict(
 def _fits_in(of: Design, target: Target) -> str:
     if target.kind == "processor":
         limit = broken_by(of, target, Mission(0.0, 0.0, 1.0), ())
-        return _bytes(memory_bytes(of, target)) + (f": over {limit}" if limit else "")
+        return size_text(memory_bytes(of, target)) + (f": over {limit}" if limit else "")
     if not target.blocks:
-        return _bytes(sizes(of).packed_bytes)
+        return size_text(sizes(of).packed_bytes)
     needed = block_memories(of, target.block_shapes)
     if needed <= target.blocks:
         return f"{needed} of {target.blocks} blocks"
@@ -242,18 +237,19 @@ def _instructions(told: dict[str, float] | None, unit: str, found: Cost) -> str:
 
 
 def _energy(found: Cost, unit: str) -> str:
-    return UNKNOWN if found.energy_j is None else _spread(found.energy_j[unit], "J")
+    return UNKNOWN if found.energy_j is None else spread(found.energy_j[unit], "J")
 
 
-def _joules(value: Spread | None) -> str:
-    return UNKNOWN if value is None else _spread(value, "J")
+def joules(value: Spread | None) -> str:
+    """Tell an energy, or that it is unknown."""
+    return UNKNOWN if value is None else spread(value, "J")
 
 
 def _watts(value: Spread | None) -> str:
-    return UNKNOWN if value is None else _spread(value, "W")
+    return UNKNOWN if value is None else spread(value, "W")
 
 
-def _spread(value: Spread, unit: str) -> str:
+def spread(value: Spread, unit: str) -> str:
     """Central, and low to high, in one unit that suits the central value."""
     factor, prefix = next(
         ((f, p) for f, p in _PREFIXES if value.central >= f), _PREFIXES[-1]
@@ -269,7 +265,7 @@ def _digits(value: float) -> str:
 
 
 def _central(value: Spread, unit: str) -> str:
-    return _spread(Spread(value.central, value.central, value.central), unit)
+    return spread(Spread(value.central, value.central, value.central), unit)
 
 
 def _three(values: Iterable[float]) -> str:
@@ -277,25 +273,36 @@ def _three(values: Iterable[float]) -> str:
     return f"{central:g} ({low:g} to {high:g})"
 
 
-def _times(theirs: float, ours: float) -> str:
+def times(theirs: float, ours: float) -> str:
+    """Tell how many times ours theirs is."""
     return f"{theirs / ours:,.3g}" if ours else "-"
 
 
-def _bytes(number: float) -> str:
+def size_text(number: float) -> str:
+    """Tell bytes, in KiB where they are many."""
     return f"{number:,.0f} B" if number < 10_240 else f"{number / 1024:,.1f} KiB"
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
+    """Print a line."""
     _console().print(text, highlight=False, markup=False)
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    table = Table()
+def count(value: Spread) -> str:
+    """Tell cycles: central, and low to high."""
+    if value.low == value.high:
+        return f"{value.central:,.0f}"
+    return f"{value.central:,.0f} ({value.low:,.0f} to {value.high:,.0f})"
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table."""
+    shown = Table()
     for i, title in enumerate(header):
-        table.add_column(title, justify="left" if i == 0 else "right")
+        shown.add_column(title, justify="left" if i == 0 else "right")
     for row in rows:
-        table.add_row(*row)
-    _console().print(table)
+        shown.add_row(*row)
+    _console().print(shown)
 
 
 def _console() -> Console:
