@@ -141,7 +141,7 @@ class Bridge:
             self._send(self._encoder.start())
             self._replay(recording)
             self._serve_until_held(0)
-            self._link.drain(10.0)
+            self._link.drain(1.0 if self.stopping.is_set() else 10.0)
         except LinkClosed:
             return
         finally:

@@ -59,10 +59,19 @@ class PacketDecoder(Decoder):
 
     def _take(self, data: bytes, *, final: bool) -> Events:
         events = super()._take(data, final=final)
-        if isinstance(self._records, EventRecords):
-            # its clock wraps at no power of two, so that the gate cannot do it
-            self.health.wraps = self._records.wraps
+        self._count_wraps()
         return events
+
+    def finish(self) -> Events:
+        """See `Decoder.finish`."""
+        events = super().finish()
+        self._count_wraps()
+        return events
+
+    def _count_wraps(self) -> None:
+        """Count those of the clock that wraps at no power of two, so that the gate cannot."""
+        if isinstance(self._records, EventRecords):
+            self.health.wraps = self._records.wraps
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         finder, health, parts = self._finder, self.health, list[Columns]()

@@ -38,6 +38,8 @@ from edge_vpr.stream.protocols.openmv_packets import (
 
 #: An answer is late after this, as in the maker's host; doubled each time in a row up to this.
 PATIENCE_S, LONGEST_S = 1.0, 4.0
+#: A camera that repeats what is lost has given up by then.
+REPEATED_S = 8.0
 #: After damaged bytes it is late sooner, if nobody sends it again.
 DAMAGED_S = 0.1
 #: An empty channel is asked again after this, and one that is not there.
@@ -99,8 +101,8 @@ class Session:
         self._command = pack(opcode, self.sequence, channel, 0, payload)
         self._pause = pause
         if opcode == Opcode.READ and self._acknowledge:
-            # what is lost comes again, after 0.5 s, and 1 s and 2 s later
-            self._patience = LONGEST_S
+            # what is lost comes again, after 0.5 s, and 1, 2 and 4 s later
+            self._patience = REPEATED_S
         #: when the pause is over, or else when the answer is late; None: counted from the next send
         self._moment: float | None = None
 
@@ -129,14 +131,14 @@ class Session:
         """Tell whether an answer is late; more patience is had with the next."""
         late = not self._command and self._moment is not None and now_s >= self._moment
         if late:
-            self._patience = min(2 * self._patience, LONGEST_S)
+            self._patience = min(2 * self._patience, max(LONGEST_S, self._patience))
         return late
 
     def hurry(self) -> None:
         """Learn that bytes came damaged: wait until they are sent again, or else not for long."""
         if not self._hurried:
             self._hurried = True
-            self._patience = LONGEST_S if self._acknowledge else DAMAGED_S
+            self._patience = REPEATED_S if self._acknowledge else DAMAGED_S
             self.wait_anew()
 
     def wait_anew(self) -> None:

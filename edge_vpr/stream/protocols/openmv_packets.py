@@ -286,7 +286,9 @@ def _find(  # type: ignore[no-untyped-def]
         whole, believed = n - at >= 10, True
         size = 10
         if whole:
-            believed = _crc16(data, at, at + 8, table16) == data[at + 8] | int(data[at + 9]) << 8
+            believed = (
+                _crc16(data, at, at + 8, table16) == int(data[at + 8]) | int(data[at + 9]) << 8
+            )
             length = int(data[at + 6]) | int(data[at + 7]) << 8
             believed = believed and length <= limit
             if length:

@@ -61,7 +61,7 @@ class EventRecords(Records):
 
     def __init__(self) -> None:
         # the last time on the device's clock, that time without wraps, how often it wrapped
-        self._state = np.zeros(3, dtype=np.int64)
+        self._state = np.array([-1, 0, 0], dtype=np.int64)
 
     @property
     def wraps(self) -> int:
@@ -93,6 +93,8 @@ def _events(rows, t, x, y, p, state):  # type: ignore[no-untyped-def]
         if kind > 1:
             continue
         time = np.int64(rows[i, 1]) * 1_000_000 + np.int64(rows[i, 2]) * 1_000 + rows[i, 3]
+        if last < 0:
+            last = now = time
         step = time - last
         if step < -half:
             step += PERIOD_US
@@ -122,44 +124,20 @@ class EvtRecords(Records):
         self.clock = Clock(bits, confirm=1)
         self._words = WordsDecoder(name, 1)
         self._undated = 0
-        #: of EVT 3.0 after a loss, what has not been said again: kinds of word
-        self._unknown: set[int] = set()
 
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
         """See `Records.decode`."""
-        words = raw.view(self._words.dtype)
-        if self._unknown:
-            words = self._resumed(words, health)
-        columns = self._words.decode(words)
+        columns = self._words.decode(raw.view(self._words.dtype))
         health.undated += self._words.undated - self._undated
         health.decoded += self._words.undated - self._undated
         self._undated = self._words.undated
         # the decoder's columns are valid until its next call, and a reply may come in two parts
         return Columns(*(np.array(column) for column in columns))
 
-    def _resumed(
-        self, words: npt.NDArray[np.unsignedinteger], health: Health
-    ) -> npt.NDArray[np.unsignedinteger]:
-        """Leave out events whose row, time or first column was in what is missing."""
-        kinds = words >> 12
-        known_from = {}
-        for kind in list(self._unknown):
-            found = np.flatnonzero(kinds == kind)
-            known_from[kind] = int(found[0]) if found.size else words.size
-            if found.size:
-                self._unknown.discard(kind)
-        at = np.arange(words.size)
-        dated = max(known_from.get(kind, -1) for kind in (8, 6, 0))
-        event = (kinds == 2) & (at < dated)
-        event |= ((kinds == 4) | (kinds == 5)) & (at < max(dated, known_from.get(3, -1)))
-        health.lost_at_most += int(event.sum()) * self.most
-        return words[~event]
-
     def lose(self) -> None:
-        """See `Records.lose`."""
+        """See `Records.lose`: what the missing words said of time and place is not known."""
         self._words = WordsDecoder(self.name, 1)
         self._undated = 0
-        self._unknown = {8, 6, 0, 3} if self.name == "evt3" else set()
 
 
 class AerRecords(Records):
