@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import struct
 import subprocess
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +21,8 @@ from edge_vpr.stream.protocols import open_decoder
 from edge_vpr.stream.protocols.evpr import HEADER, EvprEncoder
 from firmware_model.build import EMULATED, HOST, SOURCES, build
 from firmware_model.emulator import Emulator
+from firmware_model.evpr_instructions import TABLE, measure, table
+from firmware_model.instructions import compiler
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
@@ -24,6 +30,7 @@ pytest.importorskip("elftools", reason="pyelftools is not installed (extra firmw
 
 FILES = ("evpr.c", "evpr_drive.c")
 PUSH, DROP, POLL, FLUSH, SEND = range(5)
+TIMED = (PUSH, POLL, FLUSH)
 ALL = 1 << 30
 MAX_32 = (1 << 32) - 1
 
@@ -83,10 +90,13 @@ class Script:
 
     def ended(self):
         """Send all, and tell all."""
-        now = int(self.value[self.what != SEND].max(initial=0)) if self.what.size else 0
-        now = max((int(v) for v in self.value[np.isin(self.what, (PUSH, POLL, FLUSH))]), default=0)
+        now = self.clock().max(initial=0)
         rest = [(SEND, ALL), (FLUSH, now)] * 2
         return self.then(*rest, (SEND, ALL))
+
+    def clock(self):
+        """Time of each step; that of the newest before it, where it has none."""
+        return np.maximum.accumulate(np.where(np.isin(self.what, TIMED), self.value, 0))
 
     def packed(self):
         words = np.stack([self.what, self.value, self.p << 31 | self.y << 16 | self.x], axis=1)
@@ -130,7 +140,7 @@ def run_host(program, setup, script):
     files[0].write_bytes(np.array(astuple(setup), dtype="<u4").tobytes())
     files[1].write_bytes(script.packed())
     run = subprocess.run([program, *files], capture_output=True, text=True, check=False)
-    assert run.returncode == 0, f"exit {run.returncode}: {run.stderr}"
+    assert not run.returncode, f"exit {run.returncode}: {run.stderr}"
     return ran(files[2].read_bytes(), files[3].read_bytes())
 
 
@@ -164,13 +174,16 @@ def random_script(rng, n, setup):
     rest = 1 - 0.02 - 0.1 - 0.01 - sending
     what = rng.choice([PUSH, DROP, POLL, FLUSH, SEND], n, p=[rest, 0.02, 0.1, 0.01, sending])
     time = setup.now + np.cumsum(step)
-    most = rng.choice([7, 100, 5_000, ALL], n)
+    most = rng.choice([1, 7, 100, 5_000, ALL], n)
     value = np.choose(what, [time, rng.choice([0, 1, 1_000, 1 << 26], n), time, time, most])
-    # one in 100 lies beyond the bits
-    beyond = rng.random(n) < 0.01
-    x = rng.integers(0, 1 << setup.x_bits, n) + (beyond << setup.x_bits)
-    y = rng.integers(0, 1 << setup.y_bits, n)
-    return Script(what, value, x, y, rng.integers(0, 2, n)).ended()
+    x, y = rng.integers(0, 1 << setup.x_bits, n), rng.integers(0, 1 << setup.y_bits, n)
+    p = rng.integers(0, 2, n)
+    # here and there words without a zero, or of zeros: for the stuffing
+    same = np.repeat(rng.choice([0, 1, 2], n // 100 + 1, p=[0.6, 0.2, 0.2]), 100)[:n]
+    x, y, p = (np.choose(same, [v, top, 0]) for v, top in ((x, (1 << setup.x_bits) - 1),
+               (y, (1 << setup.y_bits) - 1), (p, 1)))  # fmt: skip
+    x += (rng.random(n) < 0.01) << setup.x_bits  # and some beyond the bits
+    return Script(what, value, x, y, p).ended()
 
 
 def taken(setup, script, run):
@@ -263,3 +276,318 @@ def test_what_is_taken_arrives_and_what_is_not_is_counted(program, setup, seed):
     """For any widths, buffers, silences and stalls, with all counters about to wrap."""
     script = random_script(np.random.default_rng(seed), 700, setup)
     check(setup, script, run_host(program, setup, script))
+
+
+#: what a careless engineer gets wrong shows in these
+CORNERS = [
+    Setup(now=MAX_32 - 500, sequence=MAX_32 - 50, dropped=MAX_32, position=MAX_32 - 3_000),
+    Setup(128, 64, event_bytes=3, x_bits=7, y_bits=7),
+    Setup(1_024, 512, event_bytes=3, x_bits=9, y_bits=9, position=5),
+    Setup(64, 28, x_bits=15, y_bits=15),
+    Setup(32, 27, event_bytes=3, x_bits=1, y_bits=1),
+    Setup(16_384, 8_192, x_bits=11, y_bits=10),
+    Setup(256, 100, event_bytes=3),
+    Setup(64, 30, event_bytes=3, x_bits=7, y_bits=7),
+]
+
+
+def corner_scripts(each=1):
+    for seed, setup in enumerate(CORNERS * each):
+        yield setup, random_script(np.random.default_rng(seed), 900, setup)
+
+
+def test_every_processor_does_what_this_computer_does(program, emulator):
+    """Each result, the moment at which each frame is ready, and each byte."""
+    for setup, script in corner_scripts():
+        here, there = run_host(program, setup, script), run_emulated(emulator, setup, script)
+        assert np.array_equal(here.result, there.result)
+        assert np.array_equal(here.ready, there.ready)
+        assert here.out == there.out
+        check(setup, script, there)
+
+
+def polled_script(rng, setup):
+    """A poll within each millisecond, and a line that takes all."""
+    gaps = [0, 1, 50, 900, 3_999, 4_000, 4_001, 5_000, 98_999, 99_000, 99_001, 100_001, 350_000]
+    pushed = setup.now + np.cumsum(rng.choice(gaps, 300, p=[0.3, 0.2, 0.2, 0.1, *[0.2 / 9] * 9]))
+    end = int(pushed[-1]) + 250_000
+    polled = setup.now + np.cumsum(rng.integers(900, 1_001, (end - setup.now) // 900))
+    steps = [(t, PUSH, int(rng.integers(0, 1 << setup.x_bits))) for t in pushed.tolist()]
+    steps += [(t, POLL, 0) for t in polled[polled <= end].tolist()]
+    parts = [((what, t, x), (SEND, ALL)) for t, what, x in sorted(steps)]
+    return Script.of([step for part in parts for step in part]).ended()
+
+
+def check_times(setup, script, run):
+    """A frame 5 ms after its first event at the latest, one in 100 ms at least, few of them empty.
+
+    The two last frames are those of the end.
+    """
+    said = check(setup, script, run)
+    ends = np.cumsum([len(frame) + 1 for frame in run.out.split(b"\0")[:-1]])
+    made = script.clock()[np.searchsorted(run.ready, ends)]
+    made[0] = setup.now
+    waited = [at - found[0][0] for at, found in zip(made, said, strict=True) if found]
+    assert max(waited) <= 5_000 and sum(wait >= 3_000 for wait in waited) > 20
+    silences = np.diff(made)[:-2]
+    assert silences.max() <= 100_000
+    empty = np.array([not found for found in said[1:-2]])
+    assert empty.sum() > 10 and silences[empty].min() >= 98_000
+
+
+@pytest.mark.parametrize("setup", CORNERS[:3], ids=lambda setup: f"{setup.frame_bytes}")
+def test_frames_are_ready_in_time(program, setup):
+    """Polled each millisecond, and no more often than that."""
+    setup = replace(setup, buffer_bytes=1 << 16)
+    script = polled_script(np.random.default_rng(1), setup)
+    check_times(setup, script, run_host(program, setup, script))
+
+
+def test_a_line_that_is_too_slow_carries_long_frames(program):
+    """A quarter of the events fits through, and not in frames of one event, the dearest ones."""
+    setup = Setup(4_096, 1_024)
+    steps = [step for t in range(20_000) for step in ((PUSH, t, t % 300, 7), (SEND, 1))]
+    script = Script.of(steps).ended()
+    run = run_host(program, setup, script)
+    said = check(setup, script, run)
+    assert [len(found) for found in said[1:-3]] == [250] * (len(said) - 4)
+    events, dropped = taken(setup, script, run)
+    assert events.size > 20_000 / 4 and events.size + dropped == 20_000
+
+
+def test_silences_of_any_length(program):
+    """Up to 2^31 - 1 us between two calls, and beyond 2^32 us with calls between."""
+    for silence in (0, 5_000, (1 << 31) - 1, 1 << 31, 1 << 32, (1 << 33) + 12_345):
+        setup = Setup(now=MAX_32 - 7)
+        between = range(setup.now, setup.now + silence, 20 * 60_000_000)
+        polls = [step for t in between for step in ((POLL, t), (SEND, ALL))]
+        end = setup.now + silence
+        script = Script.of([*polls, (PUSH, end, 1, 2, 1), (PUSH, end + 1, 3, 4, 0)]).ended()
+        said = check(setup, script, run_host(program, setup, script))
+        events = [event for frame in said for event in frame]
+        assert events == [(end, 1, 2, True), (end + 1, 3, 4, False)]
+
+
+#: frames may be as old as they like, so that there are long pauses in them
+PATIENT = ("-DEVPR_FRAME_US=0x7FFFFFFFU",)
+
+
+def test_pauses_stand_in_for_a_frame_as_long_as_they_are_shorter(folder):
+    """Any step, up to the longest that six pauses make."""
+    check_pauses(built_for_host(folder, name="patient", options=PATIENT))
+
+
+def check_pauses(patient):
+    for event_bytes, x_bits, y_bits in ((3, 7, 7), (3, 9, 9), (4, 9, 9), (4, 11, 10), (4, 15, 14)):
+        setup = Setup(1 << 14, 8_192, 1, event_bytes, x_bits, y_bits)
+        step, longest = setup.step_limit, setup.pause_limit
+        steps = [step, step + 1, step + 2, longest, longest + 1, 6 * longest - 1, 6 * longest]
+        steps = np.array([step for step in steps if step < 1 << 28])
+        times = np.cumsum(steps).tolist()
+        script = Script.of([(PUSH, t, 1, 1, 1) for t in (0, *times)]).ended()
+        said = check(setup, script, run_host(patient, setup, script))
+        assert len(said[1]) == 1 + steps.size
+        beyond = times[-1] + max(6 * longest, step) + 1
+        if beyond < 1 << 31:
+            script = Script.of([(PUSH, t, 1, 1, 1) for t in (0, *times, beyond)]).ended()
+            said = check(setup, script, run_host(patient, setup, script))
+            assert [len(found) for found in said[:3]] == [0, 1 + steps.size, 1]
+
+
+def test_time_does_not_run_backwards(program):
+    """An event earlier than what was told gets its time, and nothing else changes."""
+    steps = [(PUSH, 100, 1), (PUSH, 90, 2), (PUSH, 101, 3), (FLUSH, 200), (PUSH, 150, 4),
+             (PUSH, 201, 5), (POLL, 150), (POLL, 300_000), (POLL, 400_000), (PUSH, 399_000, 6),
+             (POLL, 399_500), (PUSH, 400_001, 7)]  # fmt: skip
+    setup = Setup()
+    script = Script.of(steps).ended()
+    run = run_host(program, setup, script)
+    assert (run.result[script.what == PUSH] == 1).all()
+    told = [100, 100, 101, 200, 201, 400_000, 400_001]
+    script.value[script.what == PUSH] = told
+    said = check(setup, script, run)
+    assert [event[:2] for frame in said for event in frame] == list(
+        zip(told, range(1, 8), strict=True)
+    )
+
+
+REFUSED = {
+    "buffer_bytes": (0, 1_024, 4_095, 4_097),
+    "frame_bytes": (0, 27, 8_193, 4_096, MAX_32),
+    "event_bytes": (0, 2, 5),
+    "x_bits": (0, 16, 22, 255),
+    "y_bits": (0, 16, 22, 255),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_configuration_that_cannot_be_is_refused(emulator, name):
+    """Instead of writing beyond the ring."""
+    nothing = Script.of([(SEND, ALL)])
+    assert run_emulated(emulator, Setup(), nothing).out
+    for value in REFUSED[name]:
+        setup = replace(Setup(), **{name: value})
+        assert not run_emulated(emulator, setup, nothing).out, setup
+
+
+# in evpr_t on a processor of 32 bits
+READY_AT, STATE_BYTES = 68, 80
+
+
+@pytest.mark.parametrize("most", [1, 40])
+def test_the_consumer_may_interrupt_the_producer_anywhere(folder, most):
+    """After each instruction of the producer the consumer takes up to `most` bytes, or none."""
+    import unicorn
+
+    target = EMULATED[0]
+    emulator = Emulator(target, build(target, folder, files=FILES, name="evpr"))
+    assert emulator.call("evpr_struct_bytes") == STATE_BYTES
+    rng = np.random.default_rng(most)
+    setup = Setup(128, 64, event_bytes=3, x_bits=7, y_bits=7)
+    script = random_script(rng, 400, setup)
+    ring, state = emulator.put(bytes(setup.buffer_bytes)), emulator.put(bytes(STATE_BYTES))
+    out = bytearray()
+
+    def consume(uc, most):
+        ready, sent = struct.unpack("<II", uc.mem_read(state + READY_AT, 8))
+        for at in range(sent, min(ready, sent + most)):
+            out.extend(uc.mem_read(ring + at % setup.buffer_bytes, 1))
+        uc.mem_write(state + READY_AT + 4, struct.pack("<I", min(ready, sent + most)))
+
+    draws = iter(np.where(rng.random(1 << 20) < 0.02, most, 0).tolist())
+    uc = emulator._uc
+    uc.hook_add(unicorn.UC_HOOK_CODE, lambda uc, *_: consume(uc, next(draws)))
+    config = struct.pack("<IIIHBBB", ring, setup.buffer_bytes, setup.frame_bytes, 1, 3, 7, 7)
+    assert emulator.call("evpr_init", state, emulator.put(config), setup.now) & 1
+    result = []
+    columns = zip(*(column.tolist() for column in vars(script).values()), strict=True)
+    for what, value, x, y, p in columns:
+        value &= MAX_32
+        if what == PUSH:
+            result.append(emulator.call("evpr_push", state, value, x, y, p) & 1)
+            continue
+        result.append(0)
+        if what == SEND:
+            consume(uc, ALL)
+        else:
+            name = {DROP: "evpr_drop", POLL: "evpr_poll", FLUSH: "evpr_flush"}[what]
+            emulator.call(name, state, value)
+    check(setup, script, Ran(np.array(result), np.empty(0), bytes(out)))
+    assert 0 < sum(result) < (script.what == PUSH).sum()
+
+
+def test_no_address_or_arithmetic_is_undefined(folder):
+    """Under the sanitisers of this computer's own compiler, if it has them."""
+    compiler = shutil.which("cc")
+    files = [str(SOURCES / file) for file in (*FILES, "evpr_drive_main.c")]
+    checked = folder / "checked.elf"
+    options = ["-std=c11", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    command = [compiler or "cc", *options, *files, "-o", str(checked)]
+    if not compiler or subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("no C compiler with -fsanitize=address,undefined")
+    for setup, script in corner_scripts():
+        check(setup, script, run_host(checked, setup, script))
+
+
+MUTATIONS = {
+    "step one too long": ("(step >= e->pause) ||", "(step > e->pause) ||"),
+    "pause one too long": ("(1U << time_at) - 1U;", "(1U << time_at);"),
+    "pauses take no room": ("e->left -= pauses * e->event_bytes;", ""),
+    "one pause too many": ("((pauses + 1U) * e->event_bytes)", "(pauses * e->event_bytes)"),
+    "frame one word too long": ("frame_bytes - EMPTY_BYTES;", "frame_bytes - HEADER_BYTES;"),
+    "room without stuffing": ("(used + EVPR_STUFFED(bytes))", "(used + bytes)"),
+    "codes up to 254": ("#define FULL_CODE 255U", "#define FULL_CODE 254U"),
+    "checksum not inverted": ("stuff(e, ~e->crc", "stuff(e, e->crc"),
+    "checksum goes on": ("    e->crc = 0xFFFFFFFFU;\n", ""),
+    "ready without its zero": ("e->ready = e->at;", "e->ready = e->at - 1U;"),
+    "sequence of frames": ("    e->sequence++;\n", "    e->sequence += (e->left == 0U);\n"),
+    "counts no pixels beyond": ("!= 0U) {\n        e->dropped++;", "!= 0U) {"),
+    "counts no stalls": ("step)) {\n            e->dropped++;", "step)) {"),
+    "takes pixels beyond": ("(y >> e->y_bits)) != 0U", "(y >> e->y_bits)) == 0xFFFFU"),
+    "clock of 32 bits": ("(uint32_t)(e->time >> 32)}", "0U}"),
+    "polarity upside down": ("= on ? (1U", "= !on ? (1U"),
+    "x and y change places": ("x | (y << e->x_bits)", "y | (x << e->y_bits)"),
+    "sends beyond the ring's end": ("(whole < to_end) ? whole : to_end", "whole"),
+    "frames too old": ("(EVPR_FRAME_US - EVPR_POLL_US)", "EVPR_FRAME_US"),
+    "silence too long": ("(EVPR_SILENCE_US - EVPR_POLL_US)", "EVPR_SILENCE_US"),
+    "an open frame makes a silence longer": ("if (silent || passed(", "if (passed("),
+    "a beat each poll": ("(age >= wait)", "(age >= (wait & 0xFFFU))"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_broken_encoder_fails(folder, name):
+    """These scripts alone find each of these faults."""
+    number, (old, new) = list(MUTATIONS).index(name), MUTATIONS[name]
+    sources = folder / f"mutation-{number}"
+    shutil.copytree(SOURCES, sources)
+    text = (sources / "evpr.c").read_text(encoding="ascii")
+    assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times"
+    (sources / "evpr.c").write_text(text.replace(old, new), encoding="ascii")
+    broken, patient = (
+        built_for_host(folder, sources, f"{kind}-{number}", ("-Wno-error", *options))
+        for kind, options in (("broken", ()), ("patient", PATIENT))
+    )
+    timed = replace(CORNERS[0], buffer_bytes=1 << 16)
+    with pytest.raises((AssertionError, ValueError, IndexError)):
+        script = polled_script(np.random.default_rng(1), timed)
+        check_times(timed, script, run_host(broken, timed, script))
+        check_pauses(patient)
+        for setup, script in corner_scripts(each=5):
+            check(setup, script, run_host(broken, setup, script))
+
+
+def test_the_example_runs_and_accounts_for_every_event(folder):
+    """What firmware authors copy: bursts, drops, silence, and an end in good order."""
+    options = ("-fsanitize=undefined", "-fsanitize-trap=undefined")
+    files, main = ("evpr.c",), "evpr_example.c"
+    program = build(HOST, folder, files=files, program=main, name="example", options=options)
+    run = subprocess.run([program], capture_output=True, check=True)
+    decoder = open_decoder("evpr", Sensor(346, 260))
+    events = decoder.feed(run.stdout)
+    made, dropped = (int(word) for word in re.findall(rb"\d+", run.stderr))
+    health = decoder.health
+    assert events.size + health.device_dropped == made == 23_600
+    assert health.device_dropped == dropped > 1_000
+    assert health.lost == health.crc_errors == health.skipped_bytes == health.pending_bytes == 0
+    times, number = events["t"], np.searchsorted(events["t"], 20_001)
+    assert np.array_equal(times[number:], np.arange(20_050, 200_001, 50))
+    assert np.array_equal(events["x"], times % 346) and np.array_equal(events["y"], times % 260)
+
+
+@pytest.fixture(scope="module")
+def measured(folder):
+    return [measure(target, folder) for target in EMULATED]
+
+
+def test_the_table_of_instructions_is_true(measured):
+    """It lies beside the sources, if they are compiled by the version that it names."""
+    text = TABLE.read_text(encoding="ascii")
+    assert text.splitlines()[0] == table(measured).splitlines()[0]
+    if compiler() not in text:
+        pytest.skip(f"the table is of another compiler than {compiler()}")
+    assert text == table(measured)
+
+
+def test_instructions_and_sizes_stay_within_their_limits(measured):
+    """A microcontroller has time and room for other things."""
+    for row in measured:
+        assert row.event_most <= 250 and row.frame <= 700 and row.dropped <= 80
+        assert row.ram_bytes <= 80 and row.stack_bytes <= 160 and row.code_bytes <= 4_096
+
+
+def test_the_worked_frame_in_the_specification_is_what_the_encoder_makes(program):
+    """docs/protocol_evpr.md: each line of the frame, and what goes over the line."""
+    page = (Path(__file__).parents[1] / "docs/protocol_evpr.md").read_text(encoding="utf-8")
+    raw, line = (
+        bytes.fromhex("".join(re.findall(r"^((?:[0-9a-f]{2} ?)+)(?:  |$)", block, re.MULTILINE)))
+        for block in re.findall(r"```hex\n(.*?)```", page, re.DOTALL)
+    )
+    setup = Setup(256, 64, 0x1234, 3, 7, 7, 1_000_000, 7, 2)
+    times = 1_000_000, 1_000_010, 1_001_000
+    pushes = [
+        (PUSH, *event) for event in zip(times, (5, 0, 127), (6, 127, 0), (1, 0, 1), strict=True)
+    ]
+    run = run_host(program, setup, Script.of(pushes).ended())
+    frame = run.out.split(b"\0")[1]
+    assert (unstuffed(frame), frame + b"\0") == (raw, line)

@@ -8,6 +8,9 @@
 #define VERSION 1U
 #define PAUSES_MAX 6U /* before one event: a new frame takes fewer bytes than more of them */
 #define FULL_CODE 255U
+/* the next poll may come too late for a frame that is older, or a longer silence */
+#define FRAME_AGE (EVPR_FRAME_US - EVPR_POLL_US)
+#define SILENCE (EVPR_SILENCE_US - EVPR_POLL_US)
 
 /* CRC-32 of Ethernet, half a byte at a time: 64 bytes of table, not 1024. */
 static const uint32_t crc_table[16] = {
@@ -15,35 +18,48 @@ static const uint32_t crc_table[16] = {
     0x4DB26158U, 0x5005713CU, 0xEDB88320U, 0xF00F9344U, 0xD6D6A3E8U, 0xCB61B38CU,
     0x9B64C2B0U, 0x86D3D2D4U, 0xA00AE278U, 0xBDBDF21CU};
 
-/* Write the lowest bytes of a word, stuffed, and take them into the checksum. A code says how far
- * it is to the next zero, which it replaces: it is written when that is known. */
-static void put(evpr_t *e, uint32_t word, uint32_t bytes)
+/* Take the lowest bytes of a word into the checksum; those above are 0. */
+static uint32_t check(uint32_t crc, uint32_t word, uint32_t bytes)
+{
+    crc ^= word;
+    for (uint32_t i = 0U; i < bytes; i++) {
+        crc = (crc >> 4) ^ crc_table[crc & 15U];
+        crc = (crc >> 4) ^ crc_table[crc & 15U];
+    }
+    return crc;
+}
+
+/* Write the lowest bytes of a word, stuffed. A code says how far it is to the next zero, which it
+ * replaces: it is written when that is known. */
+static void stuff(evpr_t *e, uint32_t word, uint32_t bytes)
 {
     uint8_t *const buffer = e->buffer;
     const uint32_t mask = e->mask;
     uint32_t at = e->at;
-    uint32_t code_at = e->code_at;
-    uint32_t crc = e->crc;
+    uint32_t full_at = e->code_at + FULL_CODE;
 
     for (uint32_t i = 0U; i < bytes; i++) {
         const uint32_t byte = word & 0xFFU;
         word >>= 8;
-        crc ^= byte;
-        crc = (crc >> 4) ^ crc_table[crc & 15U];
-        crc = (crc >> 4) ^ crc_table[crc & 15U];
         if (byte != 0U) {
             buffer[at & mask] = (uint8_t)byte;
             at++;
         }
-        if ((byte == 0U) || ((at - code_at) == FULL_CODE)) {
+        if ((byte == 0U) || (at == full_at)) {
+            const uint32_t code_at = full_at - FULL_CODE;
             buffer[code_at & mask] = (uint8_t)(at - code_at);
-            code_at = at;
+            full_at = at + FULL_CODE;
             at++;
         }
     }
     e->at = at;
-    e->code_at = code_at;
-    e->crc = crc;
+    e->code_at = full_at - FULL_CODE;
+}
+
+static void put(evpr_t *e, uint32_t word, uint32_t bytes)
+{
+    e->crc = check(e->crc, word, bytes);
+    stuff(e, word, bytes);
 }
 
 /* Begin a frame, if the ring has room for one of so many bytes: then none ever ends for want of
@@ -55,21 +71,21 @@ static bool begin(evpr_t *e, uint32_t bytes)
         return false;
     }
     atomic_thread_fence(memory_order_acquire); /* what is overwritten now has been sent */
+    const uint32_t header[] = {e->head, e->sequence, e->dropped, (uint32_t)e->time,
+                               (uint32_t)(e->time >> 32)};
     e->code_at = e->at;
     e->at++;
     e->crc = 0xFFFFFFFFU;
-    put(e, e->head, 4U);
-    put(e, e->sequence, 4U);
-    put(e, e->dropped, 4U);
-    put(e, (uint32_t)e->time, 4U);
-    put(e, (uint32_t)(e->time >> 32), 4U);
+    for (uint32_t i = 0U; i < (HEADER_BYTES / 4U); i++) {
+        put(e, header[i], 4U);
+    }
     return true;
 }
 
 /* End a frame, and hand it to the consumer. */
 static void end(evpr_t *e, uint32_t now)
 {
-    put(e, ~e->crc, CHECK_BYTES);
+    stuff(e, ~e->crc, CHECK_BYTES);
     e->buffer[e->code_at & e->mask] = (uint8_t)(e->at - e->code_at);
     e->buffer[e->at & e->mask] = 0U;
     e->at++;
@@ -118,6 +134,7 @@ bool evpr_init(evpr_t *e, const evpr_config_t *c, uint32_t now)
     e->event_bytes = c->event_bytes;
     e->x_bits = c->x_bits;
     e->y_bits = c->y_bits;
+    e->time_at = (uint8_t)time_at;
     e->pause = (1U << ((8U * c->event_bytes) - time_at)) - 1U;
     e->longest_pause = (1U << time_at) - 1U;
     e->sequence = 0U;
@@ -129,64 +146,69 @@ bool evpr_init(evpr_t *e, const evpr_config_t *c, uint32_t now)
     return empty_frame(e, now);
 }
 
-/* Bytes of the event's word and of the pauses before it; no fewer than fit any frame where there
- * would be too many. */
-static uint32_t bytes_of(const evpr_t *e, uint32_t step)
+/* Pauses that a step takes, at most one more than are made. */
+static uint32_t pauses_of(const evpr_t *e, uint32_t step)
 {
-    uint32_t bytes = e->event_bytes;
-    if (step >= e->pause) {
-        uint32_t rest = step;
-        for (uint32_t i = 0U; i < PAUSES_MAX; i++) {
-            bytes += e->event_bytes;
-            if (rest <= e->longest_pause) {
-                return bytes;
-            }
-            rest -= e->longest_pause;
-        }
-        bytes = EVPR_MAX_FRAME;
+    uint32_t pauses = 1U;
+    while ((step > e->longest_pause) && (pauses <= PAUSES_MAX)) {
+        step -= e->longest_pause;
+        pauses++;
     }
-    return bytes;
+    return pauses;
+}
+
+/* Tell the time of an event that no word in the open frame can: by pauses, if they fit, or by the
+ * base time of a new frame. */
+static bool tell_time(evpr_t *e, uint32_t step)
+{
+    const uint32_t now = (uint32_t)e->time + step;
+    e->time += step;
+    if (e->left != 0U) {
+        const uint32_t pauses = pauses_of(e, step);
+        const bool fit = (pauses <= PAUSES_MAX) && (((pauses + 1U) * e->event_bytes) <= e->left);
+        if (fit && ((now - e->first) < FRAME_AGE)) {
+            while (step != 0U) {
+                const uint32_t wait = (step < e->longest_pause) ? step : e->longest_pause;
+                put(e, (e->pause << e->time_at) | wait, e->event_bytes);
+                step -= wait;
+            }
+            e->left -= pauses * e->event_bytes;
+            return true;
+        }
+        end(e, now);
+    }
+    if (!begin(e, EMPTY_BYTES + e->words_bytes)) {
+        return false;
+    }
+    e->left = e->words_bytes;
+    e->first = now;
+    return true;
 }
 
 bool evpr_push(evpr_t *e, uint32_t t, uint32_t x, uint32_t y, bool on)
 {
     uint32_t step = step_to(e, t);
-    uint32_t bytes = bytes_of(e, step);
-    const uint32_t now = (uint32_t)e->time + step;
+    const uint32_t age = ((uint32_t)e->time + step) - e->first;
 
     if (((x >> e->x_bits) | (y >> e->y_bits)) != 0U) {
         e->dropped++;
         return false;
     }
-    if ((e->left != 0U) &&
-        ((bytes > e->left) || ((now - e->first) >= (EVPR_FRAME_US - EVPR_POLL_US)))) {
-        end(e, now);
-    }
-    e->time += step;
-    if (e->left == 0U) {
-        if (!begin(e, EMPTY_BYTES + e->words_bytes)) {
+    if ((e->left == 0U) || (step >= e->pause) || (age >= FRAME_AGE)) {
+        if (!tell_time(e, step)) {
             e->dropped++;
             return false;
         }
-        e->left = e->words_bytes;
-        e->first = now;
         step = 0U;
-        bytes = e->event_bytes;
     }
-    const uint32_t time_at = (uint32_t)e->x_bits + e->y_bits + 1U;
-    if (step >= e->pause) {
-        while (step != 0U) {
-            const uint32_t wait = (step < e->longest_pause) ? step : e->longest_pause;
-            put(e, (e->pause << time_at) | wait, e->event_bytes);
-            step -= wait;
-        }
-    }
-    const uint32_t polarity = on ? (1U << (time_at - 1U)) : 0U;
-    put(e, (step << time_at) | polarity | (y << e->x_bits) | x, e->event_bytes);
+    e->time += step;
+    const uint32_t pixel = x | (y << e->x_bits);
+    const uint32_t polarity = on ? (1U << (e->time_at - 1U)) : 0U;
+    put(e, pixel | polarity | (step << e->time_at), e->event_bytes);
     e->sequence++;
-    e->left -= bytes;
+    e->left -= e->event_bytes;
     if (e->left < e->event_bytes) {
-        end(e, now);
+        end(e, (uint32_t)e->time);
     }
     return true;
 }
@@ -196,20 +218,21 @@ void evpr_drop(evpr_t *e, uint32_t events)
     e->dropped += events;
 }
 
-/* Whether `wait` will have passed before the next poll; not if `since` is a time to come. */
-static bool due(uint32_t now, uint32_t since, uint32_t wait)
+/* Whether so much time has passed; not if `since` is a time to come. */
+static bool passed(uint32_t now, uint32_t since, uint32_t wait)
 {
     const uint32_t age = now - since;
-    return ((age >> 31) == 0U) && (age >= (wait - EVPR_POLL_US));
+    return ((age >> 31) == 0U) && (age >= wait);
 }
 
 void evpr_poll(evpr_t *e, uint32_t now)
 {
+    const bool silent = passed(now, e->last, SILENCE);
     if (e->left != 0U) {
-        if (due(now, e->first, EVPR_FRAME_US)) {
+        if (silent || passed(now, e->first, FRAME_AGE)) {
             end(e, now);
         }
-    } else if (due(now, e->last, EVPR_SILENCE_US)) {
+    } else if (silent) {
         (void)empty_frame(e, now); /* without room for it, there is no silence on the line */
     } else {
         /* nothing to say yet */

@@ -16,10 +16,10 @@
  * the cache cleaned over what evpr_out gives.
  *
  * Times are 32 bits of microseconds and wrap, as a timer's do: no 64-bit time has to be made in the
- * camera's interrupt. The encoder widens them for the host, and for that evpr_push, evpr_poll or
- * evpr_flush must be called within every 2^31 us (35 minutes). Time does not run backwards on the
- * line: an event earlier than what was told before it, an empty frame's time included, is told with
- * that time. So read the camera empty before you poll.
+ * camera's interrupt. The encoder widens them for the host, which takes a call of evpr_push,
+ * evpr_poll or evpr_flush in every 2^31 us (35 minutes). Time does not run backwards on the line: an
+ * event earlier than what was told before it, an empty frame's time included, is told with that
+ * time. So read the clock, then the camera until it is empty, then poll with what the clock said.
  */
 #ifndef EVPR_H
 #define EVPR_H
@@ -33,7 +33,7 @@
 #define EVPR_FRAME_US 5000U /* a frame is ready when its first event is so old, at the latest */
 #endif
 #ifndef EVPR_SILENCE_US
-#define EVPR_SILENCE_US 100000U /* after the last frame, an empty one is ready, at the latest */
+#define EVPR_SILENCE_US 100000U /* a frame is ready so long after the last one, at the latest */
 #endif
 #ifndef EVPR_POLL_US
 #define EVPR_POLL_US 1000U /* evpr_poll is called so often, at least */
@@ -64,6 +64,7 @@ typedef struct {
     uint8_t event_bytes;
     uint8_t x_bits;
     uint8_t y_bits;
+    uint8_t time_at;        /* lowest bit of a word's time */
     uint32_t pause;         /* time field of a pause: all ones */
     uint32_t longest_pause; /* the other bits, all ones */
     uint32_t sequence;      /* events put into frames, modulo 2^32 */
