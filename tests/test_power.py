@@ -552,6 +552,9 @@ def test_a_throttled_run_is_void(load, tmp_path, capsys):
     assert {v for name, v in energy.items() if "_j_" in name or name == "idle_w"} == {None}
     shown = capsys.readouterr().out
     assert "VOID" in shown and "void: throttled" in shown
+    path = str(tmp_path / "out/profile.json")
+    assert main(["profile", "compare", path, path]) == 0
+    assert "void: throttled" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

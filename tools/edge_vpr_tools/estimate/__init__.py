@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     asked.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
-        help="the largest J and K within 64KiB, or 10mW; may be repeated, needs one --target",
+        help="what fits 64KiB, or 10mW: the largest J, K and bits of one --target; may be repeated",
     )  # fmt: skip
     asked.add_argument(
         "--calibrate", metavar="PROFILE.json", help="energy of a cycle from your board's profile"

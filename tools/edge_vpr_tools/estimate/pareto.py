@@ -259,10 +259,13 @@ def _panel(
         [cost_of(one) for one in kept], [one.accuracy for one in kept], where="post",
         color=BLUE, lw=1, alpha=0.6, label="no other is better and cheaper",
     )  # fmt: skip
-    for one in kept:
+    for before, one in zip([None, *kept], kept, strict=False):
+        # to the left of the steps is room, but for what is hardly above the step before
+        beside = before is not None and one.accuracy - before.accuracy < 0.02
         axes.annotate(
-            Path(one.name).name, (cost_of(one), one.accuracy), fontsize=7, ha="right",
-            xytext=(-5, 3), textcoords="offset points",
+            Path(one.name).name, (cost_of(one), one.accuracy), fontsize=7,
+            ha="left" if beside else "right", xytext=(5 if beside else -5, 3),
+            textcoords="offset points",
         )  # fmt: skip
     axes.set_xscale("log")
     axes.margins(x=0.3)

@@ -11,13 +11,17 @@ _ENERGY = (
 )  # fmt: skip
 
 
+NOT_MEASURED, NOT_RESOLVED, VOID = "not measured", "not resolved", "void: throttled"
+
+
 class Number(NamedTuple):
-    """A figure; None was not measured, not resolved, or is void."""
+    """A figure; `value` is None where there is none, and `why` says why."""
 
     name: str
     value: float | None
     low: float | None = None
     high: float | None = None
+    why: str = ""
 
 
 def numbers(found: dict[str, Any]) -> list[Number]:
@@ -36,8 +40,9 @@ def _numbers(found: dict[str, Any]) -> Iterator[Number]:
                 *against[f"{pixels}_s"].values(),
             )
         yield Number(f"{name}_times_faster", *against["times"].values())
+    void = bool(found["conditions"]["void_because"])
     for name in _ENERGY:
-        yield _of_energy(found["energy"], name, name)
+        yield _of_energy(found["energy"], name, name, void)
     for design in found["designs"]:
         prefix = design["name"]
         yield Number(f"{prefix}: precision_at_100_recall", design["precision_at_100_recall"])
@@ -46,10 +51,12 @@ def _numbers(found: dict[str, Any]) -> Iterator[Number]:
             f"{prefix}: cpu_s_per_match", design["cpu_s_per_match"],
             *design["cpu_s_per_match_interval"],
         )  # fmt: skip
-        yield _of_energy(design["energy"] or {}, _ENERGY[0], f"{prefix}: {_ENERGY[0]}")
+        yield _of_energy(design["energy"] or {}, _ENERGY[0], f"{prefix}: {_ENERGY[0]}", void)
 
 
-def _of_energy(energy: dict[str, Any], key: str, name: str) -> Number:
+def _of_energy(energy: dict[str, Any], key: str, name: str, void: bool) -> Number:
     value = energy.get(key)
-    low, high = energy.get(f"{key}_interval") or (None, None)
-    return Number(name, value, low, high) if value is not None else Number(name, None)
+    if value is None:
+        why = NOT_RESOLVED if "idle_w" in energy else NOT_MEASURED
+        return Number(name, None, why=VOID if void else why)
+    return Number(name, value, *(energy.get(f"{key}_interval") or ()))

@@ -14,12 +14,11 @@ from rich.table import Table
 from edge_vpr.archive import replacing
 from edge_vpr_tools import results
 from edge_vpr_tools.power import figures
-from edge_vpr_tools.power.numbers import numbers
+from edge_vpr_tools.power.numbers import NOT_MEASURED, NOT_RESOLVED, VOID, Number, numbers
 from edge_vpr_tools.power.profiling import load
 from edge_vpr_tools.report.page import Page
 from edge_vpr_tools.report.style import save
 
-NOT_MEASURED, NOT_RESOLVED, VOID = "not measured", "not resolved", "void: throttled"
 _DESIGNS = ("design", "P@100R", "bytes a place", "processor time a match", "marginal energy")
 
 
@@ -190,9 +189,9 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
     sides = [{number.name: number for number in numbers(one)} for one in found]
     told, cells = [], []
     for name in dict.fromkeys(name for side in sides for name in side):
-        a, b = (side[name].value if name in side else None for side in sides)
-        ratio = b / a if a and b is not None else None
-        cells.append((name, a, b, ratio))
+        a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
+        ratio = b.value / a.value if a.value and b.value is not None else None
+        cells.append((name, a.value, b.value, ratio))
         told.append((name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}"))
     _console().print(_table(("", str(first), str(second), "times"), told))
     for path, one in zip((first, second), found, strict=True):
@@ -204,7 +203,7 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
 
 def write_csv(found: dict[str, Any], path: Path) -> None:
     """Write the numbers for a spreadsheet; an empty cell was not measured."""
-    _write(path, ("quantity", "value", "low", "high"), numbers(found))
+    _write(path, ("quantity", "value", "low", "high"), [n[:4] for n in numbers(found)])
 
 
 def _write(path: Path, header: Sequence[str], lines: Iterable[Sequence[Any]]) -> None:
@@ -275,8 +274,8 @@ def _three(of: dict[str, float]) -> str:
     return f"{of['value']:.3g} ({of['low']:.3g} to {of['high']:.3g})"
 
 
-def _cell(value: float | None) -> str:
-    return NOT_MEASURED if value is None else f"{value:,.6g}"
+def _cell(of: Number) -> str:
+    return of.why if of.value is None else f"{of.value:,.6g}"
 
 
 def _console() -> Console:
