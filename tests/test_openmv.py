@@ -21,7 +21,8 @@ from edge_vpr.stream.bridge import Bridge, LineFaults
 from edge_vpr.stream.intake import Intake
 from edge_vpr.stream.links import open_device_link, open_link
 from edge_vpr.stream.protocols import open_decoder, open_encoder
-from edge_vpr.stream.protocols.openmv_device import Camera, CameraEncoder
+from edge_vpr.stream.protocols.openmv_camera import Camera
+from edge_vpr.stream.protocols.openmv_device import CameraEncoder
 from edge_vpr.stream.protocols.openmv_host import PATIENCE_S
 from edge_vpr.stream.protocols.openmv_packets import (
     HEADER,

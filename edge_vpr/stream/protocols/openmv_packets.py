@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from edge_vpr.stream.health import Health
+
 SYNC = b"\xaa\xd5"
 #: mark, sequence, channel, flags, opcode, length, CRC-16 of these
 HEADER = struct.Struct("<2sBBBBHH")
@@ -184,9 +186,8 @@ class PacketFinder:
         Number of the next packet.
     joined : ndarray of uint8, shape (n,)
         Fragments found before the packet that `find` returned; valid until the next call.
-    at, skipped, resyncs, errors, packets : int
-        Since `start`: bytes done with; those of them that were no packet; stretches of such bytes;
-        marks that no whole packet followed; packets.
+    at : int
+        Bytes done with since `start`.
     """
 
     def __init__(self) -> None:
@@ -245,25 +246,12 @@ class PacketFinder:
         """Bytes done with."""
         return int(self._state[_AT])
 
-    @property
-    def skipped(self) -> int:
-        """Bytes that were no packet."""
-        return int(self._state[_SKIPPED])
-
-    @property
-    def resyncs(self) -> int:
-        """Stretches of such bytes."""
-        return int(self._state[_RESYNCS])
-
-    @property
-    def errors(self) -> int:
-        """Marks that no whole packet followed."""
-        return int(self._state[_ERRORS])
-
-    @property
-    def packets(self) -> int:
-        """Packets found."""
-        return int(self._state[_PACKETS])
+    def count(self, health: Health) -> None:
+        """Count what has been found, and what was no packet, since `start`."""
+        health.frames += int(self._state[_PACKETS])
+        health.crc_errors += int(self._state[_ERRORS])
+        health.skipped_bytes += int(self._state[_SKIPPED])
+        health.resyncs += int(self._state[_RESYNCS])
 
 
 @njit(cache=True, nogil=True)

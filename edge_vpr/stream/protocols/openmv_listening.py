@@ -1,0 +1,163 @@
+"""From OpenMV's packets to events, for whoever asks for them or only listens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.recordings.source import Columns
+from edge_vpr.stream.health import BOUND
+from edge_vpr.stream.protocols.openmv_device import PushingEncoder
+from edge_vpr.stream.protocols.openmv_packets import (
+    HEADER,
+    MAX_PACKET,
+    MAX_PAYLOAD,
+    Flag,
+    Packet,
+    PacketFinder,
+)
+from edge_vpr.stream.protocols.openmv_records import EventRecords, Records, open_maker
+from edge_vpr.stream.protocols.protocol import Decoder
+
+
+class PacketDecoder(Decoder):
+    """Finds packets and decodes records; what follows from a packet is the subclass's.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    records : Records
+    """
+
+    resync_bytes = MAX_PACKET + HEADER.size
+
+    def __init__(self, sensor: Sensor, records: Records) -> None:
+        super().__init__(sensor, records.clock, BOUND)
+        self._records = records
+        self._finder = PacketFinder()
+        self._distrusted = 0
+        #: the beginning of a record, and how many bytes to pass over before one begins
+        self._rest, self._skip = b"", 0
+
+    def _take(self, data: bytes, *, final: bool) -> Events:
+        events = super()._take(data, final=final)
+        self._count_wraps()
+        return events
+
+    def finish(self) -> Events:
+        """See `Decoder.finish`."""
+        events = super().finish()
+        self._count_wraps()
+        return events
+
+    def _count_wraps(self) -> None:
+        """Count those of the clock that wraps at no power of two, so that the gate cannot."""
+        if isinstance(self._records, EventRecords):
+            self.health.wraps = self._records.wraps
+
+    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+        finder, parts = self._finder, list[Columns]()
+        finder.start(data, len(data) + 1 if final else self._distrusted)
+        self._distrusted = 0
+        while True:
+            self._aim(finder)
+            packet = finder.find(self._rest)
+            if finder.joined.size > len(self._rest):
+                self._take_joined(finder, finder.joined.size - len(self._rest))
+                self._take_bytes(finder.joined, parts)
+            if packet is None:
+                break
+            self._take_packet(packet, parts)
+        finder.count(self.health)
+        return parts, data[finder.at :]
+
+    def _aim(self, finder: PacketFinder) -> None:
+        """Say which fragments can be joined, and what to believe."""
+        raise NotImplementedError
+
+    def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
+        """Learn how much of the fragments has come; `_take_bytes` takes it."""
+        raise NotImplementedError
+
+    def _take_packet(self, packet: Packet, parts: list[Columns]) -> None:
+        """Take any other packet."""
+        raise NotImplementedError
+
+    def _take_bytes(self, raw: npt.NDArray[np.uint8], parts: list[Columns]) -> int:
+        """Decode the whole records of bytes that begin with the rest of those before."""
+        skip = min(self._skip, raw.size)
+        self._skip -= skip
+        whole = skip + (raw.size - skip) // self._records.size * self._records.size
+        self._rest = raw[whole:].tobytes()
+        if whole > skip:
+            # begins where an array of words may
+            aligned = raw[:whole] if skip == 0 else raw[skip:whole].copy()
+            parts.append(self._records.decode(aligned, self.health, self._host_us))
+        return (whole - skip) // self._records.size
+
+
+class ListeningDecoder(PacketDecoder):
+    """Decodes the packets of one channel as they come, of a device that asks for no question.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    channel : int
+        Its number.
+    records : Records
+    """
+
+    def __init__(self, sensor: Sensor, channel: int, records: Records) -> None:
+        super().__init__(sensor, records)
+        self._channel = channel
+        self._sequence: int | None = None
+        self._fragments = False
+        #: whether a record begins where the next bytes do
+        self._placed = True
+
+    def _samples(self) -> Iterable[bytes]:
+        maker = open_maker(self._records.name, self.sensor)
+        encoder = PushingEncoder(self.sensor, self._channel, maker)
+        yield encoder.encode(make_events([0], [0], [0], [1]))
+
+    def _lose_sync(self) -> None:
+        self._rest = b""
+        self._placed = not self._fragments
+
+    def _aim(self, finder: PacketFinder) -> None:
+        finder.limit = MAX_PAYLOAD
+        joins = self._placed and self._sequence is not None
+        finder.channel = self._channel if joins else -1
+        finder.sequence = self._sequence or 0
+
+    def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
+        self._fragments = True
+        self._sequence = finder.sequence
+
+    def _take_packet(self, packet: Packet, parts: list[Columns]) -> None:
+        most = self._records.most
+        if self._sequence is not None and not packet.flags & (Flag.RTX | Flag.EVENT):
+            missing = (packet.sequence - self._sequence) & 0xFF
+            if missing:
+                self.health.sequence_gaps += 1
+                # each packet may have held nothing, or as much as a packet can
+                self.health.lost_at_most += missing * (MAX_PAYLOAD // self._records.size) * most
+                self._records.lose()
+                self._lose_sync()
+        self._sequence = (packet.sequence + 1) & 0xFF
+        if packet.channel != self._channel or packet.flags & (Flag.ACK | Flag.NAK | Flag.EVENT):
+            return
+        last = not packet.flags & Flag.FRAGMENT
+        self._fragments |= not last
+        if self._placed:
+            raw = np.frombuffer(self._rest + packet.payload, dtype=np.uint8)
+            self._take_bytes(raw, parts)
+        else:
+            # the end of a message whose beginning is missing
+            self.health.lost_at_most += (len(packet.payload) // self._records.size + 1) * most
+        if last:
+            self.health.lost_at_most += bool(self._rest)
+            self._rest, self._placed = b"", True
