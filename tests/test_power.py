@@ -23,7 +23,7 @@ from edge_vpr_tools.power.conditions import Conditions, void_because
 from edge_vpr_tools.power.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
 from edge_vpr_tools.power.sensor import About, Sensor, SensorError, find_sensors
-from edge_vpr_tools.power.statistics import interval
+from edge_vpr_tools.power.statistics import interval, interval_of_times
 from edge_vpr_tools.power.trace import Sampler, Trace, Window, align, read_csv
 from test_commands import drive  # noqa: F401
 
@@ -311,6 +311,16 @@ def test_a_gain_error_widens_what_no_repetition_can_narrow():
     assert low == pytest.approx(1 / 1.05) and high == pytest.approx(1 / 0.95)
     with pytest.raises(UsageError, match="5 or more"):
         interval(np.ones(4))
+
+
+def test_an_interval_of_times_is_above_zero():
+    """Though one of ten is disturbed; and it covers the median of skewed times as it should."""
+    took = np.array([1.0, 1.1, 0.9, 1.0, 1.2, 1.0, 0.95, 1.05, 1.0, 40.0])
+    found = interval_of_times(took)
+    assert 0 < found.low <= 1.0 <= found.value <= found.high
+    rng = np.random.default_rng(4)
+    runs = [interval_of_times(np.exp(rng.normal(0, 0.5, 31))) for _ in range(300)]
+    assert 0.9 <= np.mean([one.low <= 1.0 <= one.high for one in runs]) <= 0.99
 
 
 def test_three_figures_belong_together():

@@ -20,7 +20,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.experiments.trial import TruthOf
 from edge_vpr_tools.power.protocol import Plan, measure
 from edge_vpr_tools.power.sensor import Sensor, SensorError
-from edge_vpr_tools.power.statistics import LEAST_PAIRS, interval
+from edge_vpr_tools.power.statistics import LEAST_PAIRS, interval_of_times
 from edge_vpr_tools.power.workload import Workload
 
 #: J of the designs, and codes of their counters
@@ -159,8 +159,8 @@ def _cpu_s_per_match(load: Workload, plan: Plan) -> list[float]:
         while load.matches == 0:
             load.run(plan.window_s / 10)
         slices.append((time.process_time() - start) / load.matches)
-    told = interval(np.array(slices))
-    return [told.value, max(told.low, 0.0), told.high]
+    told = interval_of_times(np.array(slices))
+    return [told.value, told.low, told.high]
 
 
 def _energy(sensor: Sensor, plan: Plan, load: Workload, rate: float) -> dict[str, Any]:

@@ -17,11 +17,11 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.matcher import ReferenceIndex
 from edge_vpr.pixels import PixelMap
 from edge_vpr.windows import DescriptorStream, FixedTime, collect
-from edge_vpr_tools.power.statistics import Estimate, interval
+from edge_vpr_tools.power.statistics import Estimate, interval_of_times
 
 #: DAVIS346 of Brisbane-Event-VPR, J of the paper; the number of places and the counts are made up
 PAPER_SENSOR, PAPER_PIXELS, _PAPER_PLACES = Sensor(346, 260), 150, 500
-_REPEATS = 10
+_REPEATS = 31
 #: enough to be timed, and to be held beside the recording
 _MOST_EVENTS, _MOST_COUNTS, _MOST_WINDOWS = 500_000, 1 << 25, 64
 _LEAST_S = 2e-3
@@ -124,7 +124,9 @@ def _against(
         for which in (0, 1) if i % 2 == 0 else (1, 0):
             took[i, which] = _time((sparse, dense)[which], rounds[which]) / units
     return Against(
-        unit, *sizes, *(_told(interval(values)) for values in (*took.T, took[:, 1] / took[:, 0]))
+        unit,
+        *sizes,
+        *(_told(interval_of_times(values)) for values in (*took.T, took[:, 1] / took[:, 0])),
     )
 
 

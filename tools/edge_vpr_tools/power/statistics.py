@@ -114,6 +114,31 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
     return Estimate(value, value + wider * (low - value), value + wider * (high - value), n)
 
 
+def interval_of_times(seconds: Floats, seed: int = 0) -> Estimate:
+    """Median of repeated timings, or of their ratios, and its interval by that of their logarithms.
+
+    What disturbs a timing multiplies it, and none is below zero.
+
+    Parameters
+    ----------
+    seconds : ndarray of float64, shape (n,)
+        Above zero.
+    seed : int
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    UsageError
+        See `interval`.
+    """
+    of_logs = interval(np.log(seconds), seed)
+    value, low, high = np.exp([of_logs.value, of_logs.low, of_logs.high]).tolist()
+    return Estimate(value, low, high, of_logs.pairs)
+
+
 def _small_sample(n: int) -> float:
     """Tell by how much a bootstrap interval of few values is too narrow (Hesterberg, 2015).
 
