@@ -42,8 +42,8 @@ PATIENCE_S, LONGEST_S = 1.0, 4.0
 REPEATED_S = 8.0
 #: After damaged bytes it is late sooner, if nobody sends it again.
 DAMAGED_S = 0.1
-#: An empty channel is asked again after this, and one that is not there.
-POLL_S, LIST_S = 0.002, 0.25
+#: An empty channel is asked again after this, as by the maker's tool, and a missing one after that.
+POLL_S, LIST_S = 0.004, 0.25
 #: Longest answer that is put together, but for what is read.
 _LONGEST_ANSWER = 1 << 16
 #: The least that the firmware takes for the longest payload.
