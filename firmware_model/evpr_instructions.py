@@ -21,11 +21,11 @@ from firmware_model.instructions import compiler
 TABLE = SOURCES / "evpr_instructions.csv"
 
 #: bytes of a frame before stuffing, and of the ring
-FRAME_BYTES, BUFFER_BYTES = 1_024, 4_096
+FRAME_BYTES, BUFFER_BYTES = 512, 2_048
 #: bits of x and y by bytes of an event: 128 x 128, and 346 x 260
 BITS = {3: (7, 7), 4: (9, 9)}
 #: what is averaged over: steps of 0 to 7 us, pixels and polarities at random
-EVENTS = 350
+EVENTS = 175
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shutil
 import struct
 import subprocess
+import sys
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
@@ -19,7 +21,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.stream.gate import SILENCE_US
 from edge_vpr.stream.protocols import open_decoder
 from edge_vpr.stream.protocols.evpr import HEADER, EvprEncoder
-from firmware_model.build import EMULATED, HOST, SOURCES, build
+from firmware_model.build import EMULATED, HOST, SOURCES, WARNINGS, build
 from firmware_model.emulator import Emulator
 from firmware_model.evpr_instructions import TABLE, measure, table
 from firmware_model.instructions import compiler
@@ -529,7 +531,7 @@ def test_a_broken_encoder_fails(folder, name):
         for kind, options in (("broken", ()), ("patient", PATIENT))
     )
     timed = replace(CORNERS[0], buffer_bytes=1 << 16)
-    with pytest.raises((AssertionError, ValueError, IndexError)):
+    with pytest.raises((AssertionError, ValueError, IndexError, struct.error)):
         script = polled_script(np.random.default_rng(1), timed)
         check_times(timed, script, run_host(broken, timed, script))
         check_pauses(patient)
@@ -555,6 +557,17 @@ def test_the_example_runs_and_accounts_for_every_event(folder):
     assert np.array_equal(events["x"], times % 346) and np.array_equal(events["y"], times % 260)
 
 
+def test_the_header_may_be_included_from_cpp(folder):
+    """Many boards' libraries are in C++; its names are then those of C."""
+    source, made = folder / "board.cpp", folder / "board.o"
+    source.write_text('#include "evpr.h"\nvoid tick(evpr_t *e) { evpr_poll(e, 1U); }\n')
+    options = ["-std=c++11", *WARNINGS, "-I", str(SOURCES), "-c", "-o", str(made)]
+    command = [sys.executable, "-m", "ziglang", "c++", *options, str(source)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert not run.returncode, run.stderr
+    assert b"\0evpr_poll\0" in made.read_bytes()
+
+
 @pytest.fixture(scope="module")
 def measured(folder):
     return [measure(target, folder) for target in EMULATED]
@@ -576,9 +589,36 @@ def test_instructions_and_sizes_stay_within_their_limits(measured):
         assert row.ram_bytes <= 80 and row.stack_bytes <= 160 and row.code_bytes <= 4_096
 
 
+PAGE = Path(__file__).parents[1] / "docs/protocol_evpr.md"
+ROWS = {
+    "event of 3 bytes, mean": "event_3",
+    "event of 4 bytes, mean": "event_4",
+    "pause, at most": "pause",
+    "frame's beginning and end": "frame",
+    "event dropped for want of room": "dropped",
+    "`evpr_poll` with nothing to do": "poll",
+    "`evpr_out` and `evpr_sent`, per transfer": "send",
+    "code, bytes": "code_bytes",
+    "RAM beside the ring, bytes": "ram_bytes",
+    "stack, bytes at most": "stack_bytes",
+}
+
+
+def test_the_figures_in_the_specification_are_those_of_the_table():
+    """And its events a second follow from them: 250 in a frame, a clock each instruction."""
+    page = PAGE.read_text(encoding="utf-8")
+    told = {row["target"]: row for row in csv.DictReader(TABLE.read_text("ascii").splitlines())}
+    cores = [told[name] for name in ("cortex-m0plus", "cortex-m4", "cortex-a53")]
+    for name, column in ROWS.items():
+        assert f"| {name} | " + " | ".join(core[column] for core in cores) + " |\n" in page
+    each = float(cores[0]["event_4"]) + int(cores[0]["frame"]) / 250
+    assert f"that is {each:.0f} instructions an event" in page
+    assert f"{48e6 / each / 1e3:.0f},000 events/s at 48 MHz" in page
+
+
 def test_the_worked_frame_in_the_specification_is_what_the_encoder_makes(program):
     """docs/protocol_evpr.md: each line of the frame, and what goes over the line."""
-    page = (Path(__file__).parents[1] / "docs/protocol_evpr.md").read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
     raw, line = (
         bytes.fromhex("".join(re.findall(r"^((?:[0-9a-f]{2} ?)+)(?:  |$)", block, re.MULTILINE)))
         for block in re.findall(r"```hex\n(.*?)```", page, re.DOTALL)

@@ -27,6 +27,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define EVPR_MAX_FRAME 8192U /* bytes before stuffing */
 
 #ifndef EVPR_FRAME_US
@@ -104,5 +108,9 @@ uint32_t evpr_out(const evpr_t *e, const uint8_t **first);
 
 /* Give back so many bytes of them, in any pieces. */
 void evpr_sent(evpr_t *e, uint32_t bytes);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
