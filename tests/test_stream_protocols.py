@@ -21,6 +21,8 @@ from streams import random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
+from edge_vpr.recordings import open_recording
+from edge_vpr.recordings.prophesee import read_header
 from edge_vpr.stream.protocols import (
     PROTOCOLS,
     open_decoder,
@@ -583,3 +585,113 @@ def test_events_that_do_not_fit_a_frame_are_refused_and_options_are_read():
     wide = make_events([0, 5], [1279, 0], [719, 0])
     sent = open_encoder("evpr", Sensor(1280, 720)).encode(wide)
     assert np.array_equal(decoded(open_decoder("evpr", Sensor(1280, 720)), sent), wide)
+
+
+@pytest.mark.parametrize(
+    ("name", "protocol"),
+    [("evt3_gen41_1280x720_driving.raw", "evt3"), ("evt2_gen3_640x480.raw", "evt2")],
+)
+def test_real_words_are_the_same_events_as_in_a_recording(shared_data, name, protocol):
+    path = shared_data / "recordings" / name
+    recording = open_recording(path)
+    assert recording.sensor is not None
+    words = path.read_bytes()[read_header(path).n_bytes :]
+    words = words[: 20_000 if PLAIN else None]
+    decoder = open_decoder(protocol, recording.sensor)
+    arrived = decoded(decoder, words, range(4_096, len(words), 4_096))
+    expected = np.concatenate(list(recording))[: arrived.size]
+    assert arrived.size > 4_000
+    assert np.array_equal(arrived, expected)
+    assert str(decoder.health) == "no faults"
+
+
+@pytest.fixture(scope="module")
+def rollover(shared_data):
+    """A real camera's clock of 31 bits wraps; its words, and the events that they are."""
+    from test_recordings_ros import payloads
+
+    folder = shared_data / "recordings" / "ros2_libcaer_rollover"
+    return b"".join(payloads(folder)), np.concatenate(list(open_recording(folder)))
+
+
+def test_a_real_cameras_words_are_read_beyond_a_real_wrap_by_their_layout(rollover, tmp_path):
+    """The camera's own bytes: its words are address-events of 8 bytes."""
+    words, events = rollover
+    n = 2_000 if PLAIN else events.size
+    middle = int(np.flatnonzero(np.diff(np.frombuffer(words, "<u4")[1::2].astype(np.int64)) < 0)[0])
+    part = slice(max(0, middle - n // 2), middle + n // 2)
+    path = tmp_path / "libcaer.toml"
+    path.write_text(
+        'bytes = 8\nendian = "little"\nx = {shift = 17, bits = 15}\ny = {shift = 2, bits = 15}\n'
+        "p = {shift = 1}\nt = {shift = 32, bits = 31}\n"
+        "sync = {mask = 0x8000000000000001, value = 1}\n"
+    )
+    decoder = open_decoder(f"aer:layout={path}", Sensor(640, 480))
+    sent = words[8 * part.start : 8 * part.stop]
+    arrived = decoded(decoder, sent, range(600, len(sent), 600))
+    assert np.array_equal(arrived, from_first(events[part]))
+    assert (decoder.health.wraps, decoder.health.clock_resets) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    ("device", "host", "bits"),
+    [("edvs:format=E2", "edvs", 16), ("edvs:format=E3", "edvs", 24), ("edvs:format=E4", "edvs", 32),
+     ("aer", "aer", 16), ("aer:layout=jaer8", "aer:layout=jaer8", 32), ("evt2", "evt2", 34),
+     ("evt21", "evt21", 34), ("evt3", "evt3", 24)],
+)  # fmt: skip
+def test_a_real_cameras_events_pass_the_wrap_of_every_clock(rollover, device, host, bits):
+    """A part of the sensor; its clock wraps where the camera's did."""
+    words, events = rollover
+    raw = np.frombuffer(words, "<u4")[1::2].astype(np.int64)
+    wrapped = events["t"][int(np.flatnonzero(np.diff(raw) < 0)[0]) + 1]
+    inside = (events["x"] // 128 == 2) & (events["y"] // 128 == 1)
+    part = events[inside].copy()
+    near = int(np.searchsorted(part["t"], wrapped))
+    part = part[max(0, near - EVENTS // 2) : near + EVENTS // 2]
+    part["x"] %= 128
+    part["y"] %= 128
+    part["t"] += (1 << bits) - wrapped
+    decoder = open_decoder(host, SENSOR)
+    arrived = decoded(decoder, encoded(device, part))
+    assert np.array_equal(arrived, from_first(part))
+    late = int(part["t"][-1] >> bits) - int(part["t"][0] >> bits)
+    assert (decoder.health.wraps, decoder.health.clock_resets) == (late, 0)
+    assert late >= 1
+
+
+def test_clocks_that_jump_by_half_their_range_are_counted_and_nothing_else_suffers():
+    events = dense(4_000)
+    for device, half in (
+        ("edvs:format=E4", 1 << 31),
+        ("evt2", 1 << 33),
+        ("aer:layout=jaer8", 1 << 31),
+    ):
+        jumping = events.copy()
+        jumping["t"][500::2] += half
+        host = device.replace("E4", "E4,dialect=new,sync=1")
+        decoder = open_decoder(host, SENSOR)
+        arrived = decoded(decoder, encoded(device, jumping))
+        assert (np.diff(arrived["t"]) >= 0).all()
+        assert arrived.size >= 500
+        assert decoder.health.decoded > 0
+        assert decoder.health.leaps + decoder.health.skipped_bytes > 1_000
+
+
+@every_protocol
+def test_pixels_beyond_the_sensor_are_counted_and_none_is_delivered(device, host, checked):
+    """As from a camera that is larger than the host was told."""
+    events = dense(3_000)
+    events["x"][100::7] = 127
+    small = Sensor(100, 110)
+    inside = events[(events["x"] < small.width) & (events["y"] < small.height)]
+    decoder = open_decoder(host, small)
+    arrived = decoded(decoder, encoded(device, events))
+    assert arrived["x"].max() < small.width
+    assert arrived["y"].max() < small.height
+    health = decoder.health
+    if device.startswith("evt"):
+        # off the sensor is how these show a lost place
+        assert health.skipped_bytes + health.undated > 0
+    else:
+        assert np.array_equal(arrived[["x", "y", "p"]], inside[["x", "y", "p"]])
+        assert health.off_sensor == events.size - inside.size
