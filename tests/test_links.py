@@ -13,15 +13,9 @@ import pytest
 
 from edge_vpr.errors import UsageError
 from edge_vpr.stream.intake import Intake, Piece
-from edge_vpr.stream.links import (
-    Link,
-    LinkClosed,
-    LinkError,
-    SerialLink,
-    UrlLink,
-    open_device_link,
-    open_link,
-)
+from edge_vpr.stream.link import Link, LinkClosed, LinkError
+from edge_vpr.stream.links import open_device_link, open_link
+from edge_vpr.stream.serial_links import SerialLink, UrlLink
 
 
 class Script(Link):

@@ -11,7 +11,8 @@ from edge_vpr_tools.power.sensor import SensorError
 from edge_vpr_tools.power.trace import Sampler
 from edge_vpr_tools.power.um_meter import UmMeter, decode, from_head
 
-from edge_vpr.stream.links import LinkError, VirtualLink
+from edge_vpr.stream.link import LinkError
+from edge_vpr.stream.serial_links import VirtualLink
 
 UM24C, UM25C, UM34C = 0x0963, 0x09C9, 0x0D4C
 END = b"\xff\xf1"

@@ -11,7 +11,8 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.stream.links import Link, LinkClosed, TcpServerLink
+from edge_vpr.stream.link import Link, LinkClosed
+from edge_vpr.stream.network_links import TcpServerLink
 from edge_vpr.stream.protocols.protocol import Encoder
 
 #: Events are sent every so often, and an idle device says so.

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from edge_vpr.errors import EdgeVprError
-from edge_vpr.stream.links import Link, LinkClosed, LinkError
+from edge_vpr.stream.link import Link, LinkClosed, LinkError
 
 #: 0.9 s of a line of 12 Mbaud.
 BUFFER_BYTES = 1 << 20

@@ -28,8 +28,8 @@ from edge_vpr.pixels import PixelMap
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.stream.bridge import Bridge
-from edge_vpr.stream.links import VirtualLink
 from edge_vpr.stream.protocols import open_encoder
+from edge_vpr.stream.serial_links import VirtualLink
 from edge_vpr.windows import Descriptors
 
 SLICE_US = 1_000

@@ -12,7 +12,8 @@ import threading
 import time
 from dataclasses import dataclass
 
-from edge_vpr.stream.links import Link, LinkError, open_link
+from edge_vpr.stream.link import Link, LinkError
+from edge_vpr.stream.links import open_link
 from edge_vpr_tools.power.sensor import About, Sensor, SensorError, plausible
 
 FRAME_BYTES = 130
