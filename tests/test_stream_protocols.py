@@ -32,6 +32,7 @@ from edge_vpr.stream.protocols import (
 from edge_vpr.stream.protocols.aer import read_layout
 from edge_vpr.stream.protocols.cobs import stuff
 from edge_vpr.stream.protocols.evpr import HEADER, MAX_FRAME, MAX_STUFFED
+from edge_vpr.stream.protocols.openmv_packets import crc
 
 SENSOR = Sensor(128, 128)
 #: more than any decoder may keep: the longest packet of all, which is OpenMV's
@@ -675,6 +676,33 @@ def test_clocks_that_jump_by_half_their_range_are_counted_and_nothing_else_suffe
         assert arrived.size >= 500
         assert decoder.health.decoded > 0
         assert decoder.health.leaps + decoder.health.skipped_bytes > 1_000
+
+
+def test_an_openmv_header_that_announces_65535_bytes_costs_a_bounded_wait():
+    """Its checksum is right, and no such packet follows; those that do follow all arrive."""
+    head = b"\xaa\xd5" + struct.pack("<BBBBH", 0, 4, 0, 0, 0xFFFF)
+    head += struct.pack("<H", crc(head, 16))
+    events = dense(9_000)
+    sent = head + encoded("openmv:channel=4", events, 36)
+    decoder = open_decoder("openmv:channel=4", SENSOR)
+    assert len(sent) > decoder.resync_bytes > MAX_PENDING - 1_000
+    arrived = []
+    for i in range(0, len(sent), 4_096):
+        arrived.append(decoder.feed(sent[i : i + 4_096]))
+        assert decoder.health.pending_bytes < MAX_PENDING + 4_096
+    assert np.array_equal(np.concatenate(arrived), from_first(events))
+    assert decoder.health.skipped_bytes == len(head)
+
+
+def test_an_evpr_frame_without_an_end_is_given_up_at_the_greatest_length():
+    decoder = open_decoder("evpr", SENSOR)
+    events = dense(100)
+    for _ in range(100):
+        decoder.feed(b"\x42" * 1_000)
+        assert decoder.health.pending_bytes <= MAX_STUFFED
+    assert (decoder.health.crc_errors, decoder.health.skipped_bytes) == (1, 100_000)
+    arrived = decoder.feed(b"\0" + encoded("evpr", events))
+    assert np.array_equal(arrived, events)
 
 
 @every_protocol

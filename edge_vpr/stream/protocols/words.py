@@ -34,8 +34,8 @@ class Reading(NamedTuple):
         The first of them; as many as were looked at if there is none.
     pace : float
         How fast time runs; a shifted reading makes it run faster. 0 where words do not tell.
-    moves : bool
-        Whether anything changes from word to word.
+    moves : float
+        Share of words that are not the same as the one before.
     marked : bool
         Whether every word has the marks that words must have, whatever its time.
     """
@@ -43,7 +43,7 @@ class Reading(NamedTuple):
     good: int
     first: int
     pace: float = 0.0
-    moves: bool = True
+    moves: float = 1.0
     marked: bool = False
 
 
@@ -75,7 +75,8 @@ class WordDecoder(Decoder):
         self._size = size
         self._search_words = search_words
         self._searching = True
-        self._told = False  # whether this search has been counted
+        # whether this search has been counted; what a device says before its first event is no loss
+        self._told = True
         self.resync_bytes = (search_words + notice_words + 1) * size
 
     @abstractmethod
