@@ -15,10 +15,12 @@ from edge_vpr.recordings.evt import Decoder as WordsDecoder
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.gate import Clock
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
-from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, native
+from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 
 #: Bytes a word, and bits of the clock, which counts microseconds.
 _SIZES = {"evt2": (4, 34), "evt21": (8, 34), "evt3": (2, 24)}
+#: So many bytes, whole words of each size, are copied at once.
+_COPIED_BYTES = 4_096
 #: Cameras say the time's high bits every 16 us, changed or not.
 _SLOT_BITS = 4
 #: Kinds of word that exist, one bit each.
@@ -51,19 +53,24 @@ class EvtDecoder(WordDecoder):
         self._words = WordsDecoder(self._name, 1)
         self._undated = 0
 
-    def _read(self, raw: Raw, words: int) -> Reading:
-        found = native(raw[: words * self._size], self._words.dtype)
-        return Reading(*_read(found, self._name == "evt3", self._shift, *self.sensor))
+    def _readings(self, raw: Raw, most: int) -> list[Reading]:
+        found = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)
+        return [Reading(*row) for row in found.tolist()]
 
-    def _take_words(self, raw: Raw) -> tuple[int, Columns]:
-        words = native(raw, self._words.dtype)
+    def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
+        if raw.ctypes.data % self._size:
+            # a kernel is compiled anew for words that do not lie on their boundaries, or may be
+            # written to; and not all is copied again after each fault
+            raw = raw[:_COPIED_BYTES].copy()
+            raw.flags.writeable = False
+        words = raw.view(self._words.dtype)
         used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
         columns = self._words.decode(words[:used])
         undated = self._words.undated
         self.health.undated += undated - self._undated
         self.health.decoded += undated - self._undated
         self._undated = undated
-        return used, columns
+        return used, columns, used < words.size
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
@@ -95,13 +102,19 @@ def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _read(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
-    good, first = 0, words.size
-    for i in range(words.size):
-        if not _bad(np.int64(words[i] >> shift), evt3, width, height):
-            good += 1
-            first = min(first, i)
-    return good, first
+def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyped-def]
+    """Count the words that can be, and find the first of them, from each offset."""
+    readings = np.zeros((min(size, raw.size - size + 1), 2))
+    for offset in range(len(readings)):
+        words = min(most, (raw.size - offset) // size)
+        good, first = 0, words
+        for i in range(words):
+            word = np.int64(word_at(raw, offset + i * size, size, False) >> shift)
+            if not _bad(word, evt3, width, height):
+                good += 1
+                first = min(first, i)
+        readings[offset, 0], readings[offset, 1] = good, first
+    return readings
 
 
 class Evt2Encoder(Encoder):

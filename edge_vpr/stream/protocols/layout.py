@@ -14,7 +14,7 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.gate import STEP_US, Clock, no_columns
 from edge_vpr.stream.protocols.protocol import Encoder, made_up_events
-from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder
+from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder, word_at
 
 Form = npt.NDArray[np.uint64]
 
@@ -119,33 +119,25 @@ class LayoutDecoder(WordDecoder):
         # a byte is lost in the midst of them
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
-    def _read(self, raw: Raw, words: int) -> Reading:
-        return read_words(raw, words, self._form)
+    def _readings(self, raw: Raw, most: int) -> list[Reading]:
+        return read_words(raw, most, self._form)
 
-    def _take_words(self, raw: Raw) -> tuple[int, Columns]:
+    def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
         words = raw.size // self.layout.size
         if words > self._room.t.size:
             self._room = no_columns(words)
         t, x, y, p = self._room
         used = int(_take(raw, words, self._form, self._memory, self._host_us, t, x, y, p))
-        return used, Columns(t[:used], x[:used], y[:used], p[:used])
+        return used, Columns(t[:used], x[:used], y[:used], p[:used]), used < words
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
         self._memory[:] = _NOTHING
 
 
-def read_words(raw: Raw, words: int, form: Form) -> Reading:
-    """Judge words of one form (`Layout.form`): sync bits, and steps of time."""
-    return Reading(*_read(raw, words, form))
-
-
-@njit(cache=True, nogil=True)
-def _word(raw, at, size, big):  # type: ignore[no-untyped-def]
-    word, eight = np.uint64(0), np.uint64(8)
-    for i in range(size):
-        word = word << eight | np.uint64(raw[at + (i if big else size - 1 - i)])
-    return word
+def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
+    """Judge up to `most` words from each offset, of one form (`Layout.form`)."""
+    return [Reading(*row) for row in _read(raw, most, form).tolist()]
 
 
 @njit(cache=True, nogil=True)
@@ -161,7 +153,7 @@ def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-unt
     late, span, period = np.int64(form[_LATE]), np.int64(form[_SPAN]), np.int64(t_mask)
     last, odd = memory[0], memory[1]
     for i in range(words):
-        word = _word(raw, i * size, size, big)
+        word = word_at(raw, i * size, size, big)
         if word & sync_mask != sync:
             return i
         if period:
@@ -184,30 +176,36 @@ def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-unt
 
 
 @njit(cache=True, nogil=True)
-def _read(raw, words, form):  # type: ignore[no-untyped-def]
+def _read(raw, most, form):  # type: ignore[no-untyped-def]
     """Count words with the right sync bits and a time that can follow the one before."""
     size, big, t_at, t_mask = np.int64(form[_SIZE]), form[_BIG] != 0, form[_T], form[_T_MASK]
     late, span, period = np.int64(form[_LATE]), np.int64(form[_SPAN]), np.int64(t_mask)
-    steps = np.zeros(max(1, words - 1), dtype=np.int64)
-    before = _word(raw, 0, size, big)
-    synced = before & form[_SYNC_MASK] == form[_SYNC]
-    good, moves, marked = 1 if synced else 0, False, form[_SYNC_MASK] != 0 and synced
-    first = 0 if synced and words == 1 else words
-    for i in range(1, words):
-        word = _word(raw, i * size, size, big)
-        step = np.int64(word >> t_at & t_mask) - np.int64(before >> t_at & t_mask)
-        steps[i - 1] = step & period
-        moves |= word != before
-        fits = (step + late) & period <= span
-        # the first after other bytes has only the next one to agree with
-        if synced and fits:
-            first = min(first, i - 1)
-        before, synced = word, word & form[_SYNC_MASK] == form[_SYNC]
-        if synced and fits:
-            good += 1
-            first = min(first, i)
-        marked &= synced
-    return good, first, np.median(steps), moves, marked
+    readings = np.zeros((min(size, raw.size - size + 1), 5))
+    steps = np.zeros(max(1, most - 1), dtype=np.int64)
+    for offset in range(len(readings)):
+        words = min(most, (raw.size - offset) // size)
+        before = word_at(raw, offset, size, big)
+        synced = before & form[_SYNC_MASK] == form[_SYNC]
+        good, moves, marked = 1 if synced else 0, 1, form[_SYNC_MASK] != 0 and synced
+        first = 0 if synced and words == 1 else words
+        for i in range(1, words):
+            word = word_at(raw, offset + i * size, size, big)
+            step = np.int64(word >> t_at & t_mask) - np.int64(before >> t_at & t_mask)
+            steps[i - 1] = step & period
+            moves += word != before
+            fits = (step + late) & period <= span
+            # the first after other bytes has only the next one to agree with
+            if synced and fits:
+                first = min(first, i - 1)
+            before, synced = word, word & form[_SYNC_MASK] == form[_SYNC]
+            if synced and fits:
+                good += 1
+                first = min(first, i)
+            marked &= synced
+        readings[offset, 0], readings[offset, 1] = good, first
+        readings[offset, 2] = np.median(steps[: max(1, words - 1)]) if period else 0.0
+        readings[offset, 3], readings[offset, 4] = moves / words, marked
+    return readings
 
 
 class LayoutEncoder(Encoder):

@@ -7,10 +7,11 @@ lost its place tries every offset over the next words and takes the one where mo
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.source import Columns
@@ -24,27 +25,27 @@ SEARCH_WORDS = 32
 
 
 class Reading(NamedTuple):
-    """How well words can be read from one offset.
+    """How well words can be read from one offset; all numbers are as a kernel gives them.
 
     Attributes
     ----------
-    good : int
+    good : float
         Words that look right.
-    first : int
+    first : float
         The first of them; as many as were looked at if there is none.
     pace : float
         How fast time runs; a shifted reading makes it run faster. 0 where words do not tell.
     moves : float
         Share of words that are not the same as the one before.
-    marked : bool
-        Whether every word has the marks that words must have, whatever its time.
+    marked : float
+        1 if every word has the marks that words must have, whatever its time; else 0.
     """
 
-    good: int
-    first: int
+    good: float
+    first: float
     pace: float = 0.0
     moves: float = 1.0
-    marked: bool = False
+    marked: float = 0.0
 
 
 class WordDecoder(Decoder):
@@ -80,14 +81,14 @@ class WordDecoder(Decoder):
         self.resync_bytes = (search_words + notice_words + 1) * size
 
     @abstractmethod
-    def _read(self, raw: Raw, words: int) -> Reading:
-        """Judge the first `words` words; nothing is remembered."""
+    def _readings(self, raw: Raw, most: int) -> list[Reading]:
+        """Judge up to `most` words from each offset; nothing is remembered."""
 
     @abstractmethod
-    def _take_words(self, raw: Raw) -> tuple[int, Columns]:
-        """Decode words up to one that shows the place to be lost; tell how many.
+    def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
+        """Decode words up to one that shows the place to be lost.
 
-        The columns are valid until the next call.
+        Returns how many, their events (valid until the next call), and whether the place is lost.
         """
 
     def _lose_sync(self) -> None:
@@ -110,7 +111,7 @@ class WordDecoder(Decoder):
                 if self._searching:
                     continue
             words = (raw.size - at) // size
-            used, columns = self._take_words(raw[at : at + words * size])
+            used, columns, lost = self._take_words(raw[at : at + words * size])
             at += used * size
             if used == words:
                 parts.append(columns)
@@ -118,7 +119,8 @@ class WordDecoder(Decoder):
             if used:
                 # the next words are decoded into the same place
                 parts.append(Columns(*(column.copy() for column in columns)))
-            self._lose_sync()
+            if lost:
+                self._lose_sync()
         return parts, data[at:]
 
     def _search(self, raw: Raw) -> int:
@@ -127,31 +129,28 @@ class WordDecoder(Decoder):
         most = min(self._search_words, raw.size // size)
         # the first byte from which a word looks right at all
         first = min(raw.size, most * size)
-        candidates, marked = [], False
-        for offset in range(min(size, raw.size - size + 1)):
+        readings = self._readings(raw, most)
+        candidates = []
+        for offset, reading in enumerate(readings):
             words = min(most, (raw.size - offset) // size)
-            reading = self._read(raw[offset:], words)
-            first = min(first, offset + reading.first * size)
-            marked |= offset == 0 and reading.marked
+            first = min(first, offset + int(reading.first) * size)
             # random bytes look right less often than this, and damaged words more often
             if reading.first == 0 and reading.good * 4 >= words * 3:
                 candidates.append((reading.pace, -reading.good * most // words, offset))
         if candidates:
             self._searching = False
             return min(candidates)[2]
-        if marked:
+        if readings[0].marked:
             # events so rare that their times say nothing
             self._searching = False
             return 0
         return first if first > 0 else min(raw.size, max(1, most // 2) * size)
 
 
-def native(raw: Raw, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
-    """View bytes as words, copied where they do not lie on a word's boundary.
-
-    A kernel is compiled anew for words that are not aligned, or may be written to.
-    """
-    if raw.ctypes.data % dtype.itemsize:
-        raw = raw.copy()
-        raw.flags.writeable = False
-    return raw[: raw.size // dtype.itemsize * dtype.itemsize].view(dtype)
+@njit(cache=True, nogil=True)
+def word_at(raw, at, size, big):  # type: ignore[no-untyped-def]
+    """Join `size` bytes to a word, as an unsigned integer of 64 bits."""
+    word, eight = np.uint64(0), np.uint64(8)
+    for i in range(size):
+        word = word << eight | np.uint64(raw[at + (i if big else size - 1 - i)])
+    return word
