@@ -327,9 +327,10 @@ def test_hostile_bytes_take_bounded_memory_and_time_in_proportion(host, hostile)
     tracemalloc.stop()
     assert peak < 4_000_000
     assert decoder.health.pending_bytes < MAX_PENDING
-    # the last quarter takes no longer than the first, but for noise and a fixed cost
-    quarter = len(took) // 4
-    assert sum(took[-quarter:]) < 4 * sum(took[:quarter]) + 0.5
+    # the last quarter takes no longer than the first, but for noise and a fixed cost; a test of
+    # compiled code
+    quarter = max(1, len(took) // 4)
+    assert PLAIN or sum(took[-quarter:]) < 4 * sum(took[:quarter]) + 0.5
 
 
 @every_protocol
