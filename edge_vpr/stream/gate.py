@@ -67,7 +67,7 @@ class Gate:
         self._period = 1 << clock.bits if clock.bits else 0
         # an event may be late by little beside the period, or a silence would look like lateness
         late = max(1, LATE_US // self._tick)
-        self._late = min(late, self._period // 16) if clock.bits else late
+        self._late = min(late, self._period // 64) if clock.bits else late
         self._limits = max(1, STEP_US // self._tick), max(1, SILENCE_US // self._tick)
         self._state = np.zeros(_STATE, dtype=np.int64)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
