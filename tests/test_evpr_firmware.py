@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from test_stream_protocols import plain_evpr
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.stream.gate import SILENCE_US
+from edge_vpr.stream.gate import VOUCHED_SILENCE_US
 from edge_vpr.stream.protocols import open_decoder
 from edge_vpr.stream.protocols.evpr import HEADER, EvprEncoder
 from firmware_model.build import EMULATED, HOST, SOURCES, WARNINGS, build
@@ -234,9 +234,9 @@ def check(setup, script, run):
 
 
 def on_the_host(events, start, resets):
-    """Times from 0 on; the host takes a silence of more than a minute for a clock's restart."""
+    """Times from 0 on; the host takes a silence of more than 10 minutes for a clock's restart."""
     steps = np.diff(events["t"], prepend=start)
-    long = steps > SILENCE_US
+    long = steps > VOUCHED_SILENCE_US
     assert resets == long.sum()
     shifted = events.copy()
     shifted["t"] = np.cumsum(np.where(long, 1, steps))

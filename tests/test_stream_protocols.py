@@ -476,6 +476,19 @@ def test_evpr_times_and_pixels_beyond_reason_are_counted_not_delivered():
     assert arrived["t"].tolist() == [1]
 
 
+@pytest.mark.parametrize("together", [True, False], ids=["in one read", "frame by frame"])
+def test_evpr_keeps_the_length_of_a_silence_that_the_device_vouches_for(together):
+    encoder, decoder = open_encoder("evpr", SENSOR), open_decoder("evpr", SENSOR)
+    early, late = make_events([5], [1], [2]), make_events([300_000_005], [3], [4])
+    frames = [encoder.start(), encoder.encode(early)]
+    frames += [encoder.idle(t) for t in range(100_000, 300_000_000, 100_000)]
+    frames.append(encoder.encode(late))
+    pieces = [b"".join(frames)] if together else frames
+    arrived = np.concatenate([decoder.feed(piece) for piece in pieces])
+    assert arrived["t"].tolist() == [5, 300_000_005]
+    assert decoder.health.clock_resets == 0
+
+
 def test_a_frame_of_the_greatest_length_arrives_and_a_longer_one_does_not():
     body = bytes(MAX_FRAME - 24)
     longest = evpr_frame(body=body)

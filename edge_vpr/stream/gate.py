@@ -20,6 +20,8 @@ from edge_vpr.stream.health import Health
 STEP_US = 1_000_000
 #: A longer one, up to this, once it is confirmed; beyond, the clock has started anew.
 SILENCE_US = 60_000_000
+#: The same where a checksum vouches for the time; bounded, as each tick of a silence is a match.
+VOUCHED_SILENCE_US = 600_000_000
 #: On a clock that wraps, an event that seems this much earlier than the newest is so; else later.
 LATE_US = 100_000
 #: So many events in a row that agree with each other confirm a step.
@@ -68,7 +70,8 @@ class Gate:
         # an event may be late by little beside the period, or a silence would look like lateness
         late = max(1, LATE_US // self._tick)
         self._late = min(late, self._period // 64) if clock.bits else late
-        self._limits = max(1, STEP_US // self._tick), max(1, SILENCE_US // self._tick)
+        silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
+        self._limits = max(1, STEP_US // self._tick), max(1, silence // self._tick)
         self._state = np.zeros(_STATE, dtype=np.int64)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
 
