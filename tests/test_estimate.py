@@ -14,7 +14,7 @@ import pytest
 from designs import random_design, random_memories, random_stream, wrapped
 from edge_vpr_tools import estimate
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, targets
+from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, show, targets
 from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
@@ -402,6 +402,30 @@ def test_energy_has_a_source_or_is_unknown():
         assert 0 < constant.value.low <= constant.value.central <= constant.value.high
 
 
+def test_every_constant_that_is_used_is_printed_with_its_name(capsys):
+    """Several constants of one source are several lines."""
+    assert main(["estimate"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for name in targets.constants():
+        assert shown.count(f"modelled, {name}: ") == 1
+
+
+def test_a_target_that_may_not_keep_up_says_so():
+    """At its assumed best, or at its worst, or in no case."""
+    assert show.busy(targets.Spread(1.0, 1.5, 2.0)) == "overloaded"
+    assert show.busy(targets.Spread(0.7, 0.9, 1.2)) == "90%: may be overloaded"
+    assert show.busy(targets.Spread(0.01, 0.02, 0.04)) == "2.000%"
+
+
+def test_a_route_goes_before_the_places_of_a_design(tmp_path, capsys):
+    """0.7 km at a place each 10 m; without a route the design keeps its own."""
+    SMALL.save(tmp_path / "mine.toml")
+    own = ["estimate", "--target", "cortex-m4", "--design", str(tmp_path / "mine.toml")]
+    for flags, places in ((["--route-km", "0.7"], 70), (["--places", "30"], 30), ([], 200)):
+        assert main([*own, *flags]) == 0
+        assert f" {places} places" in capsys.readouterr().out
+
+
 def test_a_processor_never_gets_the_energy_of_an_operation_table():
     """1,000 places of 150 pixels: an M4 takes tens of microjoules, its arithmetic nanojoules."""
     design = replace(SMALL, places=1000)
@@ -529,7 +553,7 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys, monkeypatch):
     assert text["iCE40UP5K"] in shown
     assert "unknown" in text["Raspberry Pi 5"]
     # at rest alone it takes more
-    assert "breaks 5mW" in text["Raspberry Pi Zero 2 W"]
+    assert "at rest alone, modelled, is over 5mW" in text["Raspberry Pi Zero 2 W"]
     tried = told["candidates"]["iCE40UP5K"]
     assert len(tried) == 2 * len(accuracy.BITS)
     assert all(one["design"]["places"] == 800 and one["queries"] > 0 for one in tried)
@@ -624,7 +648,12 @@ def test_the_command_says_modelled_and_unknown(capsys, tmp_path, drive):  # noqa
     ("arguments", "says"),
     [
         (["--fit", "64KiB"], "one target"),
-        (["--figure", "x.png"], "one target"),
+        (["--figure", "x.png"], "name --pareto or --accuracy-on"),
+        (["--figure", "x.png", "--accuracy-on", "simulated"], "one target"),
+        (["--ground-truth", "x.csv"], "--accuracy-on"),
+        (["--map", "a.npz", "--pixels", "9"], "leave it out"),
+        (["--route-km", "8", "--places", "9"], "name one"),
+        (["--places-per-metre", "nan"], "positive"),
         (["--pareto", "nowhere"], "no evaluated run"),
         (["--accuracy-on", "one.npz"], "expected `simulated`"),
         (["--accuracy-on", "simulated", "--pareto", "x"], "name one"),

@@ -27,14 +27,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     design = parser.add_argument_group("design", "of a map, of a file, or of these flags")
     design.add_argument("--map", metavar="MAP.npz", help="take design and event rates from a map")
     design.add_argument("--design", metavar="FILE.toml", help="design of a device")
-    design.add_argument("--sensor", metavar="WxH", default="346x260", help="default: 346x260")
-    design.add_argument("--pixels", type=int, metavar="J", default=150, help="default: 150")
-    design.add_argument("--places", type=int, metavar="K", help="default: of the route, or 1000")
-    design.add_argument("--sequence-length", "-L", type=int, metavar="L", default=5)
-    design.add_argument("--counter-code", metavar="KIND", default="log", help="default: log")
-    design.add_argument("--counter-bits", type=int, metavar="B", default=4, help="default: 4")
-    design.add_argument("--polarity", action="store_true", help="count ON and OFF apart")
-    design.add_argument("--tau", metavar="TIME", default="1s", help="window (default: 1s)")
+    design.add_argument("--sensor", metavar="WxH", help="default: 346x260")
+    design.add_argument("--pixels", type=int, metavar="J", help="default: 150")
+    design.add_argument(
+        "--places", type=int, metavar="K", help="default: of the route, the map, or 1000"
+    )
+    design.add_argument("--sequence-length", "-L", type=int, metavar="L", help="default: 5")
+    design.add_argument("--counter-code", metavar="KIND", help="default: log")
+    design.add_argument("--counter-bits", type=int, metavar="B", help="default: 4")
+    design.add_argument(
+        "--polarity", action="store_true", default=None, help="count ON and OFF apart"
+    )
+    design.add_argument("--tau", metavar="TIME", help="window (default: 1s)")
     design.add_argument(
         "--window-events", type=int, metavar="N",
         help="windows of so many events at the selected pixels instead",
@@ -110,6 +114,10 @@ def run(args: argparse.Namespace) -> None:
     targets = [find(name) for name in args.target or names()]
     evaluated = args.pareto is not None or args.accuracy_on is not None
     alone = len(targets) == 1
+    if not evaluated and args.figure is not None:
+        raise UsageError("--figure draws evaluated designs: name --pareto or --accuracy-on too")
+    if args.accuracy_on is None and args.ground_truth is not None:
+        raise UsageError("--ground-truth is of two drives: name them by --accuracy-on")
     if not alone and (args.figure is not None or (args.fit and not evaluated)):
         raise UsageError("--fit and --figure are held against one target: name it by --target")
     measured = None if args.calibrate is None else calibrated(Path(args.calibrate))

@@ -97,7 +97,8 @@ def _modelled(
             (f"{unit} a match", *(f"{n:,.0f}" for n in taken), show.times(taken[1], taken[0])),
             ("time of a match", *(show.spread(c.seconds["match"], "s") for c in (a, b)),
              show.times(b.seconds["match"].central, a.seconds["match"].central)),
-            ("busy", *(_busy(c) for c in (a, b)), show.times(b.load.central, a.load.central)),
+            ("busy", *(show.busy(c.load) for c in (a, b)),
+             show.times(b.load.central, a.load.central)),
             ("memory", *(show.size_text(memory_bytes(d, target)) for d, _ in (ours, theirs)),
              show.times(memory_bytes(theirs[0], target), memory_bytes(ours[0], target))),
         ]  # fmt: skip
@@ -114,10 +115,6 @@ def _modelled(
             lines.append(("energy", show.UNKNOWN, show.UNKNOWN, "-"))
         rows += [[target.name if i == 0 else "", *line] for i, line in enumerate(lines)]
     show.table(["target", "", "this design", name, "times"], rows)
-
-
-def _busy(found: Cost) -> str:
-    return f"{found.load.central:.3%}" if found.load.central < 1 else "overloaded"
 
 
 def as_dict(

@@ -174,9 +174,11 @@ def broken_by(
 def _watts(of: Cost, target: Target) -> float:
     total = of.whole_w or of.marginal_w
     if total is None:
+        remedy = "take another target, or name no budget of power"
+        if target.kind == "processor":
+            remedy = "calibrate with a profile of your board (--calibrate)"
         raise UsageError(
-            f"the power of {target.name} is unknown, so that no budget of it can be met: "
-            "calibrate with a profile of your board (--calibrate)"
+            f"the power of {target.name} is unknown, so that no budget of it can be met: {remedy}"
         )
     return total.central
 

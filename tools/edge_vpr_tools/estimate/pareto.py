@@ -18,7 +18,7 @@ from edge_vpr_tools.estimate.fit import Budget, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import Constant, Target
-from edge_vpr_tools.report.style import BLUE, ORANGE, figure
+from edge_vpr_tools.report.style import BLUE, ORANGE, figure, quantity_axis
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 
@@ -167,7 +167,8 @@ def answer(found: Sequence[Candidate], asked: Asked, on: str) -> str:
     if not fitting:
         least = min(found, key=lambda one: one.memory_bytes)
         return (
-            f"{head}none of the {len(found)} designs fits; {_told(least)} breaks {least.limited_by}"
+            f"{head}none of the {len(found)} designs fits; the smallest, {_told(least)}, is over "
+            f"{least.limited_by}"
         )
     best = fitting[0]
     # of a share, taken as if the queries had nothing to do with one another
@@ -176,9 +177,9 @@ def answer(found: Sequence[Candidate], asked: Asked, on: str) -> str:
         f"{head}{_told(best)}, {best.accuracy:.1%} right on {on}, among its own {best.own_places} "
         f"places (standard error {error:.1%} of {best.queries} queries)"
     )
-    better = [one for one in found if one.accuracy > best.accuracy]
+    better = [one for one in found if one.accuracy > best.accuracy + error]
     if not better:
-        return f"{said}. Nothing limits it: none of the designs is more often right"
+        return f"{said}. Nothing limits it: no design is more often right by a standard error"
     # the one that asks for least more
     nearest = min(better, key=lambda one: one.memory_bytes)
     return (
@@ -192,7 +193,9 @@ def _told(one: Candidate) -> str:
 
     design, power = one.design, one.cost.whole_w or one.cost.marginal_w
     watts = f"power {UNKNOWN}"
-    if power is not None:
+    if power is None and one.cost.idle_w is not None:
+        watts = spread(one.cost.idle_w, "W") + " at rest alone, modelled"
+    elif power is not None:
         watts = spread(power, "W")
         watts += " modelled" if one.cost.whole_w else " added by the work, modelled (rest unknown)"
     return (
@@ -218,18 +221,13 @@ def draw(found: Sequence[Candidate], target: Target) -> Figure:
         left, right = drawing.subplots(1, 2, sharey=True)
         known = [one for one in found if one.cost.per_match_j is not None]
         if known:
-            _panel(
-                left,
-                known,
-                _joules,
-                "energy of a match (J): modelled, central, at the mission's rate",
-            )
+            _panel(left, known, _joules, "J", "energy added by the work of a match: modelled")
         else:
             left.text(
                 0.5, 0.5, f"energy on {target.name}: unknown", transform=left.transAxes, ha="center"
             )
             left.set_xticks([])
-        _panel(right, found, lambda one: one.memory_bytes, "memory (bytes)")
+        _panel(right, found, lambda one: one.memory_bytes, "B", "memory (1 kB is 1,000 bytes)")
         left.set_ylabel("P@100R")
         handles, labels = right.get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside lower center", ncols=3)
@@ -243,7 +241,11 @@ def _joules(one: Candidate) -> float:
 
 
 def _panel(
-    axes: Axes, found: Sequence[Candidate], cost_of: Callable[[Candidate], float], label: str
+    axes: Axes,
+    found: Sequence[Candidate],
+    cost_of: Callable[[Candidate], float],
+    unit: str,
+    label: str,
 ) -> None:
     for limited, marker, colour, name in (
         (False, "o", BLUE, "fits"), (True, "x", ORANGE, "over a budget")
@@ -267,6 +269,6 @@ def _panel(
             ha="left" if beside else "right", xytext=(5 if beside else -5, 3),
             textcoords="offset points",
         )  # fmt: skip
-    axes.set_xscale("log")
+    quantity_axis(axes.xaxis, unit)
     axes.margins(x=0.3)
     axes.set_xlabel(label)

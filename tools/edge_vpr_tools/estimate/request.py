@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
@@ -19,10 +20,21 @@ from firmware_model.design import Design
 #: of a street seen by a DAVIS346, about; stated with every estimate
 EVENTS_PER_S = 1e5
 PLACES = 1_000
+#: of the flags that make a design; a map or a file has its own
+DESIGN_FLAGS = {
+    "sensor": "346x260",
+    "pixels": 150,
+    "sequence_length": 5,
+    "counter_code": "log",
+    "counter_bits": 4,
+    "polarity": False,
+    "tau": "1s",
+    "window_events": None,
+}
 
 
 def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
-    """Build them of the flags, a file or a map.
+    """Build them of the flags, a file or a map; a route, or its places, goes before the map's.
 
     Raises
     ------
@@ -31,18 +43,27 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
     """
     if args.map is not None and args.design is not None:
         raise UsageError("--map and --design are two designs: name one")
-    rate, share = EVENTS_PER_S, None
-    if args.map is not None:
-        from edge_vpr.reference_map import ReferenceMap
-        from edge_vpr_tools.estimate.of_map import design_of, event_rates
-
-        reference = ReferenceMap.load(args.map)
-        design = design_of(reference, args.lanes)
-        rate, share = event_rates(reference)
-    elif args.design is not None:
-        design = Design.load(args.design)
+    rate, share, places = EVENTS_PER_S, None, _places(args)
+    if args.map is None and args.design is None:
+        design = _of_flags(args, PLACES if places is None else places)
     else:
-        design = _of_flags(args)
+        for name in DESIGN_FLAGS:
+            if getattr(args, name) is not None:
+                raise UsageError(
+                    f"--{name.replace('_', '-')} makes a design, and --map and --design have one: "
+                    "leave it out"
+                )
+        if args.map is not None:
+            from edge_vpr.reference_map import ReferenceMap
+            from edge_vpr_tools.estimate.of_map import design_of, event_rates
+
+            reference = ReferenceMap.load(args.map)
+            design = design_of(reference, args.lanes)
+            rate, share = event_rates(reference)
+        else:
+            design = Design.load(args.design)
+        if places is not None:
+            design = replace(design, places=places)
     rate = rate if args.event_rate is None else args.event_rate
     share = share if args.selected_share is None else args.selected_share
     if share is None:
@@ -55,32 +76,41 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
     return design, Mission(rate, share, matches)
 
 
-def _of_flags(args: argparse.Namespace) -> Design:
-    sensor = Sensor.parse(args.sensor)
-    if args.places_per_metre <= 0 or (args.route_km is not None and args.route_km <= 0):
+def _places(args: argparse.Namespace) -> int | None:
+    """Tell K of the route, if one is named."""
+    km, density = args.route_km, args.places_per_metre
+    if not density > 0 or not (km is None or km > 0):
         raise UsageError(
-            f"--places-per-metre {args.places_per_metre}, --route-km {args.route_km}: expected "
-            "positive numbers"
+            f"--places-per-metre {density}, --route-km {km}: expected positive numbers"
         )
-    places = args.places
-    if places is None:
-        places = PLACES
-        if args.route_km is not None:
-            places = math.ceil(args.route_km * 1_000 * args.places_per_metre)
+    if km is None:
+        places: int | None = args.places
+        return places
+    if args.places is not None:
+        raise UsageError("--route-km and --places both say how many places: name one")
+    return math.ceil(km * 1_000 * density)
+
+
+def _of_flags(args: argparse.Namespace, places: int) -> Design:
+    flags: dict[str, Any] = {}
+    for name, default in DESIGN_FLAGS.items():
+        given = getattr(args, name)
+        flags[name] = default if given is None else given
+    sensor = Sensor.parse(flags["sensor"])
     by_count = {}
-    if args.window_events is not None:
-        by_count = {"window": "count", "window_events": args.window_events}
+    if flags["window_events"] is not None:
+        by_count = {"window": "count", "window_events": flags["window_events"]}
     return Design.from_dict(
         {
             "width": sensor.width,
             "height": sensor.height,
-            "pixels": args.pixels,
+            "pixels": flags["pixels"],
             "places": places,
-            "length": args.sequence_length,
-            "code": args.counter_code,
-            "code_bits": args.counter_bits,
-            "polarity": args.polarity,
-            "tau_us": duration_us(args.tau),
+            "length": flags["sequence_length"],
+            "code": flags["counter_code"],
+            "code_bits": flags["counter_bits"],
+            "polarity": flags["polarity"],
+            "tau_us": duration_us(flags["tau"]),
             "lanes": args.lanes,
             **by_count,
         },
@@ -127,7 +157,7 @@ def calibrated(profile: Path) -> Constant:
     """
     try:
         values = json.loads(profile.read_text(encoding="utf-8"))
-        energy, clock = values["energy"], values["conditions"]["after"]["frequency_hz"]
+        energy, clock = values["energy"], values["conditions"]["loaded"]["frequency_hz"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UsageError(
             f"{profile} is not a profile that tells energy and clock ({error!r}): make it by "
@@ -145,6 +175,7 @@ def calibrated(profile: Path) -> Constant:
         1e12 * joules / (seconds * clock) for joules in (low, energy["marginal_j_per_match"], high)
     ]
     return Constant(
+        "a cycle of this board",
         "pJ/cycle",
         Spread(*picojoules),
         int(values["run"]["finished_utc"][:4]),

@@ -14,13 +14,13 @@ from edge_vpr_tools.estimate.fit import Budget, Fit, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware
 from edge_vpr_tools.estimate.model import work as work_of
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target
+from edge_vpr_tools.report.quantities import quantity
 from firmware_model.design import Design
 
 UNKNOWN = "unknown"
 if TYPE_CHECKING:
     from edge_vpr_tools.estimate.pareto import Candidate
 
-_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 _WIDTH = 118
 #: rows of a table of designs
 _SHOWN = 12
@@ -82,8 +82,8 @@ def costs(
                 target.name,
                 _instructions(told, "selected event", found),
                 _instructions(told, "match", found),
-                _central(found.seconds["match"], "s"),
-                f"{found.load.central:.2%}" if found.load.high < 1 else "overloaded",
+                quantity(found.seconds["match"].central, "s"),
+                busy(found.load),
                 _energy(found, "match"),
                 _watts(found.marginal_w),
                 _watts(found.idle_w),
@@ -95,6 +95,7 @@ def costs(
          "added power (modelled)", "power at rest", "memory"],
         rows,
     )  # fmt: skip
+    say("event and match: i are instructions, c are clock cycles")
 
 
 def units(of: Design, target: Target, mission: Mission, measured: Constant | None) -> None:
@@ -130,7 +131,7 @@ def fits(found: Sequence[Fit], of: Design, target: Target, budgets: Sequence[Bud
     """Print the largest designs within the budgets."""
     limits = " and ".join(budget.text for budget in budgets)
     rows = [
-        ["-" if fit.parameter == "code_bits" else f"{fit.code_bits} bits",
+        ["-" if fit.parameter == "code_bits" else f"{fit.code_bits} bit{'s' * (fit.code_bits > 1)}",
          fit.parameter.replace("code_bits", "bits a code"),
          f"{fit.value:,}" if fit.value else "none", fit.limited_by]
         for fit in found
@@ -172,7 +173,7 @@ def basis(
     of: Design, targets: Sequence[Target], mission: Mission, measured: Constant | None
 ) -> None:
     """Print what is assumed, what is modelled from which source, and what is unknown."""
-    cited: dict[str, Constant] = {}
+    cited: dict[Constant, None] = {}
     for target in targets:
         if target.kind == "processor":
             told = firmware()[target.core]
@@ -183,13 +184,14 @@ def basis(
         if target.note:
             say(f"{target.name}: {target.note}")
         if target.unknown and measured is None:
-            say(f"{target.name}: {target.unknown}; --calibrate takes a profile of your board")
-        for constant in cost(of, target, mission, measured).basis:
-            cited[constant.source + constant.unit] = constant
-    for constant in cited.values():
+            remedy = "; --calibrate takes a profile of your board"
+            say(f"{target.name}: {target.unknown}" + remedy * (target.kind == "processor"))
+        cited |= dict.fromkeys(cost(of, target, mission, measured).basis)
+    for constant in cited:
         say(
-            f"modelled from {_three(tuple(asdict(constant.value).values()))} {constant.unit} "
-            f"(year {constant.year}, {constant.node}): {constant.source}; {constant.uncertainty}"
+            f"modelled, {constant.name}: {_three(asdict(constant.value).values())} "
+            f"{constant.unit} (year {constant.year}, {constant.node}): {constant.source}; "
+            f"{constant.uncertainty}"
         )
 
 
@@ -236,6 +238,13 @@ def _instructions(told: dict[str, float] | None, unit: str, found: Cost) -> str:
     return f"{found.cycles[unit].central:,.0f} c"
 
 
+def busy(load: Spread) -> str:
+    """Tell the share of the time that a target is busy, and where it cannot keep up."""
+    if load.low >= 1:
+        return "overloaded"
+    return f"{load.central:.3%}" if load.high < 1 else f"{load.central:.0%}: may be overloaded"
+
+
 def _energy(found: Cost, unit: str) -> str:
     return UNKNOWN if found.energy_j is None else spread(found.energy_j[unit], "J")
 
@@ -251,21 +260,7 @@ def _watts(value: Spread | None) -> str:
 
 def spread(value: Spread, unit: str) -> str:
     """Central, and low to high, in one unit that suits the central value."""
-    factor, prefix = next(
-        ((f, p) for f, p in _PREFIXES if value.central >= f), _PREFIXES[-1]
-    )  # fmt: skip
-    low, central, high = (x / factor for x in asdict(value).values())
-    if low == high:
-        return f"{_digits(central)} {prefix}{unit}"
-    return f"{_digits(central)} ({_digits(low)} to {_digits(high)}) {prefix}{unit}"
-
-
-def _digits(value: float) -> str:
-    return f"{value:,.0f}" if value >= 1_000 else f"{value:.3g}"
-
-
-def _central(value: Spread, unit: str) -> str:
-    return spread(Spread(value.central, value.central, value.central), unit)
+    return quantity(value.central, unit, value.low, value.high)
 
 
 def _three(values: Iterable[float]) -> str:

@@ -39,13 +39,14 @@ class Constant:
 
     Attributes
     ----------
-    unit : str
+    name, unit : str
     value : Spread
     year : int or "unknown"
     node, source, uncertainty : str
         What was measured, who says so, and what low and high stand for.
     """
 
+    name: str
     unit: str
     value: Spread
     year: int | str
@@ -153,6 +154,7 @@ def constants() -> Mapping[str, Constant]:
     """Read the cited constants by name."""
     return {
         name: Constant(
+            name=name,
             unit=given["unit"],
             value=Spread(given["low"], given["central"], given["high"]),
             **{key: given[key] for key in ("year", "node", "source", "uncertainty")},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,8 +10,10 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
 from edge_vpr.archive import replacing
 
@@ -46,6 +49,21 @@ def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Ax
         drawing = Figure(figsize=(width, height))
         FigureCanvasAgg(drawing)
         yield drawing, drawing.add_subplot()
+
+
+def quantity_axis(axis: Axis, unit: str) -> None:
+    """Write the unit at each tick of an axis, 2 mJ and not 0.002; logarithmic from a decade on.
+
+    To be called when all is drawn.
+    """
+    low, high = axis.get_data_interval()
+    decades = math.log10(high / low) if 0 < low < high else 0.0
+    if decades >= 1:
+        which = "xscale" if axis is axis.axes.xaxis else "yscale"
+        axis.axes.set(**{which: "log"})
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 1.5 else (1.0,)))
+        axis.set_minor_formatter(NullFormatter())
+    axis.set_major_formatter(EngFormatter(unit))
 
 
 def save(drawing: Figure, path: Path) -> None:
