@@ -186,6 +186,27 @@ def test_the_power_chip_of_a_pi_5_adds_the_rails_that_have_both(tmp_path):
         pmic.parse("EXT5V_V volt(24)=5.14V")
 
 
+def test_what_the_sampler_runs_is_part_of_its_cost(tmp_path):
+    """A command for each reading, whose processor time is not this process's."""
+    pi(tmp_path)
+    command = tmp_path / "usr/bin/vcgencmd"
+    busy = "i=0; while [ $i -lt 2000 ]; do i=$((i+1)); done"
+    command.write_text(command.read_text().replace("#!/bin/sh", f"#!/bin/sh\n{busy}"))
+    with Sampler(only(tmp_path)) as sampler:
+        time.sleep(0.5)
+    assert sampler.commands_s > 0.004
+
+
+def test_a_compute_module_5_has_the_chip_too_and_says_who_may_ask_it(tmp_path):
+    """And Raspberry Pi 500; a command that is refused is no other board."""
+    for number, model in enumerate(("Raspberry Pi 500", "Raspberry Pi Compute Module 5 Rev 1.0")):
+        root = pi(tmp_path / str(number), model)
+        assert only(root).about.name == "pmic"
+        (root / "usr/bin/vcgencmd").write_text("#!/bin/sh\nexit 1\n")
+        sensors, missing = find_sensors(root)
+        assert not sensors and any("group video" in str(one) for one in missing)
+
+
 def test_an_older_pi_says_that_it_measures_no_current(tmp_path):
     """And what to attach."""
     sensors, missing = find_sensors(pi(tmp_path, "Raspberry Pi 4 Model B"))
@@ -381,6 +402,7 @@ def test_throttling_voids_a_run(tmp_path):
     assert void_because(cool, cool) == void_because(long_ago, long_ago) == ""
     assert "meanwhile" in void_because(cool, long_ago)
     assert "throttled" in void_because(cool, hot)
+    assert "throttled" in void_because(cool, hot, cool)
     assert Conditions.now(tmp_path / "nothing") == Conditions(None, None, None, None, None)
 
 
@@ -603,7 +625,7 @@ def test_a_profile_cannot_calibrate_what_it_did_not_measure(profile, capsys):
 def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
     """By hand: 2 mJ in 1 ms of processor time at 1 GHz are 2,000 pJ a cycle."""
     found = json.loads((profile / "profile.json").read_text())
-    found["conditions"]["after"]["frequency_hz"] = 1e9
+    found["conditions"]["loaded"]["frequency_hz"] = 1e9
     found["energy"] = {
         "measured": True, "resolved": True, "cpu_s_per_match": 1e-3,
         "marginal_j_per_match": 2e-3, "marginal_j_per_match_interval": [1e-3, 3e-3],
@@ -644,6 +666,7 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         (["--map", "a.npz"], "belong together"),
         (["--pairs", "2"], "5 pairs"),
         (["--window-s", "3"], "--quick"),
+        (["--window-s", "0"], "0 s"),
         (["--ground-truth", "t.csv"], "name --map"),
         (["--meter", "--meter-port", "x"], "name one"),
         (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),

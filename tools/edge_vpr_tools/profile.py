@@ -108,7 +108,9 @@ def _profile(args: argparse.Namespace) -> None:
     if args.meter and args.meter_port is not None:
         raise UsageError("--meter is for a CSV that comes later, --meter-port for now: name one")
     least_s = _LEAST_QUICK_S if args.quick else LEAST_S
-    window_s = args.window_s or (1.0 if args.quick else LEAST_S)
+    window_s = args.window_s
+    if window_s is None:
+        window_s = 1.0 if args.quick else LEAST_S
     if not (args.mission_rate > 0 and window_s >= least_s and args.pairs >= LEAST_PAIRS):
         raise UsageError(
             f"{args.pairs} pairs of {window_s:g} s at {args.mission_rate:g} matches a second: "

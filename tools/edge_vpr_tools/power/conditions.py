@@ -53,6 +53,21 @@ class Conditions:
             throttle_events=int(sum(events)) if events else None,
         )
 
+    def __str__(self) -> str:
+        """Tell what is known, with units."""
+        told = []
+        if self.governor is not None:
+            told.append(f"governor {self.governor}")
+        if self.frequency_hz is not None:
+            told.append(f"clock {self.frequency_hz / 1e6:,.0f} MHz")
+        if self.temperature_c is not None:
+            told.append(f"{self.temperature_c:.1f} degrees Celsius")
+        if self.throttled is not None:
+            told.append(f"throttled 0x{self.throttled:x}")
+        if self.throttle_events is not None:
+            told.append(f"throttled {self.throttle_events} times since the start")
+        return ", ".join(told) or "governor, clock, temperature and throttling are not known"
+
     @property
     def faults(self) -> list[str]:
         """What throttles the machine now."""
@@ -60,9 +75,10 @@ class Conditions:
         return [text for bit, text in _NOW.items() if bits >> bit & 1]
 
 
-def void_because(before: Conditions, after: Conditions) -> str:
-    """Why a run between the two says nothing; empty if nothing is known against it."""
-    faults = before.faults + after.faults
+def void_because(*moments: Conditions) -> str:
+    """Why a run through these moments says nothing; empty if nothing is known against it."""
+    faults = [fault for moment in moments for fault in moment.faults]
+    before, after = moments[0], moments[-1]
     if before.throttled is not None and after.throttled is not None:
         new = (after.throttled & ~before.throttled) >> 16
         faults += [f"{text} meanwhile" for bit, text in _NOW.items() if new >> bit & 1]

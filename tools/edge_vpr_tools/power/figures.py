@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr_tools.report.style import BLUE, CYCLE, GREEN, ORANGE, SKY, figure
+from edge_vpr_tools.report.style import BLUE, CYCLE, GREEN, ORANGE, SKY, figure, quantity_axis
 
 _MARKERS = "os^vDPX"
 
@@ -59,8 +59,9 @@ def against_rate(energy: dict[str, Any]) -> Figure:
         axes.set(
             title="Energy of a match against the match rate",
             xlabel="matches a second",
-            ylabel="energy of a match (J)",
+            ylabel="energy of a match",
         )
+        quantity_axis(axes.yaxis, "J")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return drawing
 
@@ -85,15 +86,15 @@ def accuracy(designs: Sequence[dict[str, Any]]) -> Figure:
                 fmt=_MARKERS[i % len(_MARKERS)], color=CYCLE[i % len(CYCLE)], capsize=3,
                 label=one["name"],
             )  # fmt: skip
-        axes.set_xscale("log")
+        quantity_axis(axes.xaxis, "J" if joules else "s")
         axes.margins(x=0.15)
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         axes.set_ylim(0.0, 1.08)
         axes.set(
             title="Accuracy against " + ("energy" if joules else "processor time: no joules"),
-            xlabel="marginal energy of a match (J), measured"
+            xlabel="marginal energy of a match and its events, measured"
             if joules
-            else "processor time of a match (s), measured; energy was not",
+            else "processor time of a match and its events, measured; energy was not",
             ylabel="P@100R",
         )
     return drawing

@@ -141,8 +141,13 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
     sensors.sort(key=lambda s: s.about.scope != "whole board")
     if sensors:
         return sensors, []
-    reason = "; ".join(refused) or "no INA219, 226, 228, 260 or 3221 among the hwmon devices"
-    remedy = "wire one in the 5 V line, and load its driver (dtoverlay=i2c-sensor,ina219)"
+    if refused:
+        return [], [Missing("power monitor", "; ".join(refused), "check its wiring and driver")]
+    reason = "no INA219, 226, 228, 260 or 3221 among the hwmon devices"
+    remedy = (
+        "wire one in the 5 V line, and tell the kernel (for an INA226 on bus 1: "
+        "echo ina226 0x40 | sudo tee /sys/bus/i2c/devices/i2c-1/new_device)"
+    )
     return [], [Missing("power monitor", reason, remedy)]
 
 
@@ -171,7 +176,7 @@ def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
     if not isinstance(sensor, _Files) or about.shunt_mohm is None or not mohm > 0:
         raise UsageError(
             f"--shunt-mohm {mohm:g}: {about.name} does not tell the shunt that it takes: tell its "
-            "driver the right one (dtoverlay's shunt, or the device tree)"
+            "driver the right one (shunt-resistor in the device tree)"
         )
     factor = about.shunt_mohm / mohm
     about = replace(

@@ -19,6 +19,8 @@ from edge_vpr_tools.power.sensor import (
 
 _LINE = re.compile(r"^\s*(\w+)_([AV]) (?:current|volt)\(\d+\)=([\d.]+)[AV]\s*$")
 _BOARD = "proc/device-tree/model"
+#: also Raspberry Pi 500
+_WITH_CHIP = ("Raspberry Pi 5", "Raspberry Pi Compute Module 5")
 
 
 class Pmic(Sensor):
@@ -79,8 +81,9 @@ def vcgencmd(root: Path) -> str | None:
 def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
     """Find the chip; earlier boards measure no current."""
     board = read_text(root / _BOARD).rstrip("\0")
-    if "Raspberry Pi" in board and "Raspberry Pi 5" not in board:
-        remedy = "wire an INA226 or a meter that writes CSV in the 5 V line"
+    has_chip = any(name in board for name in _WITH_CHIP)
+    if "Raspberry Pi" in board and not has_chip:
+        remedy = "wire an INA226, a UM25C (--meter-port) or a meter that writes CSV in the 5 V line"
         return [], [Missing("PMIC", f"{board} measures no current", remedy)]
     command = vcgencmd(root)
     if command is None:
@@ -89,5 +92,8 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
     try:
         sensor.read()
     except SensorError as error:
-        return [], [Missing("PMIC", str(error), "only Raspberry Pi 5 has this chip")]
+        remedy = "only Raspberry Pi 5 has this chip"
+        if has_chip:
+            remedy = "run with sudo, or join the group video"
+        return [], [Missing("PMIC", str(error), remedy)]
     return [sensor], []

@@ -8,20 +8,17 @@ import platform
 import resource
 import sys
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events
-from edge_vpr.pipeline import EventSource, cleaned, map_traverse
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.experiments.trial import Times, TruthOf
 from edge_vpr_tools.power.conditions import Conditions, void_because
-from edge_vpr_tools.power.designs import PIXELS, Compared, compare, of_map, of_pair
+from edge_vpr_tools.power.designs import PIXELS, compare
+from edge_vpr_tools.power.load import Load, load_of
 from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
 from edge_vpr_tools.power.sensor import (
     About,
@@ -37,32 +34,7 @@ from edge_vpr_tools.power.workload import Workload
 from edge_vpr_tools.provenance import run_record
 
 PROFILE = "profile.json"
-SCHEMA = 2
-#: of the simulated street: some 70 places
-_STREET_M = 400.0
-
-
-@dataclass(frozen=True, eq=False)
-class Load:
-    """What is run: a map, the events of a query drive, and designs to compare, if truth is known.
-
-    Attributes
-    ----------
-    reference : ReferenceMap
-    events : list of ndarray
-        Of the query drive, cleaned.
-    query : EventSource
-    designs : iterable of Compared
-    truth_of : callable, optional
-    inputs : sequence of path
-    """
-
-    reference: ReferenceMap
-    events: list[Events]
-    query: EventSource
-    designs: Iterable[Compared]
-    truth_of: TruthOf | None
-    inputs: Sequence[str]
+SCHEMA = 3
 
 
 def profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
@@ -87,14 +59,14 @@ def profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
     root = Path(args.sysroot)
     sensor, missing = _choose(args, root)
     try:
-        load = _load(args)
+        load = load_of(args)
         found = _measured(args, plan, load, sensor, missing, root)
     finally:
         if sensor is not None:
             sensor.close()
     return found | {
         "load": {
-            "recording": args.recording or f"simulated street of {_STREET_M:g} m",
+            "recording": load.name,
             "every": args.every,
             "packet": args.packet,
         },
@@ -121,6 +93,8 @@ def _measured(
         _say_how_long(plan.for_period(sensor.about.period_s), designs)
     before = Conditions.now(root)
     throughput = _throughput(workload, plan)
+    # at once: a governor lowers the clock of a processor that rests
+    loaded = Conditions.now(root)
     energy = _not_measured([str(one) for one in missing])
     if sensor is not None:
         try:
@@ -139,7 +113,7 @@ def _measured(
             known,
         )  # fmt: skip
     after = Conditions.now(root)
-    void = void_because(before, after)
+    void = void_because(before, loaded, after)
     if void:
         for one in [energy, *(design["energy"] for design in compared)]:
             _make_void(one)
@@ -155,7 +129,12 @@ def _measured(
         },
         "energy": energy,
         "designs": compared,
-        "conditions": {"before": asdict(before), "after": asdict(after), "void_because": void},
+        "conditions": {
+            "before": asdict(before),
+            "loaded": asdict(loaded),
+            "after": asdict(after),
+            "void_because": void,
+        },
         # last: all pixels take memory that the method does not
         "sparse_against_all": sparse_against_all(
             np.concatenate(load.events), reference.pixel_map, len(reference)
@@ -207,56 +186,17 @@ def load(path: Path) -> dict[str, Any]:
     return dict(found)
 
 
-def _load(args: argparse.Namespace) -> Load:
-    if args.map is None:
-        return _simulated(args.seed)
-    from edge_vpr_tools.reading import open_from
-    from edge_vpr_tools.truth import load_truth
-
-    reference = ReferenceMap.load(args.map)
-    recording = open_from(args, args.recording)
-    truth_of = None
-    inputs = [args.map, args.recording]
-    if args.ground_truth is not None:
-        inputs += args.ground_truth
-
-        def truth_of(places_us: Times, queries_us: Times) -> Any:
-            return load_truth(
-                args.ground_truth, places_us, queries_us, tolerance=args.tolerance, rows=args.rows,
-                frame_period=args.frame_period,
-            )  # fmt: skip
-
-    events = list(cleaned(recording, reference.settings))
-    return Load(reference, events, recording, of_map(reference), truth_of, inputs)
-
-
-def _simulated(seed: int) -> Load:
-    from edge_vpr.settings import PRESETS
-    from edge_vpr.simulate import simulate_pair
-    from edge_vpr_tools.experiments.simulated import truth_of_pair
-
-    pair = simulate_pair(seed, length_m=_STREET_M)
-    for drive in pair:
-        drive.keep()
-    # N as a window of tau holds on average
-    fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": 0.0}, "profile")
-    reference = map_traverse(pair[0], fixed_n)
-    events = list(cleaned(pair[1], reference.settings))
-    designs = of_pair(pair[0], reference)
-    return Load(reference, events, pair[1], designs, truth_of_pair(*pair), [])
-
-
 def _provenance(root: Path, found: dict[str, Any]) -> dict[str, Any]:
     """Tell board, kernel, clock, sensor, shunt and versions; None is not known."""
     board = read_text(root / "proc/device-tree/model").rstrip("\0")
-    after, sensor = found["conditions"]["after"], found["energy"].get("sensor", {})
+    loaded, sensor = found["conditions"]["loaded"], found["energy"].get("sensor", {})
     run = run_record({}, ())
     return {
         "board": board or read_text(root / "sys/class/dmi/id/product_name") or None,
         "processor": run["machine"]["processor"],
         "kernel": platform.release(),
-        "clock_hz": after["frequency_hz"],
-        "governor": after["governor"],
+        "clock_hz": loaded["frequency_hz"],
+        "governor": loaded["governor"],
         "sensor": sensor.get("name"),
         "shunt_mohm": sensor.get("shunt_mohm"),
         "versions": run["versions"],
@@ -310,6 +250,8 @@ def _choose(args: argparse.Namespace, root: Path) -> tuple[Sensor | None, list[M
     if args.meter_port is not None:
         from edge_vpr_tools.power.um_meter import UmMeter
 
+        for unused in sensors:
+            unused.close()
         sensors = [UmMeter(args.meter_port)]
     if args.sensor_name is not None:
         known = ", ".join(sensor.about.name for sensor in sensors) or "none"

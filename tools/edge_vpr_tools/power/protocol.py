@@ -113,7 +113,7 @@ def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> dict[str, An
     matches = sum(window.matches for window in windows)
     found["cpu_s_per_match"] = (cpu - sampler.cpu_s) / max(matches, 1)
     elapsed = windows[-1].end_s - windows[0].start_s
-    found["sampler_cpu_share"] = sampler.cpu_s / elapsed
+    found["sampler_cpu_share"] = (sampler.cpu_s + sampler.commands_s) / elapsed
     found["quick"] = plan.quick
     return found
 

@@ -14,9 +14,11 @@ from rich.table import Table
 from edge_vpr.archive import replacing
 from edge_vpr_tools import results
 from edge_vpr_tools.power import figures
+from edge_vpr_tools.power.conditions import Conditions
 from edge_vpr_tools.power.numbers import NOT_MEASURED, NOT_RESOLVED, VOID, Number, numbers
 from edge_vpr_tools.power.profiling import load
 from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.quantities import quantity
 from edge_vpr_tools.report.style import save
 
 _DESIGNS = ("design", "P@100R", "bytes a place", "processor time a match", "marginal energy")
@@ -29,9 +31,9 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("events a second", f"{speed['events_per_s']:,.0f}"),
         ("matches a second", f"{speed['matches_per_s']:,.1f}"),
         ("times real time", f"{speed['times_real_time']:,.1f}"),
-        ("latency of a call with a match, p50", f"{speed['latency_p50_s'] * 1e6:,.1f} us"),
-        ("latency of a call with a match, p99", f"{speed['latency_p99_s'] * 1e6:,.1f} us"),
-        ("processor time a match", f"{speed['cpu_s_per_match'] * 1e6:,.1f} us"),
+        ("latency of a call with a match, p50", quantity(speed["latency_p50_s"], "s")),
+        ("latency of a call with a match, p99", quantity(speed["latency_p99_s"], "s")),
+        ("processor time a match, with its events", quantity(speed["cpu_s_per_match"], "s")),
         ("peak memory of the process", f"{speed['peak_memory_bytes'] / 2**20:,.1f} MiB"),
     ]
     for name, against in found["sparse_against_all"].items():
@@ -43,22 +45,26 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             what += ", made up"
         few, every, times = (against[key] for key in ("sparse_s", "all_s", "times"))
         told.append(
-            (what, f"{_seconds(few['value'])} against {_seconds(every['value'])} "
+            (what, f"{quantity(few['value'], 's')} against {quantity(every['value'], 's')} "
                    f"{against['unit']}: {_three(times)} times")
         )  # fmt: skip
     return told + _energy_rows(found["energy"], bool(found["conditions"]["void_because"]))
 
 
 def _energy_rows(energy: dict[str, Any], void: bool) -> list[tuple[str, str]]:
-    names = ("marginal energy of a match", "whole board, saturated", "whole board at the mission")
+    names = (
+        "marginal energy of a match, with its events",
+        "energy of a match, whole board, saturated",
+        "energy of a match, whole board, at the mission",
+    )
     if void or not energy.get("measured"):
         return [(name, VOID if void else NOT_MEASURED) for name in names]
-    rate = energy["mission_matches_per_s"]
+    rate, (low, high) = energy["mission_matches_per_s"], energy["idle_w_interval"]
     told = [
         (names[0], _marginal(energy)),
         (names[1], _joules(energy, "saturated_j_per_match")),
         (f"{names[2]}'s {rate:g} matches a second", _joules(energy, "mission_j_per_match")),
-        ("power at rest", f"{energy['idle_w']:.4g} W"),
+        ("power at rest", quantity(energy["idle_w"], "W", low, high, digits=4)),
     ]
     if energy["resolved"]:
         low, high = energy["matches_per_joule_interval"]
@@ -92,7 +98,7 @@ def designs(found: dict[str, Any]) -> list[list[str]]:
             joules = _marginal(energy)
         told.append(
             [one["name"], f"{one['precision_at_100_recall']:.3f}", f"{one['bytes_per_place']:,}",
-             f"{_seconds(one['cpu_s_per_match'])} ({_seconds(low)} to {_seconds(high)})", joules]
+             quantity(one["cpu_s_per_match"], "s", low, high), joules]
         )  # fmt: skip
     return told
 
@@ -115,18 +121,17 @@ def notes(found: dict[str, Any]) -> list[str]:
             f"P@100R of {found['load']['recording']}, among {span} places; it says nothing of "
             "other drives."
         )
-    said.append(_provenance(found["provenance"]))
-    for when in ("before", "after"):
-        state = conditions[when]
-        known = ", ".join(
-            f"{name.replace('_', ' ')} {value}"
-            for name, value in state.items()
-            if value is not None
-        )
-        nothing = "governor, clock, temperature and throttling are not known"
-        said.append(f"{when.capitalize()}: {known or nothing}.")
+    speed, of = found["throughput"], found["load"]
+    said += [
+        f"Load: {of['recording']}, in packets of {of['packet']:,} events, a match --every "
+        f"{of['every']}. A match is told with the counting of its "
+        f"{speed['events_per_s'] / speed['matches_per_s']:,.0f} events, in time and in energy.",
+        _provenance(found["provenance"]),
+    ]
+    for when in ("before", "loaded", "after"):
+        said.append(f"{when.capitalize()}: {Conditions(**conditions[when])}.")
     if not energy.get("measured"):
-        said.append("Energy is not measured: " + "; ".join(energy["not_measured_because"]) + ".")
+        said += [f"Energy is not measured. {reason}." for reason in energy["not_measured_because"]]
         if energy.get("windows"):
             said.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
         return said
@@ -136,16 +141,18 @@ def notes(found: dict[str, Any]) -> list[str]:
         step = f"steps of {sensor['resolution']:.3g} {'J' if sensor['kind'] == 'energy' else 'W'}"
     said.append(
         f"Sensor {sensor['name']} ({sensor['kind']}): {sensor['scope']}; a reading every "
-        f"{sensor['period_s']:g} s, {step}, gain error {sensor['gain_error']:.2%}; "
-        f"{sensor['detail']}."
+        f"{sensor['period_s']:g} s, {step}; {sensor['detail']}."
     )
     if conditions["void_because"]:
         return said
-    low, high = energy["marginal_j_per_match_interval_with_gain"]
-    said.append(
-        f"Intervals are of 95 %, by bootstrap over {energy['pairs']} pairs; with the meter's gain "
-        f"error the marginal energy is {low:.4g} to {high:.4g} J."
-    )
+    with_gain = "the meter's gain error is not known, and not in them"
+    if sensor["gain_error"]:
+        low, high = energy["marginal_j_per_match_interval_with_gain"]
+        with_gain = (
+            f"with the meter's gain error of {sensor['gain_error']:.2%} the marginal energy is "
+            f"{low:.4g} to {high:.4g} J"
+        )
+    said.append(f"Intervals are of 95 %, by bootstrap over {energy['pairs']} pairs; {with_gain}.")
     if "sampler_cpu_share" in energy:
         said.append(f"Sampling took {energy['sampler_cpu_share']:.2%} of a core, idle or not.")
     if energy["resolved"]:
@@ -260,14 +267,7 @@ def _table(
 
 def _joules(energy: dict[str, Any], name: str) -> str:
     low, high = energy[f"{name}_interval"]
-    return f"{energy[name]:.4g} ({low:.4g} to {high:.4g}) J"
-
-
-def _seconds(value: float) -> str:
-    for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us")):
-        if value >= factor:
-            return f"{value / factor:.3g} {unit}"
-    return f"{value * 1e9:.3g} ns"
+    return quantity(energy[name], "J", low, high, digits=4)
 
 
 def _three(of: dict[str, float]) -> str:

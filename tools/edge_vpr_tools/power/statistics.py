@@ -84,8 +84,8 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
     """Median of paired differences, and its interval by a circular block bootstrap.
 
     Neighbouring pairs share slow changes of the board's temperature: blocks of neighbours are drawn
-    together. The unit is the pair of windows, never a sample, so that duplicates of samples do not
-    narrow it.
+    together, two from 27 pairs on and three from 126; with fewer, each pair for itself. The unit is
+    the pair of windows, never a sample, so that duplicates of samples do not narrow it.
 
     Parameters
     ----------

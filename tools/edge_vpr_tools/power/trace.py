@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import resource
 import threading
 import time
 from collections.abc import Sequence
@@ -89,14 +90,16 @@ class Sampler:
 
     Attributes
     ----------
-    cpu_s : float
-        Processor time that the thread took: it is part of idle and load alike.
+    cpu_s, commands_s : float
+        Processor time that the thread took, and the commands that it ran meanwhile: it is part of
+        idle and load alike.
     error : SensorError, optional
         Why it stopped early.
     """
 
     sensor: Sensor
     cpu_s: float = 0.0
+    commands_s: float = 0.0
     error: SensorError | None = None
     _times: list[float] = field(default_factory=list)
     _values: list[float] = field(default_factory=list)
@@ -142,13 +145,19 @@ class Sampler:
         self._values.append(value)
 
     def _run(self) -> None:
-        period = self.sensor.about.period_s
+        period, before = self.sensor.about.period_s, _commands_s()
         try:
             while not self._stop.wait(period):
                 self._take()
         except SensorError as error:
             self.error = error
-        self.cpu_s = time.thread_time()
+        self.cpu_s, self.commands_s = time.thread_time(), _commands_s() - before
+
+
+def _commands_s() -> float:
+    """Processor time of all commands that this process has run."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def read_csv(path: Path) -> tuple[Floats, Floats]:

@@ -38,7 +38,8 @@ class Model:
     volts, amperes : float
         Steps of its numbers.
     end : bytes
-        Last bytes of a frame; empty where they are a checksum that was never published.
+        Last bytes of a frame; empty where there is a checksum, which is not needed: `decode` holds
+        power against volts times amperes.
     """
 
     name: str
