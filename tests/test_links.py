@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
+import os
 import socket
 import struct
+import sys
 import termios
 import threading
 import time
@@ -130,26 +133,105 @@ def test_a_cable_pulled_and_put_back_is_opened_again_and_told():
     assert [(p.data, p.reopened) for p in pieces] == [(b"one", False), (b"two", True)]
 
 
-def test_udp_arrives_and_nothing_listens_beyond_loopback():
-    host = open_link("udp://:0")
-    assert host.address.startswith("udp://127.0.0.1:")
+def has_ipv6():
+    with contextlib.suppress(OSError), socket.create_server(("::1", 0), family=socket.AF_INET6):
+        return True
+    return False
+
+
+@pytest.mark.parametrize("name", ["", "[::1]"])
+def test_udp_and_tcp_arrive_and_nothing_listens_beyond_loopback(name):
+    if name and not has_ipv6():
+        pytest.skip("no IPv6 here")
+    loopback = name or "127.0.0.1"
+    host = open_link(f"udp://{name}:0")
+    assert host.address.startswith(f"udp://{loopback}:")
     device = open_device_link(host.address)
-    device.write(b"events", 1)
+    assert device.write(b"events", 1) == 6
     assert host.read(1) == b"events"
     assert host.read(0) == b""
-    server = open_device_link("tcp://:0")
-    assert server.address.startswith("tcp://127.0.0.1:")
-    for link in (host, device, server):
+    with pytest.raises(LinkError, match="take TCP for a device that is asked"):
+        host.write(b"x", 1)
+    server = open_device_link(f"tcp://{name}:0")
+    assert server.address.startswith(f"tcp://{loopback}:")
+    client = open_link(server.address)
+    assert server.write(b"events", 1) == 6
+    assert client.read(1) == b"events"
+    for link in (host, device, server, client):
         link.close()
+
+
+def test_a_datagram_without_bytes_is_no_end_and_one_to_nobody_no_failure():
+    host = open_link("udp://:0")
+    device = open_device_link(host.address)
+    assert device.write(bytes(5_000), 1) == 1_400
+    assert host.read(1) == bytes(1_400)
+    device._socket.sendto(b"", device._to)
+    assert host.read(1) == b""
+    host.close()
+    for _ in range(3):
+        assert device.write(b"x", 1) == 1
+        time.sleep(0.01)  # for the answer that nobody is there
+    device.close()
+
+
+def test_a_second_host_is_refused_and_a_silent_one_is_missed():
+    server = open_device_link("tcp://:0")
+    first = open_link(server.address)
+    assert server.accepted(1)
+    with pytest.raises(LinkError, match="refused"):
+        open_link(server.address)
+    for link in (first, server._host):
+        assert link._socket.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    first.close()
+    server.close()
+
+
+def test_two_programs_cannot_read_one_serial_port():
+    device = open_device_link("virtual")
+    host = open_link(device.address)
+    with pytest.raises(LinkError, match="another program has it: end that one first"):
+        open_link(device.address)
+    host.close()
+    open_link(device.address).close()
+    device.close()
+
+
+def test_standard_input_stays_as_it_is_for_those_who_share_it(monkeypatch):
+    ends = os.pipe()
+    monkeypatch.setattr("sys.stdin", os.fdopen(ends[0]))
+    link = open_link("-")
+    assert os.get_blocking(ends[0])
+    assert link.read(0) == b""
+    os.write(ends[1], b"events")
+    assert link.read(1) == b"events"
+    os.close(ends[1])
+    with pytest.raises(LinkClosed, match="has ended"):
+        link.read(1)
+    link.close()
+    sys.stdin.close()
+
+
+def test_a_reader_thread_that_fails_says_why():
+    class Broken(Script):
+        def read(self, timeout):
+            raise RuntimeError("a mistake of ours")
+
+    intake = Intake(lambda: Broken([]), retry=True)
+    assert drained(intake) == []
+    assert isinstance(intake.error, RuntimeError)
 
 
 def test_a_link_that_cannot_be_opened_is_one_line(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    for address in (f"tcp://127.0.0.1:{port}", str(tmp_path / "ttyNone")):
-        with pytest.raises(LinkError) as raised:
+    for address, says in (
+        (f"tcp://127.0.0.1:{port}", "refused: check that the other side is there"),
+        (str(tmp_path / "ttyNone"), "there is no such file or port: `edge-vpr ports` lists"),
+        (str(tmp_path), "check that it is a serial port"),
+    ):
+        with pytest.raises(LinkError, match=says):
             open_link(address)
-        assert "check" in str(raised.value)
     with pytest.raises(UsageError, match="names no port"):
         open_link("tcp://somewhere")
 

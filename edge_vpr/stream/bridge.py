@@ -34,7 +34,7 @@ class LineFaults:
     garbage : int
         Random bytes before the start.
     stall : float
-        Seconds of silence, once, in the middle of the first ten seconds; events queue up.
+        Seconds of silence, once, a second into the recording; events queue up.
     """
 
     drop: float = 0.0
@@ -95,6 +95,11 @@ class Bridge:
     seed : int
         Of the faults.
 
+    Raises
+    ------
+    UsageError
+        If the host has to ask for events, and the link does not carry what it asks.
+
     Attributes
     ----------
     sent_events, sent_bytes : int
@@ -112,6 +117,11 @@ class Bridge:
         faults: LineFaults | None = None,
         seed: int = 0,
     ) -> None:
+        if encoder.capacity and not link.two_way:
+            raise UsageError(
+                f"{link.address} carries nothing from the host, which has to ask for events by "
+                "this protocol: take TCP or a serial line"
+            )
         self._link, self._encoder, self._speed = link, encoder, speed
         self._faults = LineFaults() if faults is None else faults
         self._rng = np.random.default_rng(seed)
@@ -121,10 +131,10 @@ class Bridge:
     def wait_for_host(self) -> None:
         """Wait until a host has connected, and has spoken if the protocol lets it speak first."""
         while not self.stopping.is_set():
-            if self._encoder.waits_for_host:
+            if self._encoder.waits_for_host and self._link.two_way:
                 command = self._link.read(0.1)
                 if command:
-                    self._send(self._encoder.respond(command))
+                    self._send(self._encoder.respond(command), spoil=False)
                     return
             elif isinstance(self._link, TcpServerLink):
                 if self._link.accepted(0.1):
@@ -138,8 +148,8 @@ class Bridge:
         try:
             self.wait_for_host()
             garbage = self._rng.integers(0, 256, self._faults.garbage).astype(np.uint8)
-            self._send(garbage.tobytes())
-            self._send(self._encoder.start())
+            self._put(garbage.tobytes())
+            self._send(self._encoder.start(), spoil=False)
             self._replay(recording)
             self._serve_until_held(0)
             self._link.drain(1.0 if self.stopping.is_set() else 10.0)
@@ -159,31 +169,31 @@ class Bridge:
                 while self._speed and now + IDLE_US < due and not self.stopping.is_set():
                     now += IDLE_US
                     self._serve_until(begin + now / 1e6 / self._speed)
-                    self._send_spoiled(self._encoder.idle(now))
+                    self._send(self._encoder.idle(now))
                 now = due
                 if self._speed:
                     self._serve_until(begin + now / 1e6 / self._speed)
-                    if not stalled and now >= 1_000_000:
-                        stalled = True
-                        self.stopping.wait(self._faults.stall)
                 else:
                     self._serve_until_held(self._encoder.capacity)
+                if not stalled and now >= 1_000_000:
+                    stalled = True
+                    self.stopping.wait(self._faults.stall)
                 self._encode(events)
-        self._send_spoiled(self._encoder.idle(now))
+        self._send(self._encoder.idle(now))
 
     def _encode(self, events: Events) -> None:
         if self._speed and self._encoder.held > self._encoder.capacity:
             self.dropped_events += events.size
             return
-        self._send_spoiled(self._encoder.encode(events))
+        self._send(self._encoder.encode(events))
         self.sent_events += events.size
 
     def _serve(self, timeout: float) -> bool:
         """Hear the host for at most `timeout` seconds and answer; tell whether it said anything."""
         command = self._link.read(timeout)
         if command:
-            self._send_spoiled(self._encoder.respond(self._faults.spoil(command, self._rng)))
-        self._send_spoiled(self._encoder.to_send(time.monotonic()))
+            self._send(self._encoder.respond(self._faults.spoil(command, self._rng)))
+        self._send(self._encoder.to_send(time.monotonic()))
         return bool(command)
 
     def _serve_until(self, moment: float) -> None:
@@ -203,11 +213,11 @@ class Bridge:
             elif time.monotonic() - heard > GONE_S:
                 return
 
-    def _send_spoiled(self, data: bytes) -> None:
+    def _send(self, data: bytes, *, spoil: bool = True) -> None:
         self.sent_bytes += len(data)
-        self._send(self._faults.spoil(data, self._rng) if data else data)
+        self._put(self._faults.spoil(data, self._rng) if data and spoil else data)
 
-    def _send(self, data: bytes) -> None:
+    def _put(self, data: bytes) -> None:
         view = memoryview(data)
         while view and not self.stopping.is_set():
             view = view[self._link.write(bytes(view[:_AT_ONCE]), 0.1) :]

@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from edge_vpr.errors import EdgeVprError
 from edge_vpr.stream.link import Link, LinkClosed, LinkError
 
 #: 0.9 s of a line of 12 Mbaud.
@@ -62,7 +61,7 @@ class Intake:
 
     Attributes
     ----------
-    error : EdgeVprError or None
+    error : Exception or None
         Why it ended, if that was no ordinary end.
     line_errors : int
         Characters that the system says the line damaged or dropped.
@@ -89,7 +88,7 @@ class Intake:
         self._changed = threading.Condition()
         self._stopping = threading.Event()
         self._ended = False
-        self.error: EdgeVprError | None = None
+        self.error: Exception | None = None
         self.line_errors = 0
         self.lost_link = ""
         # held to send and to close, so that nothing is sent to what has been closed
@@ -158,6 +157,9 @@ class Intake:
                 with self._sending:
                     self._link = again
                 link, reopened, self.lost_link = again, True, ""
+        except Exception as error:
+            # a thread that fails fails alone: the reader has to be told
+            self.error = error
         finally:
             with contextlib.suppress(LinkError):
                 self._send(link, self._teardown)

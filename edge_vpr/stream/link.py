@@ -29,9 +29,12 @@ class Link(ABC):
     address : str
     live : bool
         Whether the other side goes on without waiting for us, so that a late reader must drop.
+    two_way : bool
+        Whether a host and a device hear each other, or only the host the device.
     """
 
     live = True
+    two_way = True
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -62,13 +65,15 @@ class Link(ABC):
 
 
 class DescriptorLink(Link):
-    """A link over one file descriptor, not blocking."""
+    """A link over one file descriptor."""
 
     def __init__(self, address: str, descriptor: int, *, live: bool = True) -> None:
         super().__init__(address)
         self.live = live
         self._fd = descriptor
-        os.set_blocking(descriptor, False)
+        if live:
+            # standard input is shared, on a terminal even with the output: it stays as it is
+            os.set_blocking(descriptor, False)
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`."""

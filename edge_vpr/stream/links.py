@@ -9,7 +9,7 @@ from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr.stream.link import DescriptorLink, Link, as_link_error
-from edge_vpr.stream.network_links import SocketLink, TcpServerLink, UdpSenderLink
+from edge_vpr.stream.network_links import TcpLink, TcpServerLink, UdpHostLink, UdpSenderLink
 from edge_vpr.stream.serial_links import VirtualLink, open_serial
 
 
@@ -38,12 +38,9 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
         return DescriptorLink("standard input", os.dup(sys.stdin.fileno()), live=False)
     if address.startswith("tcp://"):
         with as_link_error(address):
-            return SocketLink(address, socket.create_connection(_host_port(address), timeout=5))
+            return TcpLink(address, socket.create_connection(_host_port(address), timeout=5))
     if address.startswith("udp://"):
-        with as_link_error(address):
-            sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            sock.bind(_host_port(address))
-            return SocketLink("udp://{}:{}".format(*sock.getsockname()), sock)
+        return UdpHostLink(*_host_port(address))
     path = Path(address)
     if path.is_file():
         with as_link_error(address):

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import select
 import socket
+import time
 
-from edge_vpr.stream.link import DescriptorLink, Link, as_link_error
+from edge_vpr.stream.link import READ_BYTES, DescriptorLink, Link, LinkError, as_link_error
+
+# a peer that vanished without a word, such as one without power, is missed after 11 s
+_KEEP_ALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
+#: Fits one packet of Ethernet.
+DATAGRAM_BYTES = 1_400
 
 
 class SocketLink(DescriptorLink):
-    """A TCP connection, or a bound UDP socket."""
+    """A link over a connected or bound socket."""
 
     def __init__(self, address: str, sock: socket.socket) -> None:
         self._socket = sock
@@ -21,21 +27,65 @@ class SocketLink(DescriptorLink):
         self._fd = -1
 
 
-class TcpServerLink(Link):
-    """A bridge's TCP port: one host at a time, and the next when it has gone."""
+class TcpLink(SocketLink):
+    """A TCP connection."""
+
+    def __init__(self, address: str, sock: socket.socket) -> None:
+        super().__init__(address, sock)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in _KEEP_ALIVE:
+            if option := getattr(socket, name, None):
+                sock.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
+class UdpHostLink(SocketLink):
+    """A bound UDP socket; it hears whoever sends to it, and has nobody to write to."""
+
+    two_way = False
 
     def __init__(self, host: str, port: int) -> None:
-        with as_link_error(f"tcp://{host}:{port}"):
-            self._server = socket.create_server((host, port))
+        with as_link_error(f"udp://{host}:{port}"):
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            sock = socket.socket(found[0], socket.SOCK_DGRAM)
+            sock.bind(found[4])
+        super().__init__(address_of("udp", sock), sock)
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`; an empty datagram is no end."""
+        with as_link_error(self.address):
+            if not select.select([self._fd], [], [], timeout)[0]:
+                return b""
+            try:
+                return self._socket.recv(READ_BYTES)
+            except BlockingIOError:  # a datagram with a wrong checksum
+                return b""
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Raise `LinkError`."""
+        raise LinkError(f"{self.address} only hears: take TCP for a device that is asked")
+
+
+class TcpServerLink(Link):
+    """A bridge's TCP port, for one host; others are refused."""
+
+    def __init__(self, host: str, port: int) -> None:
+        try:
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self._server = socket.create_server(found[4][:2], family=found[0])
+        except OSError as error:
+            raise LinkError(
+                f"cannot listen on tcp://{bracketed(host)}:{port}: {error.strerror}: name an "
+                "address of this machine, and a port that is free (0: any)"
+            ) from error
         self._server.setblocking(False)
-        found = self._server.getsockname()
-        super().__init__(f"tcp://{found[0]}:{found[1]}")
-        self._host: SocketLink | None = None
+        super().__init__(address_of("tcp", self._server))
+        self._host: TcpLink | None = None
 
     def accepted(self, timeout: float) -> bool:
         """Tell whether a host is there, after at most `timeout` seconds."""
         if self._host is None and select.select([self._server], [], [], timeout)[0]:
-            self._host = SocketLink(self.address, self._server.accept()[0])
+            self._host = TcpLink(self.address, self._server.accept()[0])
+            self._server.close()
         return self._host is not None
 
     def read(self, timeout: float) -> bytes:
@@ -59,19 +109,41 @@ class TcpServerLink(Link):
         self._server.close()
 
 
-class UdpSenderLink(DescriptorLink):
-    """A bridge's UDP sender."""
+class UdpSenderLink(SocketLink):
+    """A bridge's UDP sender; whether anybody gets what it sends, it does not learn."""
+
+    two_way = False
 
     def __init__(self, host: str, port: int) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect((host, port))
-        super().__init__(f"udp://{host}:{port}", self._socket.fileno())
+        with as_link_error(f"udp://{host}:{port}"):
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            # not connected, or nobody there would be an error
+            sock = socket.socket(found[0], socket.SOCK_DGRAM)
+        self._to = found[4]
+        super().__init__(f"udp://{bracketed(host)}:{port}", sock)
+
+    def read(self, timeout: float) -> bytes:
+        """Wait."""
+        time.sleep(timeout)
+        return b""
 
     def write(self, data: bytes, timeout: float) -> int:
         """Send one datagram; see `Link.write`."""
-        return super().write(data[:1_400], timeout)
+        with as_link_error(self.address):
+            if not select.select([], [self._fd], [], timeout)[1]:
+                return 0
+            try:
+                return self._socket.sendto(data[:DATAGRAM_BYTES], self._to)
+            except BlockingIOError:
+                return 0
 
-    def close(self) -> None:
-        """See `Link.close`."""
-        self._socket.close()
-        self._fd = -1
+
+def address_of(kind: str, sock: socket.socket) -> str:
+    """Name a socket's own address, as it is written in an address of a link."""
+    host, port = sock.getsockname()[:2]
+    return f"{kind}://{bracketed(host)}:{port}"
+
+
+def bracketed(host: str) -> str:
+    """Put an address of IPv6 into brackets, so that its colons are not taken for the port's."""
+    return f"[{host}]" if ":" in host else host

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import struct
 import termios
@@ -138,12 +139,29 @@ def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
 
     try:
         port = serial.serial_for_url(
-            address, baudrate=baud, timeout=0, write_timeout=1, rtscts=flow_control
+            address,
+            baudrate=baud,
+            timeout=0,
+            write_timeout=1,
+            rtscts=flow_control,
+            exclusive=True,  # two readers would each get a part of the bytes
         )
-    except (serial.SerialException, OSError, ValueError) as error:
-        raise LinkError(f"cannot open {address}: {error}: check cable and permissions") from error
+    except (serial.SerialException, OSError, ValueError, termios.error) as error:
+        raise LinkError(f"cannot open {address or 'no port'}: {_why(error)}") from error
     try:
         port.fileno()
     except (AttributeError, io.UnsupportedOperation, OSError):
         return UrlLink(address, port)
     return SerialLink(address, port)
+
+
+def _why(error: Exception) -> str:
+    """Say what is wrong with a port, and what to do."""
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        return "there is no such file or port: `edge-vpr ports` lists those that are attached"
+    if number in (errno.EACCES, errno.EPERM):
+        return "permission denied: join the group that owns it, often dialout"
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "another program has it: end that one first"
+    return f"{error}: check that it is a serial port, its cable and its permissions"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from edge_vpr_tools.reading import add_reading_arguments
 
@@ -48,8 +49,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.interrupt import stopped_by_signals
     from edge_vpr_tools.reading import open_from
 
-    if args.speed < 0:
-        raise UsageError(f"speed {args.speed} is negative: give 1 for real time, 0 for no limit")
+    if not 0 <= args.speed < math.inf:
+        raise UsageError(f"speed {args.speed}: give 1 for real time, 2 for twice that, 0: no limit")
     faults = LineFaults.parse(args.faults)
     recording = open_from(args, args.recording)
     encoder = open_encoder(args.protocol, recording.sensor)
