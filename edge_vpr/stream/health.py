@@ -6,6 +6,9 @@ from dataclasses import dataclass, fields
 
 #: How much a protocol can know of the events that never arrived.
 EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"
+# counts of what is ordinary, or told by another
+_NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
+_NO_FAULTS |= {"events", "held", "wraps"}
 
 
 @dataclass
@@ -135,23 +138,34 @@ class Health:
         )
 
     def __str__(self) -> str:
-        """Name every count that is not zero, but for the ordinary ones."""
-        ordinary = {"accounting", "bytes", "decoded_bytes", "frames", "decoded", "events"}
-        parts = [
-            f"{getattr(self, field.name):,} {field.name.replace('_', ' ')}"
-            for field in fields(self)
-            if field.name not in ordinary and getattr(self, field.name)
-        ]
+        """Name every fault that there was, and how often."""
+        parts = []
+        for field in fields(self):
+            count = getattr(self, field.name)
+            if field.name in _NO_FAULTS or not count:
+                continue
+            if field.name == "lost_at_most" and count == self.lost:
+                continue
+            name = field.name.replace("_", " ").replace("crc", "CRC")
+            if count == 1:
+                name = "retry" if name == "retries" else name.removesuffix("s")
+            parts.append(f"{count:,} {name}")
         return ", ".join(parts) or "no faults"
 
     def describe_losses(self) -> str:
         """Say how many events were lost, and how well that is known."""
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
         restarts = "at least " if self.device_resets else ""
+        if self.accounting == EXACT and not self.frames and self.skipped_bytes:
+            return "no frame came whole, so that nothing is known of the events lost"
         if self.accounting == EXACT:
             return f"{restarts}{self.lost:,} events lost on the way{dropped}"
         if self.accounting == BOUND:
-            return f"{self.lost:,} to {self.lost_at_most:,} events lost on the way{dropped}"
+            most = f" to {self.lost_at_most:,}" if self.lost_at_most > self.lost else ""
+            return (
+                f"{self.lost:,}{most} events lost on the way; what the device dropped before is "
+                "unknown to this protocol"
+            )
         return (
             f"{self.skipped_bytes + self.overrun_bytes:,} bytes lost or unreadable; events lost "
             "before they arrived are unknown to this protocol"

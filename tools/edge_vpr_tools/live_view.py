@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -49,13 +50,23 @@ class View:
         JSON lines on standard output.
     log : text file or None
     places : int
-        In the map.
+        In the map; 0 without one.
     live : rich.live.Live or None
         On a terminal.
+
+    Attributes
+    ----------
+    unread : bool
+        Whether the reader of our output has gone, as `head` does.
+    unwritten : str
+        Which file was given up and why, if one was.
     """
 
     def __init__(self, as_json: bool, log: TextIO | None, places: int, live: Any) -> None:
         self._json, self._log, self._places, self._live = as_json, log, places, live
+        self._goal = "match" if places else "event"
+        self.unread = False
+        self.unwritten = ""
         self._begin = self._shown = self._logged = time.monotonic()
         self._events_then = 0
         self._rate = 0.0
@@ -79,13 +90,18 @@ class View:
             self._write(self._last)
         if self._json and step.matches.size:
             # a program at the other end of a pipe waits for this
-            sys.stdout.flush()
+            self._print()
 
     def say(self, kind: str, text: str) -> None:
         """Say that something happened."""
         self._write({"kind": kind, "text": text})
         if not self._json and self._live is None:
-            print(text, flush=True)
+            self._print(text)
+
+    def give_up(self, text: str) -> None:
+        """Say that a file is given up; the run goes on without it."""
+        self.unwritten = text
+        self.say("file", f"{text}; going on without it")
 
     def tick(self, live: LiveLocaliser) -> None:
         """Show how things are, if it is time to."""
@@ -102,7 +118,7 @@ class View:
         if self._live is not None:
             self._live.update(self._panel(health, live.filled))
         elif not self._json:
-            print(" | ".join(self._said(health, live.filled).values()), flush=True)
+            self._print(" | ".join(self._said(health, live.filled).values()))
 
     def summary(self, health: Health, bursts_removed: int) -> None:
         """Say how it went."""
@@ -110,14 +126,13 @@ class View:
         if self._json:
             return
         seconds = time.monotonic() - self._begin
-        print(
-            f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s, "
-            f"{self.matched:,} matches; {bursts_removed:,} events removed as bursts"
-        )
+        text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
+        if self._places:
+            text += f", {self.matched:,} matches; {bursts_removed:,} events removed as bursts"
         half, most = (self._lags.percentile_ms(share) for share in (0.5, 0.99))
         if half is not None:
-            print(f"from byte to match: {half:.1f} ms median, {most:.1f} ms for 99 %")
-        print(f"health: {health}; {health.describe_losses()}")
+            text += f"\nfrom byte to {self._goal}: {half:.1f} ms median, {most:.1f} ms for 99 %"
+        self._print(f"{text}\nhealth: {health}\nlosses: {health.describe_losses()}")
 
     def _health(self, health: Health) -> dict[str, Any]:
         return {
@@ -143,7 +158,8 @@ class View:
                 said["certainty"] += ", incomplete: events were lost"
         elif self._places:
             said["place"] = f"first sequence {100 * filled:.0f} % full"
-        said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to match"
+        if health.events:
+            said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
         said["health"] = str(health)
         return said
 
@@ -170,11 +186,32 @@ class View:
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
         if self._log is not None:
-            self._log.write(text + "\n")
-            if row["kind"] != "match":
-                self._log.flush()
+            try:
+                self._log.write(text + "\n")
+                if row["kind"] != "match":
+                    self._log.flush()
+            except OSError as error:
+                name, self._log = self._log.name, None
+                self.give_up(ends_early(name, error))
         if self._json:
-            print(text, flush=row["kind"] != "match")
+            self._print(text, flush=row["kind"] != "match")
+
+    def _print(self, *text: str, flush: bool = True) -> None:
+        """Print lines, or only flush those before; a reader that has gone ends the run well."""
+        try:
+            for line in text:
+                print(line)
+            if flush:
+                sys.stdout.flush()
+        except BrokenPipeError:
+            self.unread = True
+            with Path(os.devnull).open("wb") as nowhere:
+                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+def ends_early(path: str, error: OSError) -> str:
+    """Say that no more can be written to a file."""
+    return f"{path} ends early: {error.strerror}: check its permissions and the free space"
 
 
 @contextmanager
@@ -191,4 +228,6 @@ def open_view(as_json: bool, log: str | None, places: int) -> Iterator[View]:
                 yield View(as_json, file, places, live)
     finally:
         if file is not None:
-            file.close()
+            # lines are flushed as they are written, and what failed then was told then
+            with suppress(OSError):
+                file.close()

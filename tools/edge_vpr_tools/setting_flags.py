@@ -9,6 +9,23 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from edge_vpr.settings import Settings
 
+# flags of a map that are named as their settings are, and the others
+_PLAIN = (
+    "pixels",
+    "strategy",
+    "sigma",
+    "seed",
+    "window",
+    "events_per_pixel",
+    "polarity",
+    "clip",
+    "counter_code",
+    "counter_bits",
+    "counter_full_scale",
+    "counter_scaling",
+    "keep_incomplete",
+)
+_OTHER = ("config", "tau", "hot_pixels", "bursts")
 _MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
 
 
@@ -110,28 +127,20 @@ def map_settings(args: argparse.Namespace) -> Settings:
     """
     from edge_vpr.settings import resolve_settings
 
-    flags: dict[str, Any] = {
-        name: getattr(args, name)
-        for name in (
-            "pixels",
-            "strategy",
-            "sigma",
-            "seed",
-            "window",
-            "events_per_pixel",
-            "polarity",
-            "clip",
-            "counter_code",
-            "counter_bits",
-            "counter_full_scale",
-            "counter_scaling",
-            "keep_incomplete",
-        )
-    }
+    flags: dict[str, Any] = {name: getattr(args, name) for name in _PLAIN}
     flags["tau_us"] = None if args.tau is None else duration_us(args.tau)
     flags["remove_hot_pixels"] = None if args.hot_pixels is None else args.hot_pixels != "keep"
     flags["remove_bursts"] = None if args.bursts is None else args.bursts == "remove"
     return resolve_settings(args.preset, args.config, flags | match_flags(args))
+
+
+def given_map_flags(args: argparse.Namespace) -> list[str]:
+    """List the flags given that decide a map, and not how it is matched; not ``--preset``."""
+    return [
+        "--" + name.replace("_", "-")
+        for name in (*_OTHER, *_PLAIN)
+        if getattr(args, name) is not None
+    ]
 
 
 def match_flags(args: argparse.Namespace) -> dict[str, Any]:
