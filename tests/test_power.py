@@ -23,7 +23,7 @@ from edge_vpr_tools.power.conditions import Conditions, void_because
 from edge_vpr_tools.power.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
 from edge_vpr_tools.power.sensor import About, Sensor, SensorError, find_sensors
-from edge_vpr_tools.power.statistics import interval, interval_of_times
+from edge_vpr_tools.power.statistics import interval, interval_of_times, paired_energy
 from edge_vpr_tools.power.trace import Sampler, Trace, Window, align, read_csv
 from test_commands import drive  # noqa: F401
 
@@ -285,11 +285,16 @@ def test_the_interval_covers_the_truth_in_90_to_99_of_a_hundred_runs(pairs, shap
     """500 runs of known energy with noise, drift, repeated readings and slow refresh."""
     rng = np.random.default_rng(pairs)
     covered = 0
-    for _ in range(500):
+    for run in range(500):
         windows, time_s, watts = synthetic(rng, pairs, **shape)
-        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
-        low, high = found["marginal_j_per_match_interval"]
-        covered += low <= JOULES <= high
+        trace = Trace.of_power(time_s, watts)
+        idle, load = paired_energy(trace, windows)
+        a_match_s = [(w.end_s - w.start_s) / w.matches for w in windows if w.load]
+        found = interval((load - idle) * a_match_s)
+        if run == 0:  # which is what is told
+            told = analyse(trace, windows, METER, 1.0)["marginal_j_per_match_interval"]
+            assert told == [found.low, found.high]
+        covered += found.low <= JOULES <= found.high
     assert 450 <= covered <= 495
 
 
@@ -423,13 +428,17 @@ def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
         ("time,power\n2,1\n1,1\n", "does not increase"),
         ("time,power\n1,x\n2,1\n", "cannot read"),
         ("time,power\n1,1\n", "two samples"),
+        ("Date;Watts\n2026-01-01 10:00:00;2.5\n", "time in seconds"),
+        ("time,power\n1,2\n2,3,4\n", "sample 2, '2,3,4'"),
+        ("time,power\n1,2\n2\n", "sample 2, '2'"),
+        ("", "cannot read"),
     ):
         path.write_text(text)
         with pytest.raises(UsageError, match=says):
             read_csv(path)
 
 
-PROFILE = ["profile", "--quick", "--window-s", "0.3"]
+PROFILE = ["profile", "--quick", "--window-s", "0.1"]
 
 
 @pytest.fixture(scope="module")
@@ -445,6 +454,13 @@ def profile(load, tmp_path_factory):
     nowhere = ["--sysroot", str(folder), "-o", str(folder / "out"), "--no-figures"]
     assert main([*PROFILE, *load, *nowhere]) == 0
     return folder / "out"
+
+
+@pytest.fixture
+def timed_before(profile, monkeypatch):
+    """Few pixels against all are timed once: what that gives is another test's."""
+    found = json.loads((profile / "profile.json").read_text())["sparse_against_all"]
+    monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: found)
 
 
 def test_without_a_sensor_all_but_the_joules_is_there(profile, tmp_path, capsys):
@@ -529,6 +545,7 @@ def board(root):
     return folder / "power1_input"
 
 
+@pytest.mark.usefixtures("timed_before")
 def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(drive, load, tmp_path, capsys):  # noqa: F811
     """Of the map and smaller ones; the report holds accuracy against energy, all figures drawn."""
     truth = ["--ground-truth", str(drive / "truth.csv"), "--tolerance", "1.5"]
@@ -537,6 +554,7 @@ def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(drive, load, 
     (drive / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
     with Follower(power):
         flags = ["--sysroot", str(tmp_path), "--shunt-mohm", "20", "-o", str(out)]
+        flags += ["--window-s", "0.3"]  # the meter follows within some 50 ms
         assert main([*PROFILE, *load, *truth, *flags]) == 0
     shown = capsys.readouterr()
     assert "measuring energy takes about" in shown.err
@@ -555,11 +573,12 @@ def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(drive, load, 
     assert (out / "report.html").read_text().count("<img") == 4
 
 
+@pytest.mark.usefixtures("timed_before")
 def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, capsys, monkeypatch):
     """In mid-run: not measured, with the reason; speed and memory are there."""
     power, out = board(tmp_path), tmp_path / "out"
     # some of the turns have been taken by then
-    gone = threading.Timer(1.0, power.unlink)
+    gone = threading.Timer(0.5, power.unlink)
     monkeypatch.setattr(profiling, "_say_how_long", lambda *unused: gone.start())
     flags = ["--sysroot", str(tmp_path), "-o", str(out), "--no-figures"]
     assert main([*PROFILE, *load, *flags]) == 0
@@ -571,6 +590,21 @@ def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, c
     assert "not measured" in capsys.readouterr().out
 
 
+def test_what_is_missing_is_found_before_minutes_of_measuring(load, tmp_path, capsys, monkeypatch):
+    """Ground truth that cannot be read, a tolerance that is not given, another camera's map."""
+    monkeypatch.setattr(profiling, "_measured", lambda *unused: pytest.fail("measured"))
+    to = ["-o", str(tmp_path / "out")]
+    (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    for flags, says in (
+        (["--ground-truth", str(tmp_path / "none.csv"), "--tolerance", "1"], "none.csv"),
+        (["--ground-truth", str(tmp_path / "truth.csv")], "tolerance"),
+        (["--sensor", "99x99"], "sensor"),
+    ):
+        assert main([*PROFILE, *load, *flags, *to]) in (1, 2)
+        assert says in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("timed_before")
 def test_a_throttled_run_is_void(load, tmp_path, capsys):
     """What was read stays, and no figure does."""
     board(tmp_path)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from edge_vpr.events import Events
-from edge_vpr.pipeline import EventSource, cleaned, map_traverse
+from edge_vpr.pipeline import EventSource, check_sensor, cleaned, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.experiments.trial import Times, TruthOf
 from edge_vpr_tools.power.designs import Compared, of_map, of_pair
@@ -49,7 +49,7 @@ def load_of(args: argparse.Namespace) -> Load:
     Raises
     ------
     EdgeVprError
-        If map or recording cannot be used.
+        If map, recording or ground truth cannot be used.
     """
     if args.map is None:
         return _simulated(args.seed)
@@ -58,6 +58,7 @@ def load_of(args: argparse.Namespace) -> Load:
 
     reference = ReferenceMap.load(args.map)
     recording = open_from(args, args.recording)
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
     truth_of = None
     inputs = [args.map, args.recording]
     if args.ground_truth is not None:
@@ -69,6 +70,9 @@ def load_of(args: argparse.Namespace) -> Load:
                 frame_period=args.frame_period,
             )  # fmt: skip
 
+        # once at the door: it is needed again after minutes of measuring
+        queries = describe(recording, reference.pixel_map, reference.settings, reference.full_scale)
+        truth_of(reference.places.centre_us, queries.centre_us)
     events = list(cleaned(recording, reference.settings))
     designs = of_map(reference)
     return Load(args.recording, reference, events, recording, designs, truth_of, inputs)

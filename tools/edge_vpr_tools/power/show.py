@@ -157,7 +157,7 @@ def notes(found: dict[str, Any]) -> list[str]:
         said.append(f"Sampling took {energy['sampler_cpu_share']:.2%} of a core, idle or not.")
     if energy["resolved"]:
         share = energy["idle_w"] / energy["mission_matches_per_s"] / energy["mission_j_per_match"]
-        said.append(f"At the mission's rate, {share:.1%} of the energy is the board at rest.")
+        said.append(f"At the mission's rate, {share:.2%} of the energy is the board at rest.")
     return said
 
 

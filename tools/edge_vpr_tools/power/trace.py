@@ -182,10 +182,18 @@ def read_csv(path: Path) -> tuple[Floats, Floats]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             header, *rows = [row for row in csv.reader(file) if row]
-        names = [name.strip().lower() for name in header]
-        values = np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
     except (OSError, ValueError) as error:
         raise UsageError(f"cannot read a power trace from {path}: {error}") from error
+    names = [name.strip().lower() for name in header]
+    values = np.empty((len(rows), len(names)))
+    for i, row in enumerate(rows):
+        try:
+            values[i] = [float(cell) for cell, _ in zip(row, names, strict=True)]
+        except ValueError:
+            raise UsageError(
+                f"cannot read a power trace from {path}, sample {i + 1}, {','.join(row)!r}: "
+                f"expected {len(names)} numbers with commas between them, time in seconds"
+            ) from None
 
     def column(*choices: str) -> Floats | None:
         found = next((names.index(name) for name in choices if name in names), None)
