@@ -623,24 +623,29 @@ def test_a_throttled_run_is_void(load, tmp_path, capsys):
     assert "void: throttled" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_profile_leaves_nothing(load, tmp_path, number):
-    """At any time: one line, exit 130, no file half written."""
+def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
+    """By Ctrl-C or SIGTERM, at any time: one line, exit 130, no file half written."""
     board(tmp_path)
-    out = tmp_path / "results" / "out"
-    command = [sys.executable, "-m", "edge_vpr_tools.cli", "profile", *load, "-o", str(out)]
-    with subprocess.Popen(
-        [*command, "--sysroot", str(tmp_path)], stderr=subprocess.PIPE, text=True
-    ) as running:
-        assert running.stderr is not None
-        # it says so when it begins to measure, for minutes
-        assert "measuring" in running.stderr.readline()
-        time.sleep(0.3)
-        running.send_signal(number)
-        rest = running.stderr.read()
-        assert running.wait(20) == 130
-    assert rest == "edge-vpr: interrupted; nothing half written was left\n"
-    assert list((tmp_path / "results").iterdir()) == []
+    command = [sys.executable, "-m", "edge_vpr_tools.cli", "profile", *load]
+    command += ["--sysroot", str(tmp_path), "-o"]
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    started = [
+        subprocess.Popen(
+            [*command, str(tmp_path / f"{number}/out")], stderr=subprocess.PIPE, text=True
+        )
+        for number in numbers
+    ]
+    for number, process in zip(numbers, started, strict=True):
+        with process as running:
+            assert running.stderr is not None
+            # it says so when it begins to measure, for minutes
+            assert "measuring" in running.stderr.readline()
+            time.sleep(0.3)
+            running.send_signal(number)
+            rest = running.stderr.read()
+            assert running.wait(20) == 130
+        assert rest == "edge-vpr: interrupted; nothing half written was left\n"
+        assert list((tmp_path / str(number)).iterdir()) == []
 
 
 def test_a_meter_on_a_port_that_is_none_is_one_line(load, tmp_path, capsys):
