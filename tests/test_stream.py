@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ import pytest
 from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.pipeline import cleaned, map_traverse
@@ -284,8 +286,7 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
         "--port", link.address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
         "--every", "event", "--max-lag", "100ms",
     )  # fmt: skip
-    while not link.read(0.1):
-        pass
+    greeted(link)
     sent_all(link, encoder.start())
     for part in np.array_split(flood, 60):
         sent_all(link, encoder.encode(part))
@@ -394,77 +395,92 @@ class Running:
         return out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_run_with_its_summary_and_its_files(number, drive, tmp_path):
+def at_once(scenario, *choices):
+    """Play a scenario for each choice, at the same time: processes take a second to start."""
+    with ThreadPoolExecutor() as pool:
+        for _ in pool.map(scenario, choices):
+            pass
+
+
+def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
     events = np.concatenate(list(open_recording(drive / "query.npz")))[:5_000]
     events["t"] -= events["t"][0]  # the stream has no frame before its first event
     sent = open_encoder("evpr", SENSOR).encode(events)
-    read_end, write_end = os.pipe()
-    files = ["--record", tmp_path / "events.npz", "--log", tmp_path / "run.jsonl"]
-    words = ["--port", "-", "--protocol", "evpr", "--map", drive / "map.npz", *files]
-    run = Running(*words, stdin=read_end)
-    os.close(read_end)
-    with os.fdopen(write_end, "wb") as pipe:
-        pipe.write(sent)
-        pipe.flush()
+
+    def interrupted_by(number):
+        recording, log = (tmp_path / f"{number.name}{end}" for end in (".npz", ".jsonl"))
+        words = ["--port", "-", "--protocol", "evpr", "--map", drive / "map.npz"]
+        run = Running(*words, "--record", recording, "--log", log, stdin=subprocess.PIPE)
+        run.process.stdin.buffer.write(sent)
+        run.process.stdin.flush()
         run.wait_for(lambda line: " 5,000 events" in line)
         out = run.stop(number)
-    assert "5,000 events" in out
-    assert "0 events lost on the way" in out
-    assert "from byte to match" in out
-    recorded = np.concatenate(list(open_recording(tmp_path / "events.npz")))
-    assert np.array_equal(recorded, events)
-    assert rows_of(tmp_path / "run.jsonl", "summary")[0]["events"] == 5_000
+        assert "5,000 events" in out
+        assert "0 events lost on the way" in out
+        assert "from byte to match" in out
+        recorded = np.concatenate(list(open_recording(recording)))
+        assert np.array_equal(recorded, events)
+        assert rows_of(log, "summary")[0]["events"] == 5_000
+
+    at_once(interrupted_by, signal.SIGINT, signal.SIGTERM)
+
+
+def greeted(link):
+    """Wait until the host has said that it is there."""
+    end = time.monotonic() + 30
+    while not link.read(0.1):
+        assert time.monotonic() < end
 
 
 def sent_all(link, data):
-    view = memoryview(data)
+    view, end = memoryview(data), time.monotonic() + 30
     while view:
         view = view[link.write(bytes(view), 1) :]
+        assert time.monotonic() < end
 
 
-@pytest.mark.parametrize("kind", ["cable", "network"])
-def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(kind, drive, tmp_path):
+def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(drive, tmp_path):
     events = np.concatenate(list(open_recording(drive / "query.npz")))
     before, meanwhile, after = np.split(events, [15_000, 25_000])
-    encoder = open_encoder("evpr", SENSOR)
 
-    def plug_in(address="tcp://127.0.0.1:0"):
-        if kind == "network":
-            link = open_device_link(address)
-            return link, link.address
-        link = open_device_link("virtual")
-        port = tmp_path / "event-camera"  # a name of its own, as udev gives it
-        port.symlink_to(link.address)
-        return link, str(port)
+    def broken(kind):
+        encoder = open_encoder("evpr", SENSOR)
 
-    def greeted(link):
-        while not link.read(0.1):
-            pass
+        def plug_in(address="tcp://127.0.0.1:0"):
+            if kind == "network":
+                link = open_device_link(address)
+                return link, link.address
+            link = open_device_link("virtual")
+            port = tmp_path / "event-camera"  # a name of its own, as udev gives it
+            port.symlink_to(link.address)
+            return link, str(port)
 
-    link, address = plug_in()
-    run = Running(
-        "--port", address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
-        "--every", "10ms",
-    )  # fmt: skip
-    greeted(link)
-    sent_all(link, encoder.start() + encoder.encode(before))
-    run.wait_for(lambda line: '"events": 15000' in line)
-    link.close()
-    (tmp_path / "event-camera").unlink(missing_ok=True)
-    encoder.encode(meanwhile)
-    told = json.loads(run.wait_for(lambda line: '"kind": "link"' in line))
-    assert "trying again" in told["text"]
-    link, _ = plug_in(address)
-    greeted(link)
-    sent_all(link, encoder.encode(after))
-    run.wait_for(lambda line: '"events": 30000' in line)
-    last = run.stop().splitlines()[-1]
-    link.close()
-    health = json.loads(last)
-    assert health["kind"] == "summary"
-    assert (health["decoded"], health["lost"], health["reopened"]) == (30_000, 10_000, 1)
-    assert health["accounting"] == "exact"
+        link, address = plug_in()
+        run = Running(
+            "--port", address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
+            "--every", "10ms",
+        )  # fmt: skip
+        greeted(link)
+        sent_all(link, encoder.start() + encoder.encode(before))
+        run.wait_for(lambda line: '"events": 15000' in line)
+        link.close()
+        if kind == "cable":
+            Path(address).unlink()
+        encoder.encode(meanwhile)
+        told = json.loads(run.wait_for(lambda line: '"kind": "link"' in line))
+        assert "trying again" in told["text"]
+        link, _ = plug_in(address)
+        greeted(link)
+        sent_all(link, encoder.encode(after))
+        run.wait_for(lambda line: '"events": 30000' in line)
+        last = run.stop().splitlines()[-1]
+        link.close()
+        health = json.loads(last)
+        assert health["kind"] == "summary"
+        assert (health["decoded"], health["lost"], health["reopened"]) == (30_000, 10_000, 1)
+        assert health["accounting"] == "exact"
+
+    at_once(broken, "cable", "network")
 
 
 @pytest.mark.parametrize(
@@ -474,6 +490,9 @@ def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(kind, d
         ([], "pass --sensor WIDTHxHEIGHT or --map"),
         (["--sensor", "4x4", "--protocol", "x"], "choose one of evpr"),
         (["--sensor", "4x4", "--record", "a.npz", "--record", "b.npz"], "one file of events"),
+        (["--sensor", "4x4", "--record", "a.xyz"], "expected .bin for bytes, or .npz"),
+        (["--sensor", "4x4", "--baud", "0"], "expected the speed of a serial port"),
+        (["--map", "map.npz", "--counter-bits", "4"], "--counter-bits is decided when a map"),
     ],
 )
 def test_wrong_use_of_stream_is_one_line(words, says, capsys):
@@ -481,6 +500,142 @@ def test_wrong_use_of_stream_is_one_line(words, says, capsys):
     err = capsys.readouterr().err.strip()
     assert says in err
     assert "\n" not in err
+
+
+@pytest.fixture(scope="module")
+def sent(drive):
+    """The query as a file of bytes."""
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    encoder = open_encoder("evpr", SENSOR)
+    path = drive / "sent.bin"
+    path.write_bytes(encoder.start() + encoder.encode(events))
+    return path
+
+
+def streamed(*words):
+    return main(["stream", "--protocol", "evpr", *map(str, words)])
+
+
+def test_what_is_read_is_never_written_over(drive, sent, capsys):
+    before, reference = sent.read_bytes(), drive / "map.npz"
+    for words in (["--record", sent], ["--record", drive / ".." / drive.name / "sent.bin"],
+                  ["--log", reference], ["--record", "a.bin", "--log", "a.bin"]):  # fmt: skip
+        assert streamed("--port", sent, "--map", reference, "--overwrite", *words) == 2
+        assert "is named twice" in capsys.readouterr().err
+    assert sent.read_bytes() == before
+    assert len(ReferenceMap.load(reference)) > 1
+
+
+def test_a_camera_that_is_not_there_costs_no_file_of_the_run_before(drive, tmp_path):
+    files = [tmp_path / name for name in ("raw.bin", "run.jsonl", "events.npz")]
+    for file in files:
+        file.write_bytes(b"of the run before")
+    words = ["--record", files[0], "--log", files[1], "--record", files[2], "--overwrite"]
+    assert streamed("--port", tmp_path / "ttyNone", "--map", drive / "map.npz", *words) == 1
+    assert {file.read_bytes() for file in files} == {b"of the run before"}
+
+
+def test_a_full_disk_ends_its_file_and_not_the_run(drive, sent, tmp_path, capsys):
+    full = tmp_path / "full.bin"
+    full.symlink_to("/dev/full")
+    log = tmp_path / "run.jsonl"
+    words = ["--port", sent, "--map", drive / "map.npz", "--overwrite", "--every", "10ms"]
+    assert streamed(*words, "--record", full, "--log", log) == 1
+    told = capsys.readouterr()
+    assert f"{full} ends early: No space left on device: check" in told.out
+    assert "going on without it" in told.out
+    assert "ends early" in told.err
+    assert rows_of(log, "summary")[0]["events"] == 40_000
+    assert len(rows_of(log, "file")) == 1
+    events = tmp_path / "events.npz"
+    assert streamed(*words, "--log", "/dev/full", "--record", events) == 1
+    assert "/dev/full ends early" in capsys.readouterr().err
+    assert sum(part.size for part in open_recording(events)) == 40_000
+
+
+def test_events_that_cannot_be_recorded_are_matched_all_the_same(
+    drive, sent, tmp_path, capsys, monkeypatch
+):
+    import edge_vpr.recordings
+
+    def write_recording(path, events, **_):
+        next(events)
+        raise RecordingError(f"{path} cannot be written: No space left on device")
+
+    monkeypatch.setattr(edge_vpr.recordings, "write_recording", write_recording)
+    words = ["--port", sent, "--map", drive / "map.npz", "--record", tmp_path / "e.npz"]
+    assert streamed(*words) == 1
+    told = capsys.readouterr()
+    assert "cannot be written: No space left on device; going on without it" in told.out
+    assert "40,000 events in" in told.out
+    assert "No space left" in told.err
+
+
+def test_a_drive_that_makes_no_map_is_kept(sent, tmp_path, capsys):
+    output = tmp_path / "map.npz"
+    for name in ("map_drive.npz", "map_drive1.npz"):
+        words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output]
+        assert streamed(*words, "--pixels", "100000") == 2
+        err = capsys.readouterr().err
+        assert f"the drive is kept: edge-vpr map {tmp_path / name} -o {output}" in err
+        assert sum(part.size for part in open_recording(tmp_path / name)) == 40_000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["map_drive.npz", "map_drive1.npz"]
+    empty = tmp_path / "empty.bin"
+    empty.write_bytes(b"")
+    assert streamed("--port", empty, "--sensor", "64x48", "--learn", "-o", output) == 1
+    assert f"no events came from {empty}" in capsys.readouterr().err
+    assert not output.exists()
+
+
+def test_a_reader_that_leaves_ends_the_run_with_its_files_whole(drive, sent, tmp_path):
+    files = ["--record", tmp_path / "events.npz", "--log", tmp_path / "run.jsonl"]
+    run = Running("--port", sent, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
+                  "--every", "event", *files)  # fmt: skip
+    run.process.stdout.readline()
+    run.process.stdout.close()
+    assert run.process.wait(timeout=20) == 0
+    assert run.process.stderr.read() == ""
+    run.stop()
+    (summary,) = rows_of(tmp_path / "run.jsonl", "summary")
+    recorded = sum(part.size for part in open_recording(tmp_path / "events.npz"))
+    assert recorded == summary["events"] > 0
+
+
+@pytest.mark.parametrize("protocol", ["evpr", "evt3", "edvs"])
+def test_bytes_of_another_protocol_are_told_at_once(protocol, drive, tmp_path, capsys):
+    noise = tmp_path / "noise.bin"
+    noise.write_bytes(np.random.default_rng(0).bytes(30_000))
+    words = ["--port", noise, "--sensor", "64x48", "--protocol", protocol]
+    assert main(["stream", *map(str, words)]) == 0
+    assert "are not of this protocol: check --protocol" in capsys.readouterr().out
+
+
+def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"udp://127.0.0.1:{free.getsockname()[1]}"
+    run = Running("--port", address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
+                  "--max-lag", "60s")  # fmt: skip
+    run.wait_for(lambda line: '"stalled"' in line)
+    bridge, _, thread = bridge_thread(address, "evpr", drive, speed=4.0)
+    thread.join(timeout=10)
+    assert bridge.sent_events == 40_000
+    run.wait_for(lambda line: '"kind": "health"' in line and whole([line]) == 40_000)
+    health = json.loads(run.stop().splitlines()[-1])
+    assert health["bytes"] <= bridge.sent_bytes
+    assert health["events"] > 30_000
+
+
+def test_a_camera_that_has_to_be_asked_cannot_be_over_udp(drive, capsys):
+    words = ["bridge", drive / "query.npz", "--protocol", "openmv", "--port", "udp://127.0.0.1:9"]
+    assert main([str(word) for word in words]) == 2
+    assert "take TCP or a serial line" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("speed", ["-1", "nan", "inf"])
+def test_a_speed_that_makes_no_sense_is_refused(speed, drive, capsys):
+    assert main(["bridge", str(drive / "query.npz"), f"--speed={speed}"]) == 2
+    assert "give 1 for real time" in capsys.readouterr().err
 
 
 def test_ports_are_listed(capsys):

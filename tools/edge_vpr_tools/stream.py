@@ -141,8 +141,6 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
             _record(events, drive or (files[0] if files else None), args, live, view)
         finally:
             view.summary(decoder.health, live.bursts_removed)
-        if drive is not None and decoder.health.events == 0:
-            raise RecordingError(f"no events came from {intake.address}: there is nothing to learn")
         if intake.error is not None:
             raise intake.error
         if view.unwritten:
@@ -164,7 +162,11 @@ def _record(
         try:
             write_recording(target, events, sensor=sensor, overwrite=args.overwrite)
         except RecordingError as error:
-            if args.learn or live.decoder.health.events == 0:
+            if live.decoder.health.events == 0:
+                raise RecordingError(
+                    f"no events came from {args.port}: check --protocol and --baud"
+                ) from error
+            if args.learn:
                 raise
             view.give_up(str(error))
     for _ in events:
