@@ -147,10 +147,11 @@ def notes(found: dict[str, Any]) -> list[str]:
         return said
     with_gain = "the meter's gain error is not known, and not in them"
     if sensor["gain_error"]:
-        low, high = energy["marginal_j_per_match_interval_with_gain"]
+        bounds = energy["marginal_j_per_match_interval_with_gain"]
+        low, high = (quantity(bound, "J", digits=4) for bound in bounds)
         with_gain = (
             f"with the meter's gain error of {sensor['gain_error']:.2%} the marginal energy is "
-            f"{low:.4g} to {high:.4g} J"
+            f"{low} to {high}"
         )
     said.append(f"Intervals are of 95 %, by bootstrap over {energy['pairs']} pairs; {with_gain}.")
     if "sampler_cpu_share" in energy:
