@@ -60,7 +60,7 @@ def line(request):
 
 
 def answers(camera, parts):
-    """What a camera says that is asked until it has nothing more."""
+    """Return what a camera says that is asked until it has nothing more."""
     host, said, now, left = open_decoder("openmv", SENSOR), [], 0.0, list(reversed(parts))
     question = host.setup()
     while left or camera.held:
