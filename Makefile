@@ -12,7 +12,7 @@ demo: $(call STAMP,run)
 
 # what has compiled kernels runs a second time in plain Python
 KERNELS := cleaning codes counters fixedpoint localiser matcher matches pipeline simulate_pixels \
-           sliding_window windows
+           sliding_window stream_protocols windows
 
 test: lint types
 	$(BIN)/python -m pytest
