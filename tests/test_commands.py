@@ -251,6 +251,19 @@ def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_user_without_a_home_is_told_where_compiled_code_can_go(
+    drive, capsys, tmp_path, monkeypatch
+):
+    """Numba raises this when it is imported from a folder that a service may not write to."""
+
+    def fail(*unused):
+        raise RuntimeError("cannot cache function '_below': no locator available for file 'a.py'")
+
+    monkeypatch.setattr("edge_vpr.matches.Matches.save_csv", fail)
+    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
+    refused(capsys, *arguments, code=1, says="set NUMBA_CACHE_DIR to one that can be written to")
+
+
 def test_a_fault_of_ours_is_one_line_and_debug_shows_the_trace(
     drive, capsys, tmp_path, monkeypatch
 ):

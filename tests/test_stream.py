@@ -48,6 +48,16 @@ def drive(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def sent(drive):
+    """The query as a file of bytes."""
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    encoder = open_encoder("evpr", SENSOR)
+    path = drive / "sent.bin"
+    path.write_bytes(encoder.start() + encoder.encode(events))
+    return path
+
+
 def offline(folder, every, *, from_first=False):
     """The matches of the recording as a file."""
     reference = ReferenceMap.load(folder / "map.npz")
@@ -422,14 +432,46 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
         assert np.array_equal(recorded, events)
         assert rows_of(log, "summary")[0]["events"] == 5_000
 
-    at_once(interrupted_by, signal.SIGINT, signal.SIGTERM)
+    at_once(interrupted_by, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def wait_until(condition, seconds=30):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def greeted(link):
     """Wait until the host has said that it is there."""
-    end = time.monotonic() + 30
-    while not link.read(0.1):
-        assert time.monotonic() < end
+    wait_until(lambda: link.read(0.1))
+
+
+@pytest.mark.parametrize("reader", ["leaves", "sleeps"])
+def test_a_reader_that_reads_no_more_costs_no_file(reader, drive, tmp_path):
+    """One that leaves ends the run; for one that does not read, it takes a second signal."""
+    flood, files = tmp_path / "flood.bin", [tmp_path / "events.npz", tmp_path / "run.jsonl"]
+    rng, encoder = np.random.default_rng(5), open_encoder("evpr", SENSOR)
+    flood.write_bytes(encoder.encode(random_events(rng, 1_000_000, SENSOR, 10_000_000)))
+    run = Running(
+        "--port", flood, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
+        "--every", "event", "--record", files[0], "--log", files[1],
+    )  # fmt: skip
+    run.process.stdout.readline()
+    if reader == "leaves":
+        run.process.stdout.close()
+    else:
+        time.sleep(0.3)  # far more is said than a pipe holds
+        assert run.process.poll() is None
+        for _ in range(2):
+            run.process.send_signal(signal.SIGTERM)
+            time.sleep(0.1)
+    assert run.process.wait(timeout=20) == 0
+    assert run.process.stderr.read() == ""
+    run.stop()
+    (summary,) = rows_of(files[1], "summary")
+    recorded = sum(part.size for part in open_recording(files[0]))
+    assert 0 < recorded == summary["events"] < 1_000_000
 
 
 def sent_all(link, data):
@@ -500,16 +542,6 @@ def test_wrong_use_of_stream_is_one_line(words, says, capsys):
     err = capsys.readouterr().err.strip()
     assert says in err
     assert "\n" not in err
-
-
-@pytest.fixture(scope="module")
-def sent(drive):
-    """The query as a file of bytes."""
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
-    encoder = open_encoder("evpr", SENSOR)
-    path = drive / "sent.bin"
-    path.write_bytes(encoder.start() + encoder.encode(events))
-    return path
 
 
 def streamed(*words):
@@ -587,20 +619,6 @@ def test_a_drive_that_makes_no_map_is_kept(sent, tmp_path, capsys):
     assert not output.exists()
 
 
-def test_a_reader_that_leaves_ends_the_run_with_its_files_whole(drive, sent, tmp_path):
-    files = ["--record", tmp_path / "events.npz", "--log", tmp_path / "run.jsonl"]
-    run = Running("--port", sent, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
-                  "--every", "event", *files)  # fmt: skip
-    run.process.stdout.readline()
-    run.process.stdout.close()
-    assert run.process.wait(timeout=20) == 0
-    assert run.process.stderr.read() == ""
-    run.stop()
-    (summary,) = rows_of(tmp_path / "run.jsonl", "summary")
-    recorded = sum(part.size for part in open_recording(tmp_path / "events.npz"))
-    assert recorded == summary["events"] > 0
-
-
 @pytest.mark.parametrize("protocol", ["evpr", "evt3", "edvs"])
 def test_bytes_of_another_protocol_are_told_at_once(protocol, drive, tmp_path, capsys):
     noise = tmp_path / "noise.bin"
@@ -617,7 +635,7 @@ def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp
     run = Running("--port", address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
                   "--max-lag", "60s")  # fmt: skip
     run.wait_for(lambda line: '"stalled"' in line)
-    bridge, _, thread = bridge_thread(address, "evpr", drive, speed=4.0)
+    bridge, _, thread = bridge_thread(address, "evpr", drive, speed=20.0)
     thread.join(timeout=10)
     assert bridge.sent_events == 40_000
     run.wait_for(lambda line: '"kind": "health"' in line and whole([line]) == 40_000)

@@ -68,6 +68,12 @@ def _report(error: Exception) -> int:
         text, code = str(error), error.exit_code
     elif isinstance(error, OSError):
         text, code = f"{error}: check the path, its permissions and the free space", EXIT_FAILED
+    elif "cannot cache function" in str(error):
+        text = (
+            "Numba finds no folder where it may keep compiled code: set NUMBA_CACHE_DIR to one "
+            "that can be written to"
+        )
+        code = EXIT_FAILED
     else:
         kind = type(error).__name__
         text = f"internal error, {kind}: {error}: run again with --debug and report what it prints"

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish to end well: the work stops, its files and its summary do not."""
+"""Ctrl-C, SIGTERM and a terminal that is closed as a wish to end well, with files and summary."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ def stopped_by_signals(stopping: threading.Event) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    caught = (signal.SIGINT, signal.SIGTERM)
+    caught = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.getsignal(number) for number in caught}
+    if before[signal.SIGHUP] is signal.SIG_IGN:
+        del before[signal.SIGHUP]  # `nohup` asked to go on
 
     def stop(number: int, frame: FrameType | None) -> None:
         if stopping.is_set():
             raise KeyboardInterrupt
         stopping.set()
 
-    for number in caught:
+    for number in before:
         signal.signal(number, stop)
     try:
         yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
@@ -57,7 +58,7 @@ class View:
     Attributes
     ----------
     unread : bool
-        Whether the reader of our output has gone, as `head` does.
+        Whether nobody reads our output any more, as after `head`.
     unwritten : str
         Which file was given up and why, if one was.
     """
@@ -197,13 +198,18 @@ class View:
             self._print(text, flush=row["kind"] != "match")
 
     def _print(self, *text: str, flush: bool = True) -> None:
-        """Print lines, or only flush those before; a reader that has gone ends the run well."""
+        """Print lines, or only flush those before; a reader that has gone ends the run well.
+
+        So does a second signal while the reader neither goes nor reads.
+        """
         try:
             for line in text:
                 print(line)
             if flush:
                 sys.stdout.flush()
-        except BrokenPipeError:
+        except (OSError, KeyboardInterrupt) as error:
+            if isinstance(error, OSError) and error.errno not in (errno.EPIPE, errno.EIO):
+                raise
             self.unread = True
             with Path(os.devnull).open("wb") as nowhere:
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
