@@ -2,8 +2,7 @@
 
 ``python tools/bench/soak.py --minutes 10`` plays a device of 12 Mbaud on a pseudo-terminal, runs
 the command as its own process, and watches it from outside: a match is late by the time from the
-write of the byte that it needed to the line in which it was read. ``--write FILE`` adds a row to
-a table in Markdown.
+write of the byte that it needed to the line in which it was read.
 """
 
 from __future__ import annotations
@@ -94,7 +93,9 @@ def soak(protocol: str, minutes: float, baud: int, every: str) -> dict[str, Any]
     rng = np.random.default_rng(0)
     sensor = SENSORS.get(protocol.partition(":")[0], Sensor(346, 260))
     encoder = open_encoder(protocol, sensor)
-    probe = np.concatenate([next(slices(rng, sensor, 2e8)) for _ in range(2)])
+    # about what fits, as a protocol may take more bytes an event where there are few
+    few = slices(rng, sensor, baud / 40)
+    probe = np.concatenate([next(few) for _ in range(100)])
     bytes_per_event = len(open_encoder(protocol, sensor).encode(probe)) / probe.size
     rate = baud / 10 / bytes_per_event
     with tempfile.TemporaryDirectory() as folder:
@@ -186,18 +187,29 @@ def judged(watched: Watched, times: list[int], writes: list[float]) -> dict[str,
 
 
 def main() -> None:
-    """Soak one protocol and print a row."""
+    """Soak one protocol and say what was seen."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--protocol", default="evpr")
     parser.add_argument("--minutes", type=float, default=10)
     parser.add_argument("--baud", type=int, default=12_000_000)
     parser.add_argument("--every", default="50ms")
-    parser.add_argument("--write", type=Path, help="table to add a row to")
     args = parser.parse_args()
     seen = soak(args.protocol, args.minutes, args.baud, args.every)
-    memory = np.array(seen.pop("memory")) / 1e6
-    print(json.dumps(seen, indent=1))
-    print("resident MB each tenth:", np.round(memory[:: max(1, len(memory) // 10)], 1).tolist())
+    # the first tenth is the start
+    memory = np.array(seen["memory"])[len(seen["memory"]) // 10 :] / 1e6
+    half, most, worst = seen["latency_ms"]
+    share = (seen["cpu_s"] - seen["cpu_before_s"]) / seen["seconds"]
+    print(
+        f"{args.protocol}: {seen['sent']:,} events in {seen['sent_bytes']:,} bytes over "
+        f"{seen['seconds']:.0f} s; {seen['delivered']:,} delivered, {seen['rejected']:,} rejected, "
+        f"{seen['lost']:,} lost, {seen['overrun_bytes']:,} bytes overrun"
+    )
+    print(
+        f"from byte to match {half:.1f} ms median, {most:.1f} ms for 99 %, {worst:.1f} ms at most, "
+        f"of {seen['matches']:,} matches; {share:.0%} of a core; resident {memory[0]:.1f} MB at "
+        f"first, {memory[-1]:.1f} MB at the end, {memory.max():.1f} MB at most"
+    )
+    print(f"the device itself was late by up to {seen['device_late_ms']:.1f} ms")
 
 
 if __name__ == "__main__":
