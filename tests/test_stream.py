@@ -13,6 +13,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
@@ -626,6 +627,61 @@ def test_bytes_of_another_protocol_are_told_at_once(protocol, drive, tmp_path, c
     words = ["--port", noise, "--sensor", "64x48", "--protocol", protocol]
     assert main(["stream", *map(str, words)]) == 0
     assert "are not of this protocol: check --protocol" in capsys.readouterr().out
+
+
+def test_events_of_another_sensor_are_told_at_once(sent, capsys):
+    assert streamed("--port", sent, "--sensor", "8x48") == 0
+    assert " events are not on this sensor: check --sensor" in capsys.readouterr().out
+
+
+def test_the_bridge_says_how_it_is_read(drive, capsys):
+    """A layout cannot be found out from the bytes, and a width is in every frame."""
+    for protocol, host in (("aer:layout=jaer8", "aer:layout=jaer8"), ("evpr:width=3", "evpr")):
+        words = ["bridge", drive / "query.npz", "--protocol", protocol, "--speed", "0"]
+        assert main([*map(str, words), "--port", "udp://127.0.0.1:9"]) == 0
+        told = capsys.readouterr().out
+        assert f"edge-vpr stream --port udp://127.0.0.1:9 --protocol {host} --sensor 64x48" in told
+
+
+def test_nothing_is_left_to_compile_when_the_bytes_come(drive, sent):
+    """In a fresh process, as other tests have compiled everything; for both kinds of window."""
+    if numba.config.DISABLE_JIT:
+        pytest.skip("nothing is compiled")
+    program = """
+import dataclasses, gc, sys
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from edge_vpr.policy import Every
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.stream.live import LiveLocaliser
+from edge_vpr.stream.protocols import open_decoder
+
+def compiled():
+    kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {(k.py_func.__module__, k.__name__, str(s)) for k in kernels for s in k.signatures}
+
+reference, sent = ReferenceMap.load(sys.argv[1]), Path(sys.argv[2]).read_bytes()
+for window in ("time", "count"):
+    given = {"window": window, "events_per_pixel": 1.0}
+    settings = reference.settings.replaced(given, "a test")
+    decoder = open_decoder("evpr", reference.pixel_map.sensor)
+    decoder.warm_up()
+    live = LiveLocaliser(
+        decoder, dataclasses.replace(reference, settings=settings), Every(interval_us=10_000)
+    )
+    before, matches = compiled(), 0
+    for at in range(0, len(sent), 20_000):
+        matches += live.feed(sent[at : at + 20_000], 0, lost=int(at == 60_000)).matches.size
+    live.finish()
+    assert compiled() == before, (window, compiled() - before)
+    assert matches > 10 and len(before) > 5, (matches, before)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program, drive / "map.npz", sent],
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+        timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp_path):

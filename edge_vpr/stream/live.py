@@ -14,7 +14,7 @@ from edge_vpr.events import Events
 from edge_vpr.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.stream.protocols.protocol import Decoder
+from edge_vpr.stream.protocols.protocol import Decoder, made_up_events
 
 
 class Step(NamedTuple):
@@ -69,12 +69,12 @@ class LiveLocaliser:
                     f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                     "use the map of this camera"
                 )
-            Localiser(reference, every=every).advance(1)  # compiled before the stream runs
+            self._settings = reference.settings
+            self._table = reference.pixel_map.table()
+            _rehearse(reference, every)
             self._localiser = Localiser(reference, every=every)
             if reference.settings.remove_bursts:
                 self._bursts = BurstFilter(sensor)
-            self._settings = reference.settings
-            self._table = reference.pixel_map.table()
 
     @property
     def bursts_removed(self) -> int:
@@ -165,3 +165,13 @@ class LiveLocaliser:
             return 0
         p = events["p"] if self._settings.polarity else None
         return int(select_events(self._table, events["x"], events["y"], p)[0].size)
+
+
+def _rehearse(reference: ReferenceMap, every: Every | None) -> None:
+    """Compile what matching needs, which takes up to seconds, before the first bytes come."""
+    events = made_up_events()
+    localiser = Localiser(reference, every=every)
+    bursts = BurstFilter(reference.pixel_map.sensor)
+    for piece in (*bursts.pieces(events), bursts.finish()):
+        localiser.update(piece)
+    localiser.advance(int(events["t"][-1]) + 1)

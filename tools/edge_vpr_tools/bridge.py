@@ -57,9 +57,9 @@ def run(args: argparse.Namespace) -> None:
     link = open_device_link(args.port, baud=args.baud, flow_control=args.flow_control)
     try:
         bridge = Bridge(link, encoder, speed=args.speed, faults=faults, seed=args.seed)
-        # a host finds out the options of a device, but for which channel it asks
+        # a host finds out the options of a device, but for its channel or its layout
         name = args.protocol.partition(":")[0]
-        host = args.protocol if name == "openmv" else name
+        host = args.protocol if name in ("openmv", "aer") else name
         print(f"{link.address} waits for a host: edge-vpr stream --port {link.address} "
               f"--protocol {host} --sensor {recording.sensor}", flush=True)  # fmt: skip
         with stopped_by_signals(bridge.stopping):

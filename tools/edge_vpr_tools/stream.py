@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from edge_vpr.events import Events
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
+    from edge_vpr.stream.health import Health
     from edge_vpr.stream.intake import Intake
     from edge_vpr.stream.live import LiveLocaliser, Step
     from edge_vpr_tools.live_view import View
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
 HELP = "localise live from a camera on a serial line, TCP, UDP, a pipe or a file"
 STALLED_S = 1.0
-#: Bytes that no protocol's beginning takes.
-SENSELESS_BYTES = 8_192
+#: More than a protocol's beginning takes, and than a bad line puts together by chance.
+SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
 
 
 def run(args: argparse.Namespace) -> None:
@@ -183,8 +184,8 @@ def _events(
 ) -> Iterator[Events]:
     """Yield the stream's events while it is matched and shown."""
     begin = heard = time.monotonic()
-    silent = closed = senseless = False
-    remark = ""
+    silent = closed = False
+    remark = senseless = ""
     health = live.decoder.health
     while not (stopping.is_set() or intake.ended or view.unread):
         piece = intake.take(live.decoder.tick_s)
@@ -207,17 +208,8 @@ def _events(
             silent = True
             health.stalls += 1
             view.say("stalled", f"no bytes for {STALLED_S:g} s from {intake.address}")
-        if (
-            not senseless
-            and health.skipped_bytes > SENSELESS_BYTES
-            and (health.decoded == 0 or health.skipped_bytes > 9 * health.decoded_bytes)
-        ):
-            senseless = True
-            view.say(
-                "senseless",
-                f"{health.skipped_bytes:,} of {health.bytes:,} bytes are not of this protocol: "
-                "check --protocol, --baud and --sensor",
-            )
+        if not senseless and (senseless := _senseless(health)):
+            view.say("senseless", senseless)
         intake.send(live.decoder.to_send(time.monotonic()))
         if live.decoder.remark != remark:
             remark = live.decoder.remark
@@ -232,6 +224,23 @@ def _events(
     view.matches(step, 0.0)
     if step.events.size:
         yield step.events
+
+
+def _senseless(health: Health) -> str:
+    """Say that what comes is not what was expected, if most of it is not."""
+    if health.skipped_bytes > SENSELESS_BYTES and (
+        health.decoded == 0 or health.skipped_bytes > 9 * health.decoded_bytes
+    ):
+        return (
+            f"{health.skipped_bytes:,} of {health.bytes:,} bytes are not of this protocol: check "
+            "--protocol and --baud"
+        )
+    if health.off_sensor > max(SENSELESS_EVENTS, health.events):
+        return (
+            f"{health.off_sensor:,} of {health.decoded:,} events are not on this sensor: check "
+            "--sensor, or the map"
+        )
+    return ""
 
 
 def _write_raw(raw: list[FileIO], data: bytes, view: View) -> None:
