@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -712,8 +713,59 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, drive, capsys):
     assert "give 1 for real time" in capsys.readouterr().err
 
 
-def test_ports_are_listed(capsys):
+def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
+    from edge_vpr_tools import live_view
+    from rich.console import Console
+
+    shown = []
+
+    class Terminal:
+        def update(self, panel):
+            console = Console(width=120, record=True, file=io.StringIO())
+            console.print(panel)
+            shown.append(console.export_text())
+
+    monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
+    live = LiveLocaliser(
+        open_decoder("evpr", SENSOR), ReferenceMap.load(drive / "map.npz"), Every(events=1)
+    )
+    view = live_view.View(False, None, 29, Terminal())
+    data = sent.read_bytes()
+    for part in (data[:10_000], data[10_000:80_000], data[90_000:]):
+        step = live.feed(part, 0)
+        view.matches(step, 0.0123)
+        view.tick(live)
+    assert "first sequence" in shown[0]
+    last = step.matches[-1]
+    assert (
+        f"place {last['place']} of 29 ({100 * last['place'] / 28:.0f} % of the route)" in shown[2]
+    )
+    assert f"ratio {last['ratio']:.3f}, incomplete: events were lost" in shown[2]
+    assert "12.3 ms from byte to match" in shown[2]
+    assert "no faults" in shown[1]
+    assert "1 sequence gap" in shown[2]
+    assert f"{live.decoder.health.lost:,} lost" in shown[2]
+
+
+def test_ports_are_listed(capsys, monkeypatch):
+    from serial.tools import list_ports
+    from serial.tools.list_ports_common import ListPortInfo
+
+    found = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
+    found[0].vid, found[0].pid = 0x0403, 0x6014
+    found[1].vid, found[1].pid = 0x37C5, 0x1206
+    monkeypatch.setattr(list_ports, "comports", lambda: found)
     assert main(["ports", "--json"]) == 0
-    assert isinstance(json.loads(capsys.readouterr().out), list)
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["port"], row["protocol"], row["baud"]) for row in rows] == [
+        ("/dev/ttyACM0", "openmv", 921_600),
+        ("/dev/ttyS0", None, None),
+        ("/dev/ttyUSB0", "edvs", 12_000_000),
+    ]
     assert main(["ports"]) == 0
-    assert capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("/dev/ttyACM0  37c5:1206  OpenMV N6")
+    assert lines[0].endswith("--protocol openmv --baud 921600")
+    monkeypatch.setattr(list_ports, "comports", list)
+    assert main(["ports"]) == 0
+    assert "no serial ports" in capsys.readouterr().out
