@@ -375,12 +375,21 @@ def test_faults_that_make_no_sense_are_refused(text):
         LineFaults.parse(text)
 
 
+# lines come ten times as often, or most of a test's time would be spent on waiting for them
+PROGRAM = """
+import sys
+from edge_vpr_tools import cli, live_view
+live_view._LINE_S = 0.1
+sys.exit(cli.main())
+"""
+
+
 class Running:
     """The command as a process; one that says nothing fails its test instead of holding it up."""
 
     def __init__(self, *words, stdin=None):
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "edge_vpr_tools.cli", "stream", *map(str, words)],
+            [sys.executable, "-c", PROGRAM, "stream", *map(str, words)],
             stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
         )  # fmt: skip
