@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr.stream.link import DescriptorLink, Link, as_link_error
+from edge_vpr.stream.link import DescriptorLink, Link, LinkError, as_link_error
 from edge_vpr.stream.network_links import TcpLink, TcpServerLink, UdpHostLink, UdpSenderLink
 from edge_vpr.stream.serial_links import VirtualLink, open_serial
 
@@ -43,8 +43,12 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
         return UdpHostLink(*_host_port(address))
     path = Path(address)
     if path.is_file():
-        with as_link_error(address):
+        try:
             return DescriptorLink(address, os.open(path, os.O_RDONLY), live=False)
+        except OSError as error:
+            raise LinkError(
+                f"cannot read {address}: {error.strerror}: check its permissions"
+            ) from error
     return open_serial(address, baud, flow_control=flow_control)
 
 
