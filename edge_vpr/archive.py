@@ -97,6 +97,8 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
             arrays = {name: archive[name] for name in archive.files}
     except FileNotFoundError as error:
         raise MapError(f"there is no {kind} at {path}: check the path") from error
+    except PermissionError as error:
+        raise MapError(f"{path} may not be read: check its permissions") from error
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MapError(f"{path} is not a readable {kind} ({error}): make it again") from error
     header = arrays.pop(_HEADER, None)

@@ -22,6 +22,7 @@ from edge_vpr.stream.intake import Intake
 from edge_vpr.stream.links import open_device_link, open_link
 from edge_vpr.stream.protocols import open_decoder, open_encoder
 from edge_vpr.stream.protocols.openmv_camera import Camera
+from edge_vpr.stream.protocols.openmv_checksums import crc
 from edge_vpr.stream.protocols.openmv_device import CameraEncoder
 from edge_vpr.stream.protocols.openmv_host import PATIENCE_S
 from edge_vpr.stream.protocols.openmv_packets import (
@@ -30,7 +31,6 @@ from edge_vpr.stream.protocols.openmv_packets import (
     Flag,
     Opcode,
     Packet,
-    crc,
     pack,
 )
 from edge_vpr.stream.protocols.openmv_records import PERIOD_US, open_maker

@@ -52,7 +52,9 @@ def read_layout(path: str | Path) -> Layout:
     try:
         values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"cannot read the layout {path}: {error}") from error
+        raise UsageError(
+            f"cannot read the layout {path}: {error}: name a TOML file as docs/stream.md shows it"
+        ) from error
     if unknown := set(values) - _KEYS:
         raise UsageError(
             f"{path} names {', '.join(sorted(unknown))}: a layout has {', '.join(sorted(_KEYS))}"

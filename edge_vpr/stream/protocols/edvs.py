@@ -11,228 +11,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numba import njit
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.gate import Clock, no_columns
-from edge_vpr.stream.protocols.layout import (
-    NOTICE_WORDS,
-    Field,
-    Layout,
-    LayoutDecoder,
-    LayoutEncoder,
-    read_words,
-)
+from edge_vpr.stream.protocols.edvs_formats import BITS, STEPS, detect, layout_of
+from edge_vpr.stream.protocols.edvs_steps import StepDecoder, encode_steps
+from edge_vpr.stream.protocols.layout import LayoutDecoder, LayoutEncoder
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
-from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw
 
 SENSOR = Sensor(128, 128)
-#: Bits of the time, by format; steps are not of fixed size.
-STEPS = -1
-_BITS = {
-    "new": {"E0": 0, "E1": STEPS, "E2": 16, "E3": 24, "E4": 32},
-    "old": {"E0": 0, "E1": 16, "E2": 24, "E3": 32},
-}
-#: Bytes from which the format is found, and the longest event.
+#: Bytes from which the format is found.
 DETECT_BYTES = 1_024
 #: A format found is looked for again if most of so many bytes do not fit it.
 DOUBT_BYTES = 16_384
-#: A reading fits if more than this share of a stretch looks right; half of any noise does.
-FITS = 0.75
-#: The same where no time of full length speaks for it.
-FITS_WITHOUT_TIME = 0.9
-_LONGEST = 6
-
-
-def layout_of(bits: int, sync: int) -> Layout:
-    """Lay out an event of fixed size: `bits` of time, and the value of the sync bit."""
-    return Layout(
-        size=2 + bits // 8,
-        big=True,
-        x=Field(bits, 7),
-        p=Field(bits + 7, 1),
-        y=Field(bits + 8, 7),
-        t=Field(0, bits),
-        sync_mask=1 << (bits + 15),
-        sync_value=sync << (bits + 15),
-    )
-
-
-class StepDecoder(Decoder):
-    """Decodes E1, whose events are 3 to 6 bytes long.
-
-    A shifted stream is noticed at the first byte that should have a sync bit and has none, or
-    step that does not end.
-    """
-
-    def __init__(self, sensor: Sensor, sync: int) -> None:
-        super().__init__(sensor, Clock())
-        self._sync = sync
-        self._now = 0
-        self._searching = True
-        self._room = no_columns()
-        self.resync_bytes = (SEARCH_WORDS + NOTICE_WORDS + 1) * _LONGEST
-
-    def _lose_sync(self) -> None:
-        self._searching = True
-
-    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
-        raw = np.frombuffer(data, dtype=np.uint8)
-        if raw.size // 3 >= self._room.t.size:
-            self._room = _room(raw.size)
-        t, x, y, p = self._room
-        at, count = 0, 0
-        while True:
-            if self._searching:
-                # a start is judged by the events after it, and by the starts next to it
-                starts = raw.size - at - (0 if final else (SEARCH_WORDS + 1) * _LONGEST)
-                if starts <= 0:
-                    break
-                skip, found = _search_steps(raw[at:], self._sync, SEARCH_WORDS, starts)
-                self.health.skipped_bytes += skip
-                at += skip
-                if not found:
-                    continue
-                self._searching = False
-            used, n_found, self._now, lost = _take_steps(
-                raw[at:], self._sync, self._now, t[count:], x[count:], y[count:], p[count:]
-            )
-            at, count = at + used, count + n_found
-            if not lost:
-                break
-            self.health.resyncs += 1
-            self._searching = True
-        return [Columns(t[:count], x[:count], y[:count], p[:count])], data[at:]
-
-
-@njit(cache=True, nogil=True)
-def _take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
-    """Decode whole events; stop at the first that cannot be one."""
-    at, n = 0, 0
-    while at < raw.size:
-        if raw[at] >> 7 != sync:
-            return at, n, now, True
-        step, end = np.int64(0), at + 2
-        while end < raw.size and raw[end] < 128 and end < at + 5:
-            step = step << 7 | np.int64(raw[end])
-            end += 1
-        if end >= raw.size:
-            break
-        if raw[end] < 128:
-            return at, n, now, True
-        now += step << 7 | (np.int64(raw[end]) & 127)
-        t[n], x[n], y[n], p[n] = now, raw[at + 1] & 127, raw[at] & 127, raw[at + 1] >> 7
-        n += 1
-        at = end + 1
-    return at, n, now, False
-
-
-@njit(cache=True, nogil=True)
-def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
-    """Find the first byte from which `words` events (or as many as there are) can be read.
-
-    Returns how many bytes lie before it, and whether there is one before `starts`. A shifted
-    reading takes every row for a step and so runs through time faster: of the next offsets that can
-    be read, the first is right, unless another takes less than half its time.
-    """
-    best, best_time, first = starts, np.int64(-1), -1
-    for start in range(raw.size):
-        if start >= (first + _LONGEST if first >= 0 else starts):
-            break
-        at, n, time, bad = start, 0, np.int64(0), False
-        while n < words and at < raw.size and not bad:
-            if raw[at] >> 7 != sync:
-                bad = True
-                break
-            step, end = np.int64(0), at + 2
-            while end < raw.size and raw[end] < 128 and end < at + 5:
-                step = step << 7 | np.int64(raw[end])
-                end += 1
-            if end >= raw.size:
-                break
-            bad = raw[end] < 128
-            time += step << 7 | (np.int64(raw[end]) & 127)
-            at = end + 1
-            n += 1
-        if not bad and n > 0:
-            if first < 0:
-                first = start
-            # a later event of the same reading leaves out a step; a shifted reading, most of all
-            if best_time < 0 or 2 * time < best_time:
-                best, best_time = start, time
-    return best, first >= 0
-
-
-def _room(size: int) -> Columns:
-    """Columns for the events that `size` bytes of steps can hold."""
-    return no_columns(size // 3 + 1)
-
-
-def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int, int] | None:
-    """Find bits of time and sync bit of a stretch of a stream; None if nothing fits.
-
-    A wrong reading may fit as well, where a byte of it hardly changes; time then runs faster.
-    Events of steps, and events without time, are what remains if no other reading fits.
-
-    Parameters
-    ----------
-    data : bytes
-    bits : iterable of int
-        Candidates.
-    syncs : iterable of {0, 1}
-    """
-    raw, bits = np.frombuffer(data, dtype=np.uint8), set(bits)
-    fits = []
-    for sync in syncs:
-        for candidate in bits:
-            if candidate == STEPS:
-                share, pace = _share_of_steps(raw, sync), 0.0
-            else:
-                share, pace = _share(raw, layout_of(candidate, sync))
-            rank = {0: 2, STEPS: 1}.get(candidate, 0)
-            if share > (FITS_WITHOUT_TIME if rank else FITS):
-                fits.append((rank, pace, -share, candidate, sync))
-    if not fits:
-        return None
-    *_, candidate, sync = min(fits)
-    return candidate, sync
-
-
-def _share(raw: Raw, layout: Layout) -> tuple[float, float]:
-    """Share of words that look right from the best offset, and how fast time runs there."""
-    found = [(0.0, 0.0)]
-    if raw.size >= layout.size:
-        for offset, reading in enumerate(read_words(raw, raw.size, layout.form())):
-            words = (raw.size - offset) // layout.size
-            # the same again and again is a dead line; of few words many look right by chance
-            share = reading.good / words * reading.moves - words**-0.5
-            found.append((share, reading.pace))
-    best = max(share for share, _ in found)
-    return best, min(pace for share, pace in found if share > best - 0.1)
-
-
-@njit(cache=True, nogil=True)
-def _share_of_steps(raw, sync):  # type: ignore[no-untyped-def]
-    """Share of events of steps that can be read, of these and the places where none can.
-
-    No device says a step in more bytes than it needs.
-    """
-    at, read, breaks = 0, 0, 0
-    while at + 2 < raw.size:
-        end = at + 2
-        while end < raw.size and raw[end] < 128 and end < at + 5:
-            end += 1
-        if end == raw.size:
-            break
-        if raw[at] >> 7 != sync or raw[end] < 128 or raw[at + 2] == 0:
-            breaks += 1
-            at += 1
-        else:
-            read += 1
-            at = end + 1
-    return read / max(1, read + breaks)
 
 
 class EdvsDecoder(Decoder):
@@ -253,7 +46,7 @@ class EdvsDecoder(Decoder):
         self, sensor: Sensor, bits: tuple[int, ...], syncs: tuple[int, ...], command: str
     ) -> None:
         if max(sensor) > 128:
-            raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: leave --sensor out")
+            raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: pass --sensor 128x128")
         super().__init__(sensor, Clock())
         self._bits, self._syncs, self._command = bits, syncs, command
         self._given = len(bits) == 1 and len(syncs) == 1
@@ -400,21 +193,9 @@ class EdvsEncoder(Encoder):
         """Encode events."""
         if self._bits != STEPS:
             return self._words.encode(events)
-        if events.size == 0:
-            return b""
-        steps = np.diff(events["t"], prepend=self._last)
-        self._last = int(events["t"][-1])
-        # a silence of more than 28 bits cannot be said
-        steps = np.clip(steps, 0, (1 << 28) - 1)
-        groups = (steps[:, None] >> np.array([21, 14, 7, 0])) & 127
-        needed = np.maximum.accumulate(groups > 0, axis=1)
-        needed[:, 3] = True
-        groups[:, 3] |= 128
-        y = self._sync << 7 | events["y"].astype(np.int64)
-        x = events["p"].astype(np.int64) << 7 | events["x"]
-        rows = np.concatenate([np.stack([y, x], axis=1), groups], axis=1)
-        sent = np.concatenate([np.ones((steps.size, 2), dtype=np.bool_), needed], axis=1)
-        return rows[sent].astype(np.uint8).tobytes()
+        data = encode_steps(events, self._last, self._sync)
+        self._last = int(events["t"][-1]) if events.size else self._last
+        return data
 
     def respond(self, command: bytes) -> bytes:
         """Take commands; a new format counts from the next event on."""
@@ -429,8 +210,8 @@ class EdvsEncoder(Encoder):
                 self._echo = False
             elif word == "?V":
                 answer.append("EDVS128 V2.3")
-            elif word.startswith("!E") and word[1:] in _BITS[self._dialect]:
-                self._set(_BITS[self._dialect][word[1:]])
+            elif word.startswith("!E") and word[1:] in BITS[self._dialect]:
+                self._set(BITS[self._dialect][word[1:]])
                 answer.append(f"-{word}")
         return "".join(f"{text}\n" for text in answer).encode("ascii")
 
@@ -445,7 +226,7 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
         # any bytes look like events without time: these are not looked for
         bits = {32, 24, 16, STEPS}
     else:
-        bits = {_BITS[each][wanted] for each in dialects if wanted in _BITS[each]}
+        bits = {BITS[each][wanted] for each in dialects if wanted in BITS[each]}
     if not bits:
         raise UsageError("edvs: the old dialect has no E4: its E3 has 32 bits")
     return EdvsDecoder(
@@ -460,11 +241,11 @@ def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     """Make an encoder."""
     wanted = options.choice("format", ("E3", "E0", "E1", "E2", "E4"))
     dialect = options.choice("dialect", ("new", "old"))
-    if wanted not in _BITS[dialect]:
+    if wanted not in BITS[dialect]:
         raise UsageError("edvs: the old dialect has no E4: its E3 has 32 bits")
     return EdvsEncoder(
         sensor,
-        _BITS[dialect][wanted],
+        BITS[dialect][wanted],
         int(options.choice("sync", ("1", "0"))),
         dialect,
         echo=options.choice("echo", ("on", "off")) == "on",

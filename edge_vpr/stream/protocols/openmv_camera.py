@@ -10,6 +10,7 @@ import struct
 from collections import deque
 from dataclasses import dataclass
 
+from edge_vpr.stream.protocols.openmv_checksums import crc
 from edge_vpr.stream.protocols.openmv_packets import (
     CAP_ACK,
     CAP_CRC,
@@ -25,7 +26,6 @@ from edge_vpr.stream.protocols.openmv_packets import (
     Opcode,
     Packet,
     Status,
-    crc,
     pack,
 )
 

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.stream.health import Health
+from edge_vpr.stream.protocols.openmv_checksums import TABLE16, TABLES32, crc, crc16, crc32
 
 SYNC = b"\xaa\xd5"
 #: mark, sequence, channel, flags, opcode, length, CRC-16 of these
@@ -106,70 +106,6 @@ def pack(
     return packet + payload + CHECK.pack(crc(payload, 32)) if payload else packet
 
 
-def _tables(polynomial: int, bits: int, count: int) -> npt.NDArray[np.int64]:
-    """Remainders of each byte with 0, 1, ... zero bytes after it."""
-    mask = (1 << bits) - 1
-    rows = np.zeros((count, 256), dtype=np.int64)
-    for byte in range(256):
-        value = byte << (bits - 8)
-        for _ in range(8):
-            value = ((value << 1) ^ (polynomial if value >> (bits - 1) else 0)) & mask
-        rows[0, byte] = value
-    for k in range(1, count):
-        before = rows[k - 1]
-        rows[k] = ((before << 8) & mask) ^ rows[0][before >> (bits - 8)]
-    return rows
-
-
-_TABLE16 = _tables(0xF94F, 16, 1)
-_TABLES32 = _tables(0xFA567D89, 32, 8)
-
-
-def crc(data: bytes, bits: int) -> int:
-    """Checksum of 16 or 32 bits: not reflected, all ones at first, nothing done at the end.
-
-    Examples
-    --------
-    >>> hex(crc(b"123456789", 16)), hex(crc(b"123456789", 32))
-    ('0xe541', '0x41b403d3')
-    """
-    raw = np.frombuffer(data, dtype=np.uint8)
-    if bits == 16:
-        return int(_crc16(raw, 0, raw.size, _TABLE16))
-    return int(_crc32(raw, 0, raw.size, _TABLES32))
-
-
-@njit(cache=True, nogil=True)
-def _crc16(data: Any, start: Any, stop: Any, tables: Any) -> Any:
-    value = np.int64(0xFFFF)
-    for i in range(start, stop):
-        value = ((value << 8) & 0xFFFF) ^ tables[0, (value >> 8) ^ data[i]]
-    return value
-
-
-@njit(cache=True, nogil=True)
-def _crc32(data: Any, start: Any, stop: Any, tables: Any) -> Any:
-    """Eight bytes a step: their remainders do not wait for each other."""
-    value = np.int64(0xFFFFFFFF)
-    i = start
-    while i + 8 <= stop:
-        value = (
-            tables[7, (value >> 24) ^ data[i]]
-            ^ tables[6, ((value >> 16) & 255) ^ data[i + 1]]
-            ^ tables[5, ((value >> 8) & 255) ^ data[i + 2]]
-            ^ tables[4, (value & 255) ^ data[i + 3]]
-            ^ tables[3, data[i + 4]]
-            ^ tables[2, data[i + 5]]
-            ^ tables[1, data[i + 6]]
-            ^ tables[0, data[i + 7]]
-        )
-        i += 8
-    while i < stop:
-        value = ((value << 8) & 0xFFFFFFFF) ^ tables[0, (value >> 24) ^ data[i]]
-        i += 1
-    return value
-
-
 _AT, _BAD_FROM, _SKIPPED, _RESYNCS, _ERRORS, _PACKETS, _SEQUENCE, _FILL, _STATE = range(9)
 
 
@@ -230,7 +166,7 @@ class PacketFinder:
         self._state[_FILL] = len(before)
         found = _find(
             self._raw, self._state, self._out, self.limit, self.channel, self._trust,
-            _TABLE16, _TABLES32,
+            TABLE16, TABLES32,
         )  # fmt: skip
         self.joined = self._out[: self._state[_FILL]]
         if not found:
@@ -275,7 +211,7 @@ def _find(  # type: ignore[no-untyped-def]
         size = 10
         if whole:
             believed = (
-                _crc16(data, at, at + 8, table16) == int(data[at + 8]) | int(data[at + 9]) << 8
+                crc16(data, at, at + 8, table16) == int(data[at + 8]) | int(data[at + 9]) << 8
             )
             length = int(data[at + 6]) | int(data[at + 7]) << 8
             believed = believed and length <= limit
@@ -287,7 +223,7 @@ def _find(  # type: ignore[no-untyped-def]
                 check = 0
                 for k in range(4):
                     check |= int(data[end + k]) << (8 * k)
-                believed = _crc32(data, at + 10, end, tables32) == check
+                believed = crc32(data, at + 10, end, tables32) == check
         if believed and not whole:
             if at >= trust:
                 break
