@@ -11,12 +11,12 @@ import struct
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_model.build import EMULATED, SOURCES, Target, build
 from firmware_model.emulator import Emulator
-from firmware_model.instructions import compiler
+from firmware_model.instructions import compiler, table
 
 TABLE = SOURCES / "evpr_instructions.csv"
 
@@ -219,14 +219,6 @@ def measure(target: Target, folder: str | Path) -> EvprInstructions:
 
 def _mean(values: Sequence[int]) -> float:
     return round(sum(values) / len(values), 1)
-
-
-def table(rows: Sequence[EvprInstructions]) -> str:
-    """Write measurements as CSV."""
-    names = [field.name for field in fields(EvprInstructions)]
-    lines = [",".join(names)]
-    lines += [",".join(str(value) for value in asdict(row).values()) for row in rows]
-    return "\n".join(lines) + "\n"
 
 
 def main() -> None:

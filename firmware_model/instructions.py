@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from firmware_model.build import EMULATED, FIRMWARE, SOURCES, Target, build
 from firmware_model.design import Design
@@ -202,9 +203,9 @@ def compiler() -> str:
     return f"ziglang {version('ziglang')}"
 
 
-def table(rows: Sequence[Instructions]) -> str:
-    """Write measurements as CSV."""
-    names = [field.name for field in fields(Instructions)]
+def table(rows: Sequence[Any]) -> str:
+    """Write measurements, dataclasses of one kind and at least one, as CSV."""
+    names = [field.name for field in fields(rows[0])]
     lines = [",".join(names)]
     lines += [",".join(str(value) for value in asdict(row).values()) for row in rows]
     return "\n".join(lines) + "\n"

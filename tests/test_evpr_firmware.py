@@ -23,8 +23,8 @@ from edge_vpr.stream.protocols import open_decoder
 from edge_vpr.stream.protocols.evpr import HEADER, EvprEncoder
 from firmware_model.build import EMULATED, HOST, SOURCES, WARNINGS, build
 from firmware_model.emulator import Emulator
-from firmware_model.evpr_instructions import TABLE, measure, table
-from firmware_model.instructions import compiler
+from firmware_model.evpr_instructions import TABLE, measure
+from firmware_model.instructions import compiler, table
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
