@@ -626,8 +626,12 @@ def test_a_throttled_run_is_void(load, tmp_path, capsys):
 def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
     """By Ctrl-C or SIGTERM, at any time: one line, exit 130, no file half written."""
     board(tmp_path)
-    command = [sys.executable, "-m", "edge_vpr_tools.cli", "profile", *load]
-    command += ["--sysroot", str(tmp_path), "-o"]
+    # a shell that starts the tests in the background has Ctrl-C ignored, by its children as well
+    listening = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from edge_vpr_tools.cli import main; sys.exit(main())"
+    )
+    command = [sys.executable, "-c", listening, "profile", *load, "--sysroot", str(tmp_path), "-o"]
     numbers = (signal.SIGINT, signal.SIGTERM)
     started = [
         subprocess.Popen(
