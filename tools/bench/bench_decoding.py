@@ -90,7 +90,7 @@ def bench_decoding(race, benchmark, line, size):
         decoder = open_decoder(host, SENSOR)
         return sum(decoder.feed(piece).size for piece in pieces) + decoder.finish().size
 
-    race(f"{line.device}, pieces of {size}", OURS, run, EVENTS, rounds=5)
+    race(f"decode 4 M events, {line.device}, pieces of {size}", OURS, run, EVENTS, rounds=5)
     least = benchmark.stats.stats.min
     share = least / (len(line.data) / LINE)
     benchmark.extra_info["note"] = f"{EVENTS / least / 1e6:.0f} M events/s, {share:.1%} of a core"
@@ -104,14 +104,13 @@ def bench_reading_only(race, line, size):
     def run():
         return sum(int(np.frombuffer(piece, np.uint8).sum()) for piece in pieces)
 
-    work = f"{line.device}, pieces of {size}"
+    work = f"decode 4 M events, {line.device}, pieces of {size}"
     race(work, "sum of the bytes, NumPy", run, expected, rounds=5, limit=True)
 
 
+@pytest.mark.parametrize("line", ["evpr", "evpr:width=3,frame=200"], indirect=True)
 def bench_framing_of_others(race, line):
     """COBS and its checksum only, no event decoded: `cobs` with its C part, and zlib."""
-    if not line.device.startswith("evpr"):
-        pytest.skip("only frames of ours have this framing")
     cobs = pytest.importorskip("cobs.cobs", reason="cobs is not installed")
     pieces = cut(line.data, PIECES["64 KiB"])
 
@@ -124,7 +123,7 @@ def bench_framing_of_others(race, line):
                 frames += zlib.crc32(plain[:-4]) == int.from_bytes(plain[-4:], "little")
         return frames
 
-    work = f"{line.device}, pieces of 64 KiB"
+    work = f"decode 4 M events, {line.device}, pieces of 64 KiB"
     race(work, "cobs + zlib, framing only", run, line.data.count(b"\0"), rounds=3)
 
 
@@ -143,11 +142,10 @@ def by_expelliarmus(path, encoding):
     return lambda: expelliarmus.Wizard(encoding=encoding).read(str(path)).size
 
 
+@pytest.mark.parametrize("line", ["evt2", "evt3"], indirect=True)
 @pytest.mark.parametrize("peer", ["eventcv", "faery", "expelliarmus"])
 def bench_words_by_readers_of_files(race, line, peer, tmp_path):
     """None takes words from a line: they read a file, which lies in memory, at once."""
-    if line.device not in ("evt2", "evt3"):
-        pytest.skip("only raw words have readers of others")
     path = tmp_path / "words.raw"
     header = (
         f"% evt {line.device[3]}.0\n% format {line.device.upper()}\n% geometry {SENSOR}\n% end\n"
@@ -158,4 +156,10 @@ def bench_words_by_readers_of_files(race, line, peer, tmp_path):
         "faery": lambda: by_faery(path),
         "expelliarmus": lambda: by_expelliarmus(path, line.device),
     }[peer]()
-    race(f"{line.device}, pieces of 64 KiB", f"{peer}, whole file", run, EVENTS, rounds=3)
+    race(
+        f"decode 4 M events, {line.device}, pieces of 64 KiB",
+        f"{peer}, whole file",
+        run,
+        EVENTS,
+        rounds=3,
+    )
