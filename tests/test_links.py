@@ -15,9 +15,12 @@ import time
 import pytest
 
 from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.stream.bridge import Bridge
 from edge_vpr.stream.intake import Intake, Piece
 from edge_vpr.stream.link import Link, LinkClosed, LinkError
 from edge_vpr.stream.links import open_device_link, open_link
+from edge_vpr.stream.protocols import open_encoder
 from edge_vpr.stream.serial_links import SerialLink, UrlLink
 
 
@@ -306,3 +309,20 @@ def test_damage_counted_by_the_system_is_added_up_over_links():
     while intake.line_errors != 5:
         intake.take(1)
     intake.stop()
+
+
+def test_a_bridge_that_nobody_greets_waits_until_its_terminal_has_been_set_up():
+    device = open_device_link("virtual")
+    assert not device.opened()
+    # evt3 has no greeting: what it sends before the host is there would be thrown away
+    bridge = Bridge(device, open_encoder("evt3", Sensor(4, 4)), speed=0)
+    waiting = threading.Thread(target=bridge.wait_for_host, daemon=True)
+    waiting.start()
+    waiting.join(timeout=0.8)
+    assert waiting.is_alive()
+    host = open_link(device.address)
+    assert device.opened()
+    waiting.join(timeout=5)
+    assert not waiting.is_alive()
+    host.close()
+    device.close()

@@ -14,6 +14,7 @@ from edge_vpr.events import Events
 from edge_vpr.stream.link import Link, LinkClosed
 from edge_vpr.stream.network_links import TcpServerLink
 from edge_vpr.stream.protocols.protocol import Encoder
+from edge_vpr.stream.serial_links import VirtualLink
 
 #: Events are sent every so often, and an idle device says so.
 SLICE_US = 5_000
@@ -139,8 +140,11 @@ class Bridge:
             elif isinstance(self._link, TcpServerLink):
                 if self._link.accepted(0.1):
                     return
+            elif isinstance(self._link, VirtualLink) and not self._link.opened():
+                self.stopping.wait(0.05)
             else:
-                time.sleep(0.5)  # a host that is opening a terminal throws away what came before
+                # a host that is opening a terminal throws away what came before
+                self.stopping.wait(0.5)
                 return
 
     def run(self, recording: Iterable[Events]) -> None:

@@ -27,6 +27,11 @@ class VirtualLink(DescriptorLink):
         super().__init__(os.ttyname(slave), master)
         # held open, so that a host may come and go
         self._slave = slave
+        self._as_made = termios.tcgetattr(slave)
+
+    def opened(self) -> bool:
+        """Tell whether a host has set the terminal up, as all do that take it for a serial port."""
+        return termios.tcgetattr(self._slave) != self._as_made
 
     def drain(self, timeout: float) -> None:
         """Wait until the host has read all: closing a terminal throws away what it has not."""
