@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ EVENT_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
 
 Events = npt.NDArray[Any]
 """A structured array of :data:`EVENT_DTYPE`, shape ``(n,)``."""
+_PLAIN = np.dtype(f"V{EVENT_DTYPE.itemsize}")
 
 
 class Sensor(NamedTuple):
@@ -128,6 +130,26 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
             f"time runs backwards between two chunks, from {after} to {t[0]} us: "
             "feed the chunks in order"
         )
+
+
+def join_events(parts: Sequence[Events]) -> Events:
+    """Join event arrays, one behind the other.
+
+    Parameters
+    ----------
+    parts : sequence of ndarray of EVENT_DTYPE
+        Each without gaps in memory; one alone is returned as it is.
+
+    Returns
+    -------
+    ndarray of EVENT_DTYPE, shape (n,)
+    """
+    if len(parts) == 1:
+        return parts[0]
+    if not parts:
+        return np.empty(0, dtype=EVENT_DTYPE)
+    # as plain bytes: field by field, as NumPy joins records, takes 17 times as long
+    return np.concatenate([part.view(_PLAIN) for part in parts]).view(EVENT_DTYPE)
 
 
 def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from edge_vpr.cleaning import BurstFilter
 from edge_vpr.counters import select_events
 from edge_vpr.errors import MapError
-from edge_vpr.events import Events
+from edge_vpr.events import Events, join_events
 from edge_vpr.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
@@ -99,7 +99,7 @@ class LiveLocaliser:
             events.append(self.decoder.gap(lost))
             self.decoder.health.reopened += reopened
         events.append(self.decoder.feed(data, host_us))
-        return self._follow(np.concatenate(events) if len(events) > 1 else events[0])
+        return self._follow(join_events(events))
 
     def finish(self) -> Step:
         """End the stream: what was held comes out."""

@@ -13,9 +13,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from edge_vpr.errors import UsageError
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock, no_columns
+from edge_vpr.stream.gate import Clock
 from edge_vpr.stream.protocols.edvs_formats import BITS, STEPS, detect, layout_of
 from edge_vpr.stream.protocols.edvs_steps import StepDecoder, encode_steps
 from edge_vpr.stream.protocols.layout import LayoutDecoder, LayoutEncoder
@@ -79,7 +79,7 @@ class EdvsDecoder(Decoder):
             events.append(self._inner.feed(data[:left], host_us))
             data = data[left:]
             self._doubt()
-        return _joined(events) if events else self._gate.admit(no_columns())
+        return join_events(events)
 
     def gap(self, lost_bytes: int = 0) -> Events:
         """Learn that bytes are missing; see `Decoder.gap`."""
@@ -91,7 +91,7 @@ class EdvsDecoder(Decoder):
         if self._inner is None and (early := self._find_format(b"", last=True)):
             events.append(self.feed(early))
         events.append(super().finish() if self._inner is None else self._inner.finish())
-        return _joined(events)
+        return join_events(events)
 
     def warm_up(self) -> None:
         """Compile what decoding needs; see `Decoder.warm_up`."""
@@ -161,13 +161,6 @@ class EdvsDecoder(Decoder):
         if 4 * skipped > 3 * received or 4 * rejected > 3 * decoded:
             self.health.resyncs += 1
             self._pending, self._inner = self._inner._pending, None
-
-
-def _joined(events: list[Events]) -> Events:
-    if len(events) == 1:
-        return events[0]
-    # as plain bytes, which is many times faster than field by field
-    return np.concatenate([part.view(np.uint8) for part in events]).view(EVENT_DTYPE)
 
 
 class EdvsEncoder(Encoder):
