@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import os
@@ -275,6 +276,27 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
     assert not flags[-1]
     assert flags.index(False) == sum(flags)  # flagged at first, then no more
     assert health.decoded + health.lost == events.size
+
+
+@pytest.mark.parametrize("window", ["time", "count"])
+def test_the_first_matches_after_a_loss_are_flagged_however_much_comes_at_once(window, drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    if window == "count":
+        changed = {"window": "count", "events_per_pixel": 2.0}
+        settings = reference.settings.replaced(changed, "the test")
+        reference = dataclasses.replace(reference, settings=settings)
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    frames = open_encoder("evpr:frame=256", SENSOR).encode(events).split(b"\0")[:-1]
+    third = len(frames) // 3
+    before, after = (
+        b"".join(frame + b"\0" for frame in part) for part in (frames[:third], frames[third + 9 :])
+    )
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, Every(interval_us=10_000))
+    assert not live.feed(before, 0).incomplete
+    step = live.feed(after, 0)
+    assert step.matches.size > 50  # the windows of the first of them lack what was lost
+    assert step.incomplete
+    assert live.decoder.health.lost > 0
 
 
 def whole(lines):

@@ -60,7 +60,7 @@ class LiveLocaliser:
         self._losses = 0
         self._since = 0  # events at the selected pixels since the newest loss
         self._whole_us = -1  # first time after it
-        self._reached = 0
+        self._reached = self._events = 0  # of the decoder, after the newest piece
         self._time = 0  # up to which the localiser has followed
         if reference is not None:
             sensor = reference.pixel_map.sensor
@@ -113,7 +113,9 @@ class LiveLocaliser:
     def _follow(self, events: Events, *, last: bool = False) -> Step:
         if self._localiser is None:
             return Step(events, np.empty(0, dtype=MATCH_DTYPE), False)
-        matches = [self._localiser.update(piece) for piece in self._cleaned(events, last)]
+        before_us = self._time
+        pieces = self._cleaned(events, last)
+        matches = [self._localiser.update(piece) for piece in pieces]
         known = self.decoder.reached_us
         if self._bursts is not None:
             known = min(known, self._bursts.known_us)
@@ -123,7 +125,7 @@ class LiveLocaliser:
             self._time = known
         some = [each for each in matches if each.size]
         found = np.concatenate(some) if len(some) > 1 else (some or matches)[0]
-        return Step(events, found, self._incomplete(events))
+        return Step(events, found, self._incomplete(pieces, before_us))
 
     def _cleaned(self, events: Events, last: bool) -> list[Events]:
         pieces = [events]
@@ -136,28 +138,29 @@ class LiveLocaliser:
                 self._time = int(piece["t"][-1])
         return pieces
 
-    def _incomplete(self, events: Events) -> bool:
+    def _incomplete(self, pieces: list[Events], before_us: int) -> bool:
         """Tell whether a loss is younger than the windows that are compared.
 
-        The flag may stay a piece too long, and is never lifted too early.
+        The flag may stay a piece too long, and is never lifted too early: the first match of these
+        pieces decides, which is not earlier than `before_us`, where the localiser was before them.
         """
-        losses = self.decoder.health.losses
-        if losses != self._losses:
-            self._losses, self._since, self._whole_us = losses, 0, -1
+        health, now = self.decoder.health, self.decoder.reached_us
+        if health.losses != self._losses:
+            self._losses, self._since, self._whole_us = health.losses, 0, -1
+        moved, self._reached = now > self._reached or health.events > self._events, now
+        self._events = health.events
         if self._losses == 0:
-            self._reached = self.decoder.reached_us
             return False
-        now = self.decoder.reached_us
-        if events.size or now > self._reached:
-            self._reached = now
-            if self._whole_us < 0:
-                self._whole_us = now
-            self._since += self._selected(events)
+        whole_us, since = self._whole_us, self._since
+        if whole_us < 0 and moved:
+            self._whole_us = now
+        if 0 <= whole_us <= before_us:
+            self._since += sum(self._selected(piece) for piece in pieces if piece.size)
         settings = self._settings
         if settings.window == "time":
             span = settings.sequence_length * settings.tau_us
-            return self._whole_us < 0 or now - self._whole_us < span
-        return self._since < settings.sequence_length * settings.events_per_window
+            return whole_us < 0 or before_us - whole_us < span
+        return since < settings.sequence_length * settings.events_per_window
 
     def _selected(self, events: Events) -> int:
         """Count the events at the selected pixels."""
