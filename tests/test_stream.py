@@ -686,7 +686,8 @@ from numba.core.dispatcher import Dispatcher
 from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.live import LiveLocaliser
-from edge_vpr.stream.protocols import open_decoder
+from edge_vpr.events import make_events
+from edge_vpr.stream.protocols import open_decoder, open_encoder
 
 def compiled():
     kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
@@ -705,6 +706,15 @@ for window in ("time", "count"):
     for at in range(0, len(sent), 20_000):
         matches += live.feed(sent[at : at + 20_000], 0, lost=int(at == 60_000)).matches.size
     live.finish()
+    # events that come one by one are arrays of another kind
+    live = LiveLocaliser(
+        open_decoder("evpr", reference.pixel_map.sensor),
+        dataclasses.replace(reference, settings=settings), Every(interval_us=10_000),
+    )
+    encoder = open_encoder("evpr", reference.pixel_map.sensor)
+    for i in range(40):
+        n = 1 + i % 3
+        live.feed(encoder.encode(make_events([i * 3_000] * n, [i] * n, [i] * n)), 0)
     assert compiled() == before, (window, compiled() - before)
     assert matches > 10 and len(before) > 5, (matches, before)
 """
