@@ -117,20 +117,29 @@ def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyp
     return readings
 
 
-class Evt2Encoder(Encoder):
-    """Makes EVT 2.0 words: the time's high bits as often as cameras say them, a word an event."""
+class EvtEncoder(Encoder):
+    """Knows when a camera says the high bits of the time again."""
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self._slot = -1
 
+    def _says_time(self, t: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Tell before which events, at least one, the high bits are said."""
+        slot = t >> _SLOT_BITS
+        new = np.diff(slot, prepend=self._slot) != 0
+        self._slot = int(slot[-1])
+        return new
+
+
+class Evt2Encoder(EvtEncoder):
+    """Makes EVT 2.0 words: the time's high bits as often as cameras say them, a word an event."""
+
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         if events.size == 0:
             return b""
-        high, slot = events["t"] >> 6, events["t"] >> _SLOT_BITS
-        new = np.diff(slot, prepend=self._slot) != 0
-        self._slot = int(slot[-1])
+        high, new = events["t"] >> 6, self._says_time(events["t"])
         time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u4")
         low = (events["t"] & 63).astype(np.uint32) << 22
         word = (
@@ -142,20 +151,14 @@ class Evt2Encoder(Encoder):
         return _interleaved(time, new, word.astype("<u4"))
 
 
-class Evt21Encoder(Encoder):
+class Evt21Encoder(EvtEncoder):
     """Makes EVT 2.1 words of one event each."""
-
-    def __init__(self, sensor: Sensor) -> None:
-        super().__init__(sensor)
-        self._slot = -1
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         if events.size == 0:
             return b""
-        high, slot = events["t"] >> 6, events["t"] >> _SLOT_BITS
-        new = np.diff(slot, prepend=self._slot) != 0
-        self._slot = int(slot[-1])
+        high, new = events["t"] >> 6, self._says_time(events["t"])
         time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u8") << np.uint64(32)
         x = events["x"].astype(np.uint64)
         top = (
@@ -168,23 +171,23 @@ class Evt21Encoder(Encoder):
         return _interleaved(time, new, word)
 
 
-class Evt3Encoder(Encoder):
+class Evt3Encoder(EvtEncoder):
     """Makes EVT 3.0 words: times, the row where it changes, and a column an event."""
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        self._slot, self._low, self._y = -1, -1, -1
+        self._low, self._y = -1, -1
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         if events.size == 0:
             return b""
         t, y = events["t"], events["y"].astype(np.int64)
-        high, low, slot = t >> 12, t & 4095, t >> _SLOT_BITS
-        new_high = np.diff(slot, prepend=self._slot) != 0
+        high, low = t >> 12, t & 4095
+        new_high = self._says_time(t)
         new_low = new_high | (np.diff(low, prepend=self._low) != 0)
         new_y = np.diff(y, prepend=self._y) != 0
-        self._slot, self._low, self._y = int(slot[-1]), int(low[-1]), int(y[-1])
+        self._low, self._y = int(low[-1]), int(y[-1])
         words = np.stack(
             [
                 8 << 12 | (high & 4095),
