@@ -9,8 +9,8 @@ import sys
 
 import numpy as np
 import pytest
-from edge_vpr_tools import convert, info
-from edge_vpr_tools.progress import tracked
+from edge_vpr_tools.commands import convert, info
+from edge_vpr_tools.output.progress import tracked
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from edge_vpr_tools import simulate as command
+from edge_vpr_tools.commands import simulate as command
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.track_files import load_track
@@ -77,7 +77,7 @@ def test_the_sensors_offered_are_the_cameras_there_are():
 
 def test_asking_for_help_loads_no_compiler():
     program = (
-        "import sys, argparse, edge_vpr_tools.simulate as command\n"
+        "import sys, argparse, edge_vpr_tools.commands.simulate as command\n"
         "command.add_arguments(argparse.ArgumentParser())\n"
         "assert not {'numba', 'numpy', 'matplotlib'} & set(sys.modules)"
     )

@@ -8,7 +8,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-#: each verb is a module of this package with HELP, add_arguments(parser) and run(args)
+#: each verb is a module of `commands` with HELP, add_arguments(parser) and run(args)
 COMMANDS = (
     "demo",
     "map",
@@ -93,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND", title="commands")
     for name in COMMANDS:
-        module = importlib.import_module(f"edge_vpr_tools.{name}")
+        module = importlib.import_module(f"edge_vpr_tools.commands.{name}")
         command = commands.add_parser(name, help=module.HELP, description=module.HELP)
         module.add_arguments(command)
         command.set_defaults(run=module.run)

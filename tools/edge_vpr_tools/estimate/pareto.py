@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 from edge_vpr.errors import UsageError
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools import results
 from edge_vpr_tools.estimate.fit import Budget, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import Constant, Target
+from edge_vpr_tools.output import results
 from edge_vpr_tools.report.style import BLUE, ORANGE, figure, quantity_axis
 from firmware_model.design import Design
 from firmware_model.errors import DesignError

@@ -11,10 +11,10 @@ from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr_tools.arguments.setting_flags import duration_us
 from edge_vpr_tools.estimate.counts import EveryPixel
 from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.targets import Constant, Spread
-from edge_vpr_tools.setting_flags import duration_us
 from firmware_model.design import Design
 
 #: of a street seen by a DAVIS346, about; stated with every estimate
