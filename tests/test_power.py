@@ -24,7 +24,8 @@ from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
 from edge_vpr_tools.energy.sampling import Sampler, Trace, Window, align, read_csv
 from edge_vpr_tools.energy.sensors import pmic
 from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
-from edge_vpr_tools.energy.sensors.sensor import About, Sensor, SensorError, find_sensors
+from edge_vpr_tools.energy.sensors.search import find_sensors
+from edge_vpr_tools.energy.sensors.sensor import About, Sensor, SensorError
 from edge_vpr_tools.estimate.request import calibrated
 from test_commands import drive  # noqa: F401
 

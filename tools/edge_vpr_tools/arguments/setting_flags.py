@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import TYPE_CHECKING, Any
+from fractions import Fraction
+from typing import Any
 
-if TYPE_CHECKING:
-    from edge_vpr.settings import Settings
+from edge_vpr.errors import UsageError
+from edge_vpr.settings import Settings, resolve_settings
 
 # flags of a map that are named as their settings are, and the others
 _PLAIN = (
@@ -37,10 +38,6 @@ def duration_us(text: str) -> int:
     UsageError
         If it is none of these, or no whole positive number of microseconds.
     """
-    from fractions import Fraction
-
-    from edge_vpr.errors import UsageError
-
     form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(us|ms|s|)\s*", text)
     if form:
         microseconds = Fraction(form[1]) * _MICROSECONDS[form[2]]
@@ -125,8 +122,6 @@ def map_settings(args: argparse.Namespace) -> Settings:
     UsageError
         If a value is wrong.
     """
-    from edge_vpr.settings import resolve_settings
-
     flags: dict[str, Any] = {name: getattr(args, name) for name in _PLAIN}
     flags["tau_us"] = None if args.tau is None else duration_us(args.tau)
     flags["remove_hot_pixels"] = None if args.hot_pixels is None else args.hot_pixels != "keep"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from edge_vpr.errors import UsageError
+from edge_vpr.recordings.registry import FORMATS
 from edge_vpr_tools.arguments.setting_flags import add_map_flags, given_map_flags
 
 
@@ -60,8 +62,6 @@ def check_arguments(args: argparse.Namespace) -> None:
     UsageError
         If arguments contradict each other, or a file could not be written as asked.
     """
-    from edge_vpr.errors import UsageError
-
     if args.learn == (args.output is None):
         raise UsageError("--learn and -o MAP.npz belong together: give both, or neither")
     if args.learn and args.map:
@@ -76,8 +76,6 @@ def check_arguments(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    from edge_vpr.errors import UsageError
-    from edge_vpr.recordings.registry import FORMATS
 
     known = [suffix for entry in FORMATS.values() if entry.writable for suffix in entry.suffixes]
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]

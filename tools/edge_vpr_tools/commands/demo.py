@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from edge_vpr_tools.experiments.latency import Latency
-    from edge_vpr_tools.experiments.trial import Trial
+from rich.console import Console
+from rich.table import Table
 
-HELP = "simulate two drives of a street, map one, match the other, and show how well it went"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", default="results/demo", help="folder for the report"
-    )
-    parser.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
-    parser.add_argument("--seed", type=int, default=0, help="another seed, another street")
+from edge_vpr.simulate import simulate_pair
+from edge_vpr_tools.experiments import simulated
+from edge_vpr_tools.experiments.latency import Latency
+from edge_vpr_tools.experiments.trial import Trial
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.provenance import run_record, write_json
+from edge_vpr_tools.report import figures
+from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.style import save
+from edge_vpr_tools.report.traverse import shown_distances
 
 
 def run(args: argparse.Namespace) -> None:
@@ -30,13 +29,6 @@ def run(args: argparse.Namespace) -> None:
     UsageError
         If the seed is negative or the folder cannot be written.
     """
-    from rich.console import Console
-
-    from edge_vpr.simulate import simulate_pair
-    from edge_vpr_tools.experiments import simulated
-    from edge_vpr_tools.output import results
-    from edge_vpr_tools.output.provenance import run_record, write_json
-
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
@@ -89,8 +81,6 @@ _HEADER = ("variant", "P@100R", "R@99P", "us per match", "bytes per place")
 
 def _reading(trials: dict[str, Trial]) -> list[str]:
     """Say in one line each what the table shows, whatever it shows."""
-    from edge_vpr_tools.experiments import simulated
-
     share = {name: trial.evaluation.precision_at_100_recall for name, trial in trials.items()}
 
     def compare(claim: str, first: str, second: str) -> str:
@@ -115,8 +105,6 @@ def _latency_line(latencies: dict[str, Latency]) -> str:
 
 
 def _print(trials: dict[str, Trial], latencies: dict[str, Latency], report: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
 
     table = Table(title="One street, driven twice, the second time at half to double the speed")
     for i, title in enumerate(_HEADER):
@@ -131,12 +119,6 @@ def _print(trials: dict[str, Trial], latencies: dict[str, Latency], report: Path
 
 
 def _write_report(folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency]) -> None:
-    from edge_vpr_tools.experiments import simulated
-    from edge_vpr_tools.output import results
-    from edge_vpr_tools.report import figures
-    from edge_vpr_tools.report.page import Page
-    from edge_vpr_tools.report.style import save
-    from edge_vpr_tools.report.traverse import shown_distances
 
     best, by_time = trials[simulated.BEST], trials[simulated.BY_TIME]
     page = Page("edge-vpr: one street, driven twice")

@@ -7,92 +7,27 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from edge_vpr.evaluation.ground_truth import GroundTruth
-    from edge_vpr_tools.estimate.accuracy import Drives
-    from edge_vpr_tools.estimate.fit import Budget
-    from edge_vpr_tools.estimate.pareto import Evaluated
-    from edge_vpr_tools.estimate.targets import Constant, Target
-    from edge_vpr_tools.experiments.trial import Times
-    from firmware_model.design import Design
+from rich.console import Console
 
-HELP = "say what a design needs in operations, memory, time and (modelled) energy"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    design = parser.add_argument_group("design", "of a map, of a file, or of these flags")
-    design.add_argument("--map", metavar="MAP.npz", help="take design and event rates from a map")
-    design.add_argument("--design", metavar="FILE.toml", help="design of a device")
-    design.add_argument("--sensor", metavar="WxH", help="default: 346x260")
-    design.add_argument("--pixels", type=int, metavar="J", help="default: 150")
-    design.add_argument(
-        "--places", type=int, metavar="K", help="default: of the route, the map, or 1000"
-    )
-    design.add_argument("--sequence-length", "-L", type=int, metavar="L", help="default: 5")
-    design.add_argument("--counter-code", metavar="KIND", help="default: log")
-    design.add_argument("--counter-bits", type=int, metavar="B", help="default: 4")
-    design.add_argument(
-        "--polarity", action="store_true", default=None, help="count ON and OFF apart"
-    )
-    design.add_argument("--tau", metavar="TIME", help="window (default: 1s)")
-    design.add_argument(
-        "--window-events", type=int, metavar="N",
-        help="windows of so many events at the selected pixels instead",
-    )  # fmt: skip
-    design.add_argument("--lanes", type=int, metavar="P", default=8, help="of an FPGA (default: 8)")
-    mission = parser.add_argument_group("mission")
-    mission.add_argument(
-        "--event-rate", type=float, metavar="N", help="events a second of the sensor (1e5)"
-    )
-    mission.add_argument(
-        "--selected-share", type=float, metavar="S",
-        help="of them at selected pixels (default: as of any J pixels)",
-    )  # fmt: skip
-    mission.add_argument(
-        "--match-rate", type=float, metavar="N", help="matches a second (default: one a window)"
-    )
-    mission.add_argument(
-        "--every", metavar="WHEN", default="window",
-        help="when to match, as of edge-vpr match: window, event, a number of events, 100ms",
-    )  # fmt: skip
-    mission.add_argument("--route-km", type=float, metavar="KM", help="length of the route")
-    mission.add_argument(
-        "--places-per-metre", type=float, metavar="N", default=0.1, help="default: 0.1"
-    )
-    asked = parser.add_argument_group("what is asked")
-    asked.add_argument(
-        "--target", action="append", metavar="NAME",
-        help="a target, or a TOML file of your own; may be repeated (default: all)",
-    )  # fmt: skip
-    asked.add_argument(
-        "--vs", metavar="DESIGN", help="compare with all-pixels, or with the design in a TOML file"
-    )
-    asked.add_argument(
-        "--fit", action="append", metavar="LIMIT", default=[],
-        help="what fits 64KiB, or 10mW: the largest J, K and bits of one --target; may be repeated",
-    )  # fmt: skip
-    asked.add_argument(
-        "--calibrate", metavar="PROFILE.json", help="energy of a cycle from your board's profile"
-    )
-    asked.add_argument(
-        "--pareto", metavar="DIR",
-        help="accuracy of the evaluated runs below DIR against energy and bytes, drawn",
-    )  # fmt: skip
-    asked.add_argument(
-        "--accuracy-on", nargs="+", metavar="DRIVE",
-        help="try designs on two drives now: REFERENCE QUERY with --ground-truth, or `simulated`",
-    )  # fmt: skip
-    asked.add_argument("--ground-truth", nargs="+", metavar="FILE", help="as of edge-vpr evaluate")
-    asked.add_argument("--tolerance", type=float, metavar="T", help="as of edge-vpr evaluate")
-    asked.add_argument(
-        "--figure", metavar="FILE.png",
-        help="where accuracy against cost is drawn (DIR/pareto.png); needs one --target",
-    )  # fmt: skip
-    asked.add_argument("--json", metavar="FILE", help="write everything as JSON too")
+from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.recordings import open_recording
+from edge_vpr_tools.arguments.truth import load_truth
+from edge_vpr_tools.estimate import accuracy, compare, pareto, show
+from edge_vpr_tools.estimate.accuracy import Drives
+from edge_vpr_tools.estimate.fit import Budget, fit
+from edge_vpr_tools.estimate.pareto import Evaluated
+from edge_vpr_tools.estimate.request import calibrated, compared, design_and_mission
+from edge_vpr_tools.estimate.targets import Constant, Target, find, names
+from edge_vpr_tools.experiments.trial import Kept, Times
+from edge_vpr_tools.output.provenance import write_json
+from edge_vpr_tools.report.style import save
+from firmware_model.design import Design
+from firmware_model.errors import DesignError
 
 
 def run(args: argparse.Namespace) -> None:
@@ -103,14 +38,6 @@ def run(args: argparse.Namespace) -> None:
     UsageError
         If an argument is wrong.
     """
-    from edge_vpr.errors import UsageError
-    from edge_vpr_tools.estimate import compare, show
-    from edge_vpr_tools.estimate.fit import Budget, fit
-    from edge_vpr_tools.estimate.request import calibrated, compared, design_and_mission
-    from edge_vpr_tools.estimate.targets import find, names
-    from edge_vpr_tools.output.provenance import write_json
-    from firmware_model.errors import DesignError
-
     targets = [find(name) for name in args.target or names()]
     evaluated = args.pareto is not None or args.accuracy_on is not None
     alone = len(targets) == 1
@@ -152,16 +79,12 @@ def run(args: argparse.Namespace) -> None:
 
 def _evaluated(args: argparse.Namespace, design: Design) -> tuple[str, list[Evaluated]]:
     """Find evaluated runs, or try designs on two drives; give the name of the drives too."""
-    from edge_vpr.errors import UsageError
-    from edge_vpr_tools.estimate import accuracy, pareto
-
     if args.pareto is not None:
         if args.accuracy_on is not None:
             raise UsageError(
                 "--pareto takes runs that are there, --accuracy-on makes some: name one"
             )
         return "its own drives", pareto.evaluated_runs(Path(args.pareto))
-    from rich.console import Console
 
     with Console(stderr=True).status("opening the drives") as status:
         drives = _drives(args)
@@ -170,11 +93,6 @@ def _evaluated(args: argparse.Namespace, design: Design) -> tuple[str, list[Eval
 
 
 def _drives(args: argparse.Namespace) -> Drives:
-    from edge_vpr.errors import UsageError
-    from edge_vpr.recordings import open_recording
-    from edge_vpr_tools.arguments.truth import load_truth
-    from edge_vpr_tools.estimate import accuracy
-    from edge_vpr_tools.experiments.trial import Kept
 
     if args.accuracy_on == ["simulated"]:
         return accuracy.simulated()
@@ -203,11 +121,6 @@ def _answer(
     measured: Constant | None,
 ) -> dict[str, Any]:
     """Print what one can have on each target, and draw it for one."""
-    from dataclasses import asdict
-
-    from edge_vpr.errors import UsageError
-    from edge_vpr_tools.estimate import pareto, show
-
     drives, runs = tried
     places = None if args.route_km is None and args.places is None else design.places
     said, told = {}, {}
@@ -228,8 +141,6 @@ def _answer(
             show.candidates(found)
             path = args.figure or (args.pareto and str(Path(args.pareto) / "pareto.png"))
             if path:
-                from edge_vpr_tools.report.style import save
-
                 save(pareto.draw(found, target), Path(path))
                 show.say(f"drawn: {path}")
     for text in said.values():

@@ -3,29 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from importlib import import_module
 from pathlib import Path
 
-HELP = "make the figures that the documentation quotes"
-#: each is a module of `experiments` with run(data, seeds, on_start) -> Markdown
-EXPERIMENTS = {
-    "simulated": "simulated",
-    "adaptive": "adaptive",
-    "speck-walks": "speck_walks",
-    "brisbane": "brisbane",
-    "codes": "codes_frontier",
-}
+from rich.console import Console
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument("name", choices=EXPERIMENTS, help="which experiment")
-    parser.add_argument(
-        "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
-    )
-    parser.add_argument("--figure", metavar="PNG", help="also draw the figure (codes only)")
-    parser.add_argument(
-        "--seeds", type=int, default=5, metavar="N", help="trials with different seeds (5)"
-    )
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.experiments import EXPERIMENTS
 
 
 def run(args: argparse.Namespace) -> None:
@@ -36,12 +20,6 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If the data is not there.
     """
-    from importlib import import_module
-
-    from rich.console import Console
-
-    from edge_vpr.errors import UsageError
-
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
     module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[args.name]}")

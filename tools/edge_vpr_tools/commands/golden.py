@@ -6,54 +6,27 @@ import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from edge_vpr_tools.arguments.reading import add_reading_arguments
+import numpy as np
 
-if TYPE_CHECKING:
-    from edge_vpr.settings import Settings
-    from firmware_model import Design
-    from firmware_model.vectors import Case
-
-HELP = "write golden vectors for firmware and FPGA designs, or verify a device's results"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument(
-        "words",
-        nargs="*",
-        metavar="verify VECTORS",
-        help="check the files of a folder of vectors, and the results of a device (--results)",
-    )
-    making = parser.add_argument_group("making vectors")
-    making.add_argument("--design", metavar="FILE.toml", help="design of the device")
-    making.add_argument("--map", metavar="MAP.npz", help="take the design and the places from it")
-    making.add_argument(
-        "--recording", metavar="QUERY", help="with --map, a drive for the suite `recording`"
-    )
-    making.add_argument(
-        "--max-events",
-        metavar="N",
-        type=int,
-        default=20_000,
-        help="events of the recording to take, from its start (default: 20000)",
-    )
-    making.add_argument("--lanes", type=int, default=8, help="with --map, P (default: 8)")
-    making.add_argument("--seed", type=int, default=0, help="of the random suite (default: 0)")
-    making.add_argument("-o", "--output", metavar="DIR", help="folder to write")
-    verifying = parser.add_argument_group("verifying")
-    verifying.add_argument("--results", metavar="FILE", help="what the device returned")
-    verifying.add_argument(
-        "--case", metavar="SUITE/NAME", help="the case of results that name none"
-    )
-    verifying.add_argument(
-        "--only",
-        metavar="KINDS",
-        default="event,window,match",
-        help="what the device returns: some of event,window,match (default: all)",
-    )
-    add_reading_arguments(parser)
+from edge_vpr.descriptors.windows import narrow
+from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.pipeline import cleaned
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+from edge_vpr_tools.arguments.reading import open_from
+from edge_vpr_tools.estimate.of_map import design_of, device_codes
+from edge_vpr_tools.output.results import results_folder
+from firmware_model import Design, DesignError, Event, Memories, VectorError
+from firmware_model.vectors import (
+    Case,
+    check_files,
+    read_results,
+    standard_suites,
+    verify,
+    write_suites,
+)
+from firmware_model.vectors.verify import COMPARED
 
 
 def run(args: argparse.Namespace) -> None:
@@ -64,8 +37,6 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong, or the results differ from the vectors.
     """
-    from edge_vpr.errors import UsageError
-
     with _own_errors():
         if not args.words:
             _make(args)
@@ -81,9 +52,6 @@ def run(args: argparse.Namespace) -> None:
 @contextmanager
 def _own_errors() -> Iterator[None]:
     """Let errors of the firmware model be those of the command line."""
-    from edge_vpr.errors import UsageError
-    from firmware_model import DesignError, VectorError
-
     try:
         yield
     except (DesignError, VectorError) as error:
@@ -91,10 +59,6 @@ def _own_errors() -> Iterator[None]:
 
 
 def _make(args: argparse.Namespace) -> None:
-    from edge_vpr.errors import UsageError
-    from edge_vpr_tools.output.results import results_folder
-    from firmware_model import Design
-    from firmware_model.vectors import standard_suites, write_suites
 
     if args.output is None or (args.design is None) == (args.map is None):
         raise UsageError("vectors are made of one of --design and --map, to the folder of --output")
@@ -130,14 +94,6 @@ def _make(args: argparse.Namespace) -> None:
 
 def _from_map(args: argparse.Namespace) -> tuple[Design, list[Case]]:
     """Design of a map, and the case of its recording, if one is given."""
-    import numpy as np
-
-    from edge_vpr.descriptors.windows import narrow
-    from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.estimate.of_map import design_of, device_codes
-    from firmware_model import Event, Memories
-    from firmware_model.vectors import Case
-
     reference = ReferenceMap.load(args.map)
     design = design_of(reference, args.lanes)
     if args.recording is None:
@@ -154,9 +110,6 @@ def _from_map(args: argparse.Namespace) -> tuple[Design, list[Case]]:
 
 def _events(args: argparse.Namespace, settings: Settings) -> list[tuple[int, int, int, bool]]:
     """First events of the recording, cleaned as for the pipeline."""
-    from edge_vpr.pipeline import cleaned
-    from edge_vpr_tools.arguments.reading import open_from
-
     taken: list[tuple[int, int, int, bool]] = []
     for chunk in cleaned(open_from(args, args.recording), settings):
         taken += chunk[: args.max_events - len(taken)].tolist()
@@ -166,9 +119,6 @@ def _events(args: argparse.Namespace, settings: Settings) -> list[tuple[int, int
 
 
 def _verify(args: argparse.Namespace, folder: Path) -> None:
-    from edge_vpr.errors import EdgeVprError, UsageError
-    from firmware_model.vectors import check_files, read_results, verify
-    from firmware_model.vectors.verify import COMPARED
 
     files = check_files(folder)
     if args.results is None:

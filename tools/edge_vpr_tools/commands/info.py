@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import json
+from dataclasses import asdict
 from typing import Any
 
-from edge_vpr_tools.arguments.reading import add_reading_arguments
-
-HELP = "say what a recording holds: sensor, events, duration, rate, polarity, faults"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument("recording", metavar="FILE", help="recording of any known format")
-    parser.add_argument("--json", action="store_true", help="print one JSON object, for programs")
-    # faults are what this command is asked for: it counts them and goes on
-    add_reading_arguments(parser, on_fault=False)
+from edge_vpr.recordings import FORMATS
+from edge_vpr_tools.arguments.reading import open_from
+from edge_vpr_tools.output.progress import tracked
 
 
 def run(args: argparse.Namespace) -> None:
@@ -26,12 +20,6 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If it cannot be opened.
     """
-    import json
-
-    from edge_vpr.recordings import FORMATS
-    from edge_vpr_tools.arguments.reading import open_from
-    from edge_vpr_tools.output.progress import tracked
-
     recording = open_from(args, args.recording, on_fault="drop")
     facts = summary(tracked(recording, "reading"))
     if args.json:
@@ -61,8 +49,6 @@ def summary(recording: Any) -> dict[str, Any]:
     dict
         Plain values; ``events_per_s`` is None if the recording has no duration.
     """
-    from dataclasses import asdict
-
     n = on = last = 0
     first: int | None = None
     for events in recording:

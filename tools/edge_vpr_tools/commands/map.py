@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 
-from edge_vpr_tools.arguments.reading import add_reading_arguments, add_window_argument
-from edge_vpr_tools.arguments.setting_flags import add_map_flags
-
-HELP = "make a reference map of one drive"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument("recording", metavar="REFERENCE", help="recording of the reference drive")
-    parser.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
-    parser.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
-    add_window_argument(add_reading_arguments(parser))
-    add_map_flags(parser)
+from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.errors import UsageError
+from edge_vpr.pipeline import map_traverse
+from edge_vpr_tools.arguments.reading import (
+    describe_faults,
+    open_source,
+)
+from edge_vpr_tools.arguments.setting_flags import map_settings
+from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.results import check_parent
 
 
 def run(args: argparse.Namespace) -> None:
@@ -28,16 +26,6 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong or the recording cannot be mapped.
     """
-    import time
-
-    from edge_vpr.descriptors.cleaning import load_hot_pixels
-    from edge_vpr.errors import UsageError
-    from edge_vpr.pipeline import map_traverse
-    from edge_vpr_tools.arguments.reading import describe_faults, open_source
-    from edge_vpr_tools.arguments.setting_flags import map_settings
-    from edge_vpr_tools.output.progress import tracked
-    from edge_vpr_tools.output.results import check_parent
-
     output = Path(args.output)
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")

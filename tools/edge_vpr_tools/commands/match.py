@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import time
 from pathlib import Path
 
-from edge_vpr_tools.arguments.reading import add_reading_arguments, add_window_argument
-from edge_vpr_tools.arguments.setting_flags import add_match_flags
-
-HELP = "match a query drive against a map"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument("map", metavar="MAP.npz", help="reference map from edge-vpr map")
-    parser.add_argument("recording", metavar="QUERY", help="recording of the query drive")
-    parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
-    parser.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
-    parser.add_argument("--no-figures", action="store_true", help="write no figures and no report")
-    parser.add_argument(
-        "--online", action="store_true", help="match event by event, as on the board"
-    )
-    parser.add_argument(
-        "--every",
-        metavar="WHEN",
-        help="with --online, when to give a match: event (at a selected pixel; the default), N "
-        "events, a time such as 10ms, window, or change (of the best place)",
-    )
-    add_window_argument(add_reading_arguments(parser))
-    add_match_flags(parser.add_argument_group("settings (over the map's)"))
+from edge_vpr.archive import write_archive
+from edge_vpr.errors import UsageError
+from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.pipeline import describe
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.reading import (
+    describe_faults,
+    fault_counts,
+    open_source,
+)
+from edge_vpr_tools.arguments.setting_flags import match_flags
+from edge_vpr_tools.commands.match_online import match_online
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.provenance import run_record, write_json
 
 
 def run(args: argparse.Namespace) -> None:
@@ -39,21 +32,6 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong or the recording cannot be matched.
     """
-    import dataclasses
-    import time
-
-    from edge_vpr.archive import write_archive
-    from edge_vpr.errors import UsageError
-    from edge_vpr.matching.matches import match_descriptors
-    from edge_vpr.pipeline import describe
-    from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_source
-    from edge_vpr_tools.arguments.setting_flags import match_flags
-    from edge_vpr_tools.commands.match_online import match_online
-    from edge_vpr_tools.output import results
-    from edge_vpr_tools.output.progress import tracked
-    from edge_vpr_tools.output.provenance import run_record, write_json
-
     output = Path(args.output)
     results.check_output_folder(output, args.overwrite)
     reference = ReferenceMap.load(args.map)

@@ -3,44 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from edge_vpr.online.schedule import MatchSchedule
-    from edge_vpr.reference_map import ReferenceMap
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.archive import replacing, write_archive
+from edge_vpr.errors import UsageError
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.pipeline import check_sensor, cleaned
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_from
+from edge_vpr_tools.arguments.schedule import parse_every
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.provenance import run_record, write_json
 
 ONLINE, ONLINE_CSV, ONLINE_FIGURE = "online.npz", "online.csv", "online.png"
 KIND = "set of online matches"
-
-
-def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
-    """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
-
-    Raises
-    ------
-    UsageError
-        If it is none of these.
-    """
-    from edge_vpr.errors import UsageError
-    from edge_vpr.online.schedule import MatchSchedule
-    from edge_vpr_tools.arguments.setting_flags import duration_us
-
-    if text == "event":
-        return MatchSchedule(events=1)
-    if text == "change":
-        return MatchSchedule(events=1, change=True)
-    if text == "window":
-        return MatchSchedule.window(reference.settings)
-    if text.isascii() and text.isdigit() and int(text) > 0:
-        return MatchSchedule(events=int(text))
-    try:
-        return MatchSchedule(interval_us=duration_us(text))
-    except UsageError:
-        raise UsageError(
-            f"--every {text!r}: expected event, a number of events, a time such as 10ms, window, "
-            "or change"
-        ) from None
 
 
 def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
@@ -58,21 +40,6 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
     EdgeVprError
         If an argument is wrong or the recording cannot be matched.
     """
-    import csv
-    import time
-
-    import numpy as np
-    import numpy.typing as npt
-
-    from edge_vpr.archive import replacing, write_archive
-    from edge_vpr.errors import UsageError
-    from edge_vpr.online.localiser import Localiser
-    from edge_vpr.pipeline import check_sensor, cleaned
-    from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_from
-    from edge_vpr_tools.output import results
-    from edge_vpr_tools.output.progress import tracked
-    from edge_vpr_tools.output.provenance import run_record, write_json
-
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
     if args.anchor is not None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 from typing import NamedTuple
 
-HELP = "list serial ports, with a guess which protocol fits"
+from serial.tools.list_ports import comports
 
 _USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as systemd's hwdb has it
 _OPENMV = "github.com/openmv/openmv, boards/"
@@ -61,17 +62,8 @@ def guess(vendor: int | None, product: int | None) -> Known | None:
     )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument("--json", action="store_true", help="for other programs")
-
-
 def run(args: argparse.Namespace) -> None:
     """List the ports."""
-    import json
-
-    from serial.tools.list_ports import comports
-
     found = []
     for port in sorted(comports()):
         known = guess(port.vid, port.pid)

@@ -11,61 +11,15 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from edge_vpr_tools.arguments.reading import add_reading_arguments
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.energy import profiling, show
+from edge_vpr_tools.energy.intervals import LEAST_PAIRS
+from edge_vpr_tools.energy.measurement import LEAST_S, Plan
+from edge_vpr_tools.energy.show import compare
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.provenance import write_json
 
 _LEAST_QUICK_S = 0.1
-HELP = "measure events and matches a second, latency, memory and, with a power sensor, joules"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
-    parser.add_argument(
-        "words",
-        nargs="*",
-        metavar="compare A.json B.json | trace PROFILE.json METER.csv",
-        help="compare two profiles; or add the joules of an external meter's trace to one",
-    )
-    load = parser.add_argument_group("load (default: a simulated street)")
-    load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
-    load.add_argument("--recording", metavar="QUERY", help="recording of the query drive")
-    load.add_argument("--seed", type=int, default=0, help="of the simulated street")
-    load.add_argument("--every", metavar="WHEN", default="window", help="as of edge-vpr match")
-    load.add_argument(
-        "--ground-truth", nargs="+", metavar="FILE",
-        help="as of edge-vpr evaluate: how right the map, and smaller ones, are",
-    )  # fmt: skip
-    load.add_argument("--tolerance", type=float, metavar="T", help="as of edge-vpr evaluate")
-    load.add_argument("--rows", choices=("reference", "query"), help="as of edge-vpr evaluate")
-    load.add_argument("--packet", type=int, default=512, metavar="N", help="events a call (512)")
-    how = parser.add_argument_group("measuring")
-    how.add_argument("--pairs", type=int, default=5, help="idle and load windows (default: 5)")
-    how.add_argument(
-        "--window-s", type=float, metavar="S", help="length of each (10, or 1 with --quick)"
-    )
-    how.add_argument(
-        "--quick", action="store_true", help="windows shorter than 10 s, in a result marked so"
-    )
-    how.add_argument("--sensor-name", metavar="NAME", help="which power sensor, if several")
-    how.add_argument(
-        "--meter-port", metavar="PORT",
-        help="serial port of a UM24C, UM25C or UM34C, for example /dev/rfcomm0",
-    )  # fmt: skip
-    how.add_argument(
-        "--shunt-mohm", type=float, metavar="R", help="the shunt that the monitor really has"
-    )
-    how.add_argument(
-        "--no-designs", action="store_true", help="measure one design, compare no others"
-    )
-    how.add_argument(
-        "--meter", action="store_true", help="take turns for an external meter, see `trace`"
-    )
-    how.add_argument("--mission-rate", type=float, default=1.0, metavar="N", help="matches/s (1)")
-    how.add_argument("--sysroot", metavar="DIR", default="/", help="where /sys is, for tests")
-    parser.add_argument("-o", "--output", metavar="DIR", default="results/profile")
-    parser.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
-    parser.add_argument("--no-figures", action="store_true", help="write no report")
-    parser.add_argument("--csv", metavar="FILE", help="write a comparison for a spreadsheet too")
-    add_reading_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -76,14 +30,10 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong, or a sensor fails.
     """
-    from edge_vpr.errors import UsageError
-
     words = args.words
     if not words:
         _profile(args)
     elif words[0] == "compare" and len(words) == 3:
-        from edge_vpr_tools.energy.show import compare
-
         compare(Path(words[1]), Path(words[2]), None if args.csv is None else Path(args.csv))
     elif words[0] == "trace" and len(words) == 3:
         _add_trace(args, Path(words[1]), Path(words[2]))
@@ -95,11 +45,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _profile(args: argparse.Namespace) -> None:
-    from edge_vpr.errors import UsageError
-    from edge_vpr_tools.energy import profiling, show
-    from edge_vpr_tools.energy.intervals import LEAST_PAIRS
-    from edge_vpr_tools.energy.measurement import LEAST_S, Plan
-    from edge_vpr_tools.output import results
 
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")
@@ -129,9 +74,6 @@ def _profile(args: argparse.Namespace) -> None:
 
 
 def _write(args: argparse.Namespace, output: Path, found: dict[str, Any]) -> None:
-    from edge_vpr_tools.energy import profiling, show
-    from edge_vpr_tools.output import results
-    from edge_vpr_tools.output.provenance import write_json
 
     with results.results_folder(output, args.overwrite) as folder:
         write_json(folder / profiling.PROFILE, found)
@@ -159,9 +101,6 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 
 def _add_trace(args: argparse.Namespace, profile: Path, meter: Path) -> None:
-    from edge_vpr_tools.energy import profiling, show
-    from edge_vpr_tools.output import results
-    from edge_vpr_tools.output.provenance import write_json
 
     found = profiling.with_meter(profile, meter, args.mission_rate)
     write_json(profile, found)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -11,22 +13,25 @@ from contextlib import ExitStack
 from io import FileIO
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr_tools.arguments.stream_arguments import add_arguments, check_arguments  # noqa: F401, a command has it
+from edge_vpr.events import Events, Sensor
+from edge_vpr.pipeline import map_traverse
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+from edge_vpr.stream.health import Health
+from edge_vpr.stream.intake import Intake
+from edge_vpr.stream.links import open_link
+from edge_vpr.stream.live import LiveLocaliser, Step
+from edge_vpr.stream.protocols import open_decoder
+from edge_vpr_tools.arguments.schedule import parse_every
+from edge_vpr_tools.arguments.setting_flags import duration_us, map_settings, match_flags
+from edge_vpr_tools.arguments.stream_arguments import check_arguments
+from edge_vpr_tools.output.interrupt import stopped_by_signals
+from edge_vpr_tools.output.live_view import View, ends_early, open_view
+from edge_vpr_tools.output.rerun_view import RerunView, open_rerun
 
-if TYPE_CHECKING:
-    from edge_vpr.events import Events
-    from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.settings import Settings
-    from edge_vpr.stream.health import Health
-    from edge_vpr.stream.intake import Intake
-    from edge_vpr.stream.live import LiveLocaliser, Step
-    from edge_vpr_tools.output.live_view import View
-    from edge_vpr_tools.output.rerun_view import RerunView
-
-HELP = "localise live from a camera on a serial line, TCP, UDP, a pipe or a file"
 STALLED_S = 1.0
 #: More than a protocol's beginning takes, and than a bad line puts together by chance.
 SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
@@ -40,9 +45,6 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong, the link cannot be opened, or a file cannot be written.
     """
-    from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.arguments.setting_flags import map_settings
-
     check_arguments(args)
     if args.learn:
         _learn(args, map_settings(args))
@@ -52,9 +54,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
-    import dataclasses
-
-    from edge_vpr_tools.arguments.setting_flags import match_flags
 
     given = {name: value for name, value in match_flags(args).items() if value is not None}
     settings = reference.settings.replaced(given, "the command line")
@@ -63,11 +62,6 @@ def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceM
 
 def _learn(args: argparse.Namespace, settings: Settings) -> None:
     """Record a drive beside the map that is to be, and make it; a drive without a map is kept."""
-    import tempfile
-
-    from edge_vpr.pipeline import map_traverse
-    from edge_vpr.recordings import open_recording
-
     output = Path(args.output)
     try:
         folder = Path(tempfile.mkdtemp(dir=output.parent, prefix=f".{output.name}."))
@@ -94,17 +88,6 @@ def _learn(args: argparse.Namespace, settings: Settings) -> None:
 
 def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Path | None) -> None:
     """Open everything, follow the stream, and close everything whatever happens."""
-    from edge_vpr.events import Sensor
-    from edge_vpr.stream.intake import Intake
-    from edge_vpr.stream.links import open_link
-    from edge_vpr.stream.live import LiveLocaliser
-    from edge_vpr.stream.protocols import open_decoder
-    from edge_vpr_tools.arguments.setting_flags import duration_us
-    from edge_vpr_tools.commands.match_online import parse_every
-    from edge_vpr_tools.output.interrupt import stopped_by_signals
-    from edge_vpr_tools.output.live_view import open_view
-    from edge_vpr_tools.output.rerun_view import open_rerun
-
     sensor = Sensor.parse(args.sensor) if args.sensor else None
     if sensor is None:
         assert reference is not None
@@ -156,8 +139,6 @@ def _record(
     view: View,
 ) -> None:
     """Follow events to their end, and write them if there is a target."""
-    from edge_vpr.recordings import write_recording
-
     if target is not None:
         sensor = live.decoder.sensor
         try:
@@ -245,8 +226,6 @@ def _senseless(health: Health) -> str:
 
 def _write_raw(raw: list[FileIO], data: bytes, view: View) -> None:
     """Write bytes to all files; one that cannot be written is given up."""
-    from edge_vpr_tools.output.live_view import ends_early
-
     for file in list(raw):
         left = memoryview(data)
         try:

@@ -10,7 +10,12 @@ from typing import Any
 from edge_vpr.events import Events
 from edge_vpr.pipeline import EventSource, check_sensor, cleaned, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulate import simulate_pair
+from edge_vpr_tools.arguments.reading import open_from
+from edge_vpr_tools.arguments.truth import load_truth
 from edge_vpr_tools.energy.designs import Compared, of_map, of_pair
+from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import Times, TruthOf
 
 #: of the simulated street: some 70 places
@@ -53,8 +58,6 @@ def load_of(args: argparse.Namespace) -> Load:
     """
     if args.map is None:
         return _simulated(args.seed)
-    from edge_vpr_tools.arguments.reading import open_from
-    from edge_vpr_tools.arguments.truth import load_truth
 
     reference = ReferenceMap.load(args.map)
     recording = open_from(args, args.recording)
@@ -79,9 +82,6 @@ def load_of(args: argparse.Namespace) -> Load:
 
 
 def _simulated(seed: int) -> Load:
-    from edge_vpr.settings import PRESETS
-    from edge_vpr.simulate import simulate_pair
-    from edge_vpr_tools.experiments.simulated import truth_of_pair
 
     pair = simulate_pair(seed, length_m=_STREET_M)
     for drive in pair:

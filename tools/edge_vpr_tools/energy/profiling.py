@@ -16,19 +16,22 @@ from typing import Any
 import numpy as np
 
 from edge_vpr.errors import UsageError
+from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.designs import PIXELS, compare
 from edge_vpr_tools.energy.drives import Load, load_of
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
 from edge_vpr_tools.energy.sampling import Trace, Window, align, read_csv
+from edge_vpr_tools.energy.sensors.hwmon import with_shunt
+from edge_vpr_tools.energy.sensors.search import find_sensors
 from edge_vpr_tools.energy.sensors.sensor import (
     About,
     Missing,
     Sensor,
     SensorError,
-    find_sensors,
     read_text,
 )
+from edge_vpr_tools.energy.sensors.um_meter import UmMeter
 from edge_vpr_tools.energy.speed import sparse_against_all
 from edge_vpr_tools.energy.workload import Workload
 from edge_vpr_tools.output.provenance import run_record
@@ -83,7 +86,6 @@ def _measured(
     missing: Sequence[Missing],
     root: Path,
 ) -> dict[str, Any]:
-    from edge_vpr_tools.commands.match_online import parse_every
 
     reference = load.reference
     every = parse_every(args.every, reference)
@@ -244,12 +246,8 @@ def _throughput(workload: Workload, plan: Plan) -> dict[str, float]:
 
 def _choose(args: argparse.Namespace, root: Path) -> tuple[Sensor | None, list[Missing]]:
     """Take the meter that was named, else the sensor, else the best there is."""
-    from edge_vpr_tools.energy.sensors.hwmon import with_shunt
-
     sensors, missing = find_sensors(root)
     if args.meter_port is not None:
-        from edge_vpr_tools.energy.sensors.um_meter import UmMeter
-
         for unused in sensors:
             unused.close()
         sensors = [UmMeter(args.meter_port)]

@@ -11,15 +11,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
+from rich.console import RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from edge_vpr.stream.health import Health
-    from edge_vpr.stream.live import LiveLocaliser, Step
+from edge_vpr.stream.health import Health
+from edge_vpr.stream.live import LiveLocaliser, Step
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
 
@@ -171,9 +172,6 @@ class View:
 
     def _panel(self, health: Health, filled: float) -> RenderableType:
         """Lay out what there is to say, with the position as a bar."""
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-
         table = Table.grid(padding=(0, 2))
         table.add_column(style="dim", justify="right")
         table.add_column()
@@ -228,8 +226,6 @@ def open_view(as_json: bool, log: str | None, places: int) -> Iterator[View]:
         if as_json or not sys.stdout.isatty():
             yield View(as_json, file, places, None)
         else:
-            from rich.live import Live
-
             with Live("waiting for events", auto_refresh=True) as live:
                 yield View(as_json, file, places, live)
     finally:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
 from edge_vpr.events import Events
 
 
@@ -24,7 +27,6 @@ class Tracked:
         return getattr(self._recording, name)
 
     def __iter__(self) -> Iterator[Events]:
-        from rich.console import Console
 
         console = Console(stderr=True)
         if not console.is_terminal:
@@ -32,7 +34,6 @@ class Tracked:
         return self._shown(console)
 
     def _shown(self, console: Any) -> Iterator[Events]:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (
             TextColumn("{task.description}"),

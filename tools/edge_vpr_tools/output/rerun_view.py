@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from edge_vpr.events import Sensor
-    from edge_vpr.stream.live import Step
+from edge_vpr.errors import MissingExtraError
+from edge_vpr.events import Sensor
+from edge_vpr.stream.live import Step
 
 #: A picture shows the events of so long.
 PICTURE_US = 33_000
@@ -84,8 +84,6 @@ def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]
     try:
         import rerun
     except ImportError as error:
-        from edge_vpr.errors import MissingExtraError
-
         raise MissingExtraError("--rerun", "rerun-sdk", "rerun") from error
     with rerun.RecordingStream("edge-vpr") as recording:
         if target == "viewer":

@@ -7,7 +7,6 @@ import math
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -97,34 +96,6 @@ class Missing:
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.reason}; {self.remedy}"
-
-
-Finder = Callable[[Path], tuple[list[Sensor], list[Missing]]]
-
-
-def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
-    """Look for every sensor that this machine has.
-
-    Parameters
-    ----------
-    root : path
-        Where the file system begins; another one for tests.
-
-    Returns
-    -------
-    sensors : list of Sensor
-        The best one first: whole board before parts of it.
-    missing : list of Missing
-    """
-    from edge_vpr_tools.energy.sensors import hwmon, jetson, pmic, powercap
-
-    finders: tuple[Finder, ...] = (hwmon.find, jetson.find, pmic.find, powercap.find)
-    sensors, missing = [], []
-    for finder in finders:
-        found, absent = finder(root)
-        sensors += found
-        missing += absent
-    return sensors, missing
 
 
 class NumberFile:
