@@ -12,8 +12,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from designs import random_design, random_memories, random_stream, wrapped
-from edge_vpr_tools import estimate
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.commands import estimate
 from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, show, targets
 from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of

@@ -204,7 +204,7 @@ def test_a_run_is_saved_for_the_rerun_viewer(drive, tmp_path):
 
 def test_the_viewer_gets_each_picture_once_and_the_newest_match(drive):
     pytest.importorskip("rerun", reason="rerun-sdk, 160 MB, is an extra of its own")
-    from edge_vpr_tools.rerun_view import PICTURE_US, RerunView
+    from edge_vpr_tools.output.rerun_view import PICTURE_US, RerunView
 
     told = []
 
@@ -400,7 +400,8 @@ def test_faults_that_make_no_sense_are_refused(text):
 # lines come ten times as often, or most of a test's time would be spent on waiting for them
 PROGRAM = """
 import sys
-from edge_vpr_tools import cli, live_view
+from edge_vpr_tools import cli
+from edge_vpr_tools.output import live_view
 live_view._LINE_S = 0.1
 sys.exit(cli.main())
 """
@@ -754,7 +755,7 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, drive, capsys):
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
-    from edge_vpr_tools import live_view
+    from edge_vpr_tools.output import live_view
     from rich.console import Console
 
     shown = []

@@ -8,23 +8,26 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-#: each verb is a module of this package with HELP, add_arguments(parser) and run(args)
-COMMANDS = (
-    "demo",
-    "map",
-    "match",
-    "evaluate",
-    "info",
-    "convert",
-    "simulate",
-    "experiment",
-    "golden",
-    "estimate",
-    "profile",
-    "stream",
-    "bridge",
-    "ports",
-)
+from edge_vpr.errors import EdgeVprError
+
+#: help of each verb. Its arguments are in `arguments.VERB_arguments`, which imports nothing heavy,
+#: and `run(args)` is in `commands.VERB`, which is imported only when it runs.
+VERBS = {
+    "demo": "simulate two drives of a street, map one, match the other, and show how well it went",
+    "map": "make a reference map of one drive",
+    "match": "match a query drive against a map",
+    "evaluate": "compare matches with a ground truth",
+    "info": "say what a recording holds: sensor, events, duration, rate, polarity, faults",
+    "convert": "convert a recording; the suffix of the output names its format",
+    "simulate": "simulate two drives of one route, for trying out and teaching",
+    "experiment": "make the figures that the documentation quotes",
+    "golden": "write golden vectors for firmware and FPGA designs, or verify a device's results",
+    "estimate": "say what a design needs in operations, memory, time and (modelled) energy",
+    "profile": "measure speed, latency, memory and, with a power sensor, joules a match",
+    "stream": "localise live from a camera on a serial line, TCP, UDP, a pipe or a file",
+    "bridge": "replay a recording over a line, as a camera would send it",
+    "ports": "list serial ports, with a guess which protocol fits",
+}
 
 EXIT_FAILED, EXIT_WRONG_USE, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -42,10 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0, 1 for a failed run, 2 for wrong use, 130 after an interrupt.
     """
-    args: argparse.Namespace | None = None
+    argv = sys.argv[1:] if argv is None else argv
     try:
-        args = _parser().parse_args(argv)
-        args.run(args)
+        run(argv)
         sys.stdout.flush()
     except KeyboardInterrupt:
         print("edge-vpr: interrupted; nothing half written was left", file=sys.stderr)
@@ -55,15 +57,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 0
     except Exception as error:
-        if args is not None and args.debug:
+        if "--debug" in argv:
             traceback.print_exc()
         return _report(error)
     return 0
 
 
-def _report(error: Exception) -> int:
-    from edge_vpr.errors import EdgeVprError
+def run(argv: Sequence[str]) -> None:
+    """Run one command and let its errors through.
 
+    Parameters
+    ----------
+    argv : sequence of str
+        Arguments without the program's name.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong, or the command fails.
+    """
+    args = _parser(argv).parse_args(argv)
+    importlib.import_module(f"edge_vpr_tools.commands.{args.verb}").run(args)
+
+
+def _report(error: Exception) -> int:
     if isinstance(error, EdgeVprError):
         text, code = str(error), error.exit_code
     elif isinstance(error, OSError):
@@ -82,7 +99,7 @@ def _report(error: Exception) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="edge-vpr",
         description="Recognise places on a known route from the event counts of a few pixels.",
@@ -92,11 +109,13 @@ def _parser() -> argparse.ArgumentParser:
         "--debug", action="store_true", help="show where an error came from (before the command)"
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND", title="commands")
-    for name in COMMANDS:
-        module = importlib.import_module(f"edge_vpr_tools.{name}")
-        command = commands.add_parser(name, help=module.HELP, description=module.HELP)
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
+    chosen = next((word for word in argv if not word.startswith("-")), None)
+    for name, text in VERBS.items():
+        command = commands.add_parser(name, help=text, description=text)
+        if name == chosen:
+            module = importlib.import_module(f"edge_vpr_tools.arguments.{name}_arguments")
+            module.add_arguments(command)
+            command.set_defaults(verb=name)
     return parser
 
 

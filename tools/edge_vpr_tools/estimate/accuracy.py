@@ -12,7 +12,9 @@ from edge_vpr.matching.matches import match_descriptors
 from edge_vpr.pipeline import EventSource, code_places, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.simulate import simulate_pair
 from edge_vpr_tools.estimate.pareto import Evaluated
+from edge_vpr_tools.experiments.simulated import TOLERANCE_M, truth_of_pair
 from edge_vpr_tools.experiments.trial import TruthOf
 from firmware_model.design import Design
 
@@ -44,9 +46,6 @@ class Drives:
 
 def simulated(seed: int = 0) -> Drives:
     """Simulate a street, driven twice: what there is without recordings."""
-    from edge_vpr.simulate import simulate_pair
-    from edge_vpr_tools.experiments.simulated import TOLERANCE_M, truth_of_pair
-
     reference, query = (drive.keep() for drive in simulate_pair(seed))
     length = reference.world.length_m
     name = f"the simulated street of {length:g} m (seed {seed}, within {TOLERANCE_M:g} m)"

@@ -11,10 +11,12 @@ from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.setting_flags import duration_us
 from edge_vpr_tools.estimate.counts import EveryPixel
 from edge_vpr_tools.estimate.model import Mission
+from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import Constant, Spread
-from edge_vpr_tools.setting_flags import duration_us
 from firmware_model.design import Design
 
 #: of a street seen by a DAVIS346, about; stated with every estimate
@@ -54,9 +56,6 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
                     "leave it out"
                 )
         if args.map is not None:
-            from edge_vpr.reference_map import ReferenceMap
-            from edge_vpr_tools.estimate.of_map import design_of, event_rates
-
             reference = ReferenceMap.load(args.map)
             design = design_of(reference, args.lanes)
             rate, share = event_rates(reference)

@@ -24,7 +24,7 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.experiments import brisbane, speck_walks
 from edge_vpr_tools.experiments.trial import Kept, Summary, Times, TruthOf, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 from fixedpoint.codes import packed_bytes
 
 FOLDER = "speck_indoor"
@@ -160,8 +160,6 @@ def run(
     figure_path : path, optional
         Where to write the figure, as PNG.
     """
-    from edge_vpr_tools.report.style import save
-
     by_width = {
         (name, bits): {**code, "counter_bits": bits}
         for name, code in CODES.items()

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -211,7 +212,6 @@ def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-de
 
 
 def _single_colour(colour: str):  # type: ignore[no-untyped-def]
-    from matplotlib.colors import ListedColormap
 
     return ListedColormap([colour])
 

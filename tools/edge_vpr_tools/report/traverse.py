@@ -17,7 +17,7 @@ from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequence import sequence_sums
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools import results
+from edge_vpr_tools.output import results
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page
 from edge_vpr_tools.report.style import save

@@ -1,0 +1,45 @@
+"""Arguments of `edge-vpr evaluate`."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
+    parser.add_argument(
+        "--ground-truth",
+        nargs="+",
+        required=True,
+        metavar="FILE",
+        help="two tracks, reference then query (NMEA, or CSV with time_s and metres or degrees); "
+        "or one alignment (CSV with the columns query_s,reference_s or "
+        "query_frame,reference_frame); or one 0/1 matrix (.npz, .npy)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="T",
+        help="largest error of a right match: metres for tracks, the unit of an alignment",
+    )
+    parser.add_argument(
+        "--rows", choices=("reference", "query"), help="what a row of the matrix stands for"
+    )
+    parser.add_argument(
+        "--frame-period", metavar="S", help="of an alignment in frames, in seconds: 1/30"
+    )
+    parser.add_argument(
+        "--score", choices=("distance", "ratio"), default="distance",
+        help="what the threshold of the precision-recall curve is on",
+    )  # fmt: skip
+    parser.add_argument(
+        "--recall-denominator",
+        choices=("rejected-correct", "all-with-place"),
+        default="rejected-correct",
+        help="what counts as missed: rejected queries whose best match was right (the released "
+        "code), or every query with a true place that did not get it",
+    )
+    parser.add_argument(
+        "--thresholds", type=int, metavar="N", help="N even thresholds instead of all"
+    )

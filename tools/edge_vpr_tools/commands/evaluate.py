@@ -1,0 +1,71 @@
+"""`edge-vpr evaluate`: are the matches right? Compares them with a ground truth."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from edge_vpr.archive import read_archive
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.errors import MapError
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import Matches
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.truth import load_truth
+from edge_vpr_tools.commands.match_online import ONLINE
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.provenance import run_record, write_json
+from edge_vpr_tools.report.traverse import write_report
+
+
+def run(args: argparse.Namespace) -> None:
+    """Evaluate, print the figures, and add them to the folder.
+
+    Raises
+    ------
+    EdgeVprError
+        If the folder or the ground truth cannot be used.
+    """
+    folder = Path(args.results)
+    if not folder.is_dir():
+        raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
+    if (folder / ONLINE).is_file():
+        raise MapError(f"{folder} holds online matches: evaluate those of edge-vpr match alone")
+    reference = ReferenceMap.load(folder / results.MAP)
+    matches = Matches.load(folder / results.MATCHES)
+    arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
+    queries = Descriptors.from_arrays(arrays)
+    truth = load_truth(
+        args.ground_truth,
+        reference.places.centre_us,
+        queries.centre_us,
+        tolerance=args.tolerance,
+        rows=args.rows,
+        frame_period=args.frame_period,
+    )
+    found = evaluate(
+        matches,
+        truth,
+        score=args.score,
+        recall_denominator=args.recall_denominator,
+        thresholds=args.thresholds,
+    )
+    metrics = json.loads((folder / results.METRICS).read_text(encoding="utf-8"))
+    metrics["ground_truth"] = truth.description
+    metrics["evaluation"] = found.to_dict()
+    metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
+    write_report(folder, truth, found)
+    write_json(folder / results.METRICS, metrics)
+
+    print(
+        f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
+        f"average precision {found.curve.average_precision:.3f}   "
+        + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
+    )
+    print(
+        f"{found.queries} queries evaluated by {truth.description}; {found.queries_unknown} of "
+        f"unknown truth left out, {found.queries_without_place} without a true place in the map, "
+        f"{found.queries_tied} tied"
+    )
+    print(f"recall: {args.recall_denominator} queries are missed; see {folder / results.REPORT}")

@@ -1,0 +1,96 @@
+"""`edge-vpr match --online`: a match after every event, as the board would give it."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.archive import replacing, write_archive
+from edge_vpr.errors import UsageError
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.pipeline import check_sensor, cleaned
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_from
+from edge_vpr_tools.arguments.schedule import parse_every
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.provenance import run_record, write_json
+
+ONLINE, ONLINE_CSV, ONLINE_FIGURE = "online.npz", "online.csv", "online.png"
+KIND = "set of online matches"
+
+
+def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
+    """Feed the recording to a localiser and write what it said.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Of `edge-vpr match`.
+    reference : ReferenceMap
+        With the settings to use.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong or the recording cannot be matched.
+    """
+    if args.frames_as_windows:
+        raise UsageError("--online needs events: leave --frames-as-windows out")
+    if args.anchor is not None:
+        raise UsageError("--online matches belong to the newest window: leave --anchor out")
+    output, settings = Path(args.output), reference.settings
+    recording = open_from(args, args.recording)
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
+    every = parse_every(args.every or "event", reference)
+    localiser = Localiser(reference, every=every)
+    found: list[npt.NDArray[np.void]] = []
+    events_fed, busy_s = 0, 0.0
+    for events in cleaned(tracked(recording, "localising"), settings):
+        if not found:  # compiled before the clock runs
+            Localiser(reference, every=every).update(events[:1])
+        start = time.perf_counter()
+        found.append(localiser.update(events))
+        busy_s += time.perf_counter() - start
+        events_fed += events.size
+    matches = np.concatenate(found)
+    if matches.size == 0:
+        raise UsageError(
+            f"the recording ended before a sequence of {settings.sequence_length} windows was "
+            "complete: take shorter windows or a longer drive"
+        )
+    duration_s = matches["t"][-1] / 1e6
+    metrics = {
+        "matches": int(matches.size),
+        "events": events_fed,
+        "every": args.every or "event",
+        "localising_s": busy_s,
+        "times_real_time": duration_s / busy_s,
+        "faults_dropped": fault_counts(recording),
+    }
+    with results.results_folder(output, args.overwrite) as folder:
+        reference.save(folder / results.MAP)
+        columns = {name: matches[name] for name in matches.dtype.names or ()}
+        write_archive(folder / ONLINE, KIND, columns, {"settings": settings.to_dict()})
+        with replacing(folder / ONLINE_CSV) as temporary, temporary.open("w", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(columns)
+            table.writerows(matches.tolist())
+        record = run_record(settings.to_dict(), [args.map, args.recording])
+        write_json(folder / results.RUN, record)
+        write_json(folder / results.METRICS, metrics)
+        if not args.no_figures:
+            from edge_vpr_tools.report.figures import online_places
+            from edge_vpr_tools.report.style import save
+
+            save(online_places(matches, len(reference)), folder / ONLINE_FIGURE)
+    print(
+        f"{output}: {matches.size:,} matches of {events_fed:,} events over {duration_s:.1f} s"
+        f"{describe_faults(recording)}"
+    )
+    print(f"localising took {busy_s:.2f} s, {duration_s / busy_s:,.0f} times real time")
