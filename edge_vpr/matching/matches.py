@@ -10,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import read_archive, replacing, write_archive
+from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
 from edge_vpr.matching.distances import ReferenceIndex, best_matches
+from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
 from edge_vpr.settings import Settings
 
@@ -46,6 +48,11 @@ class Matches:
         Other places at the same smallest distance.
     candidates : ndarray of int64, shape (n, 25)
         Nearest places, nearest first (ties: lowest first); -1 where the map has fewer.
+    trust : ndarray of int64, shape (n,)
+        Higher is surer: of the place filter, see `place_filter.FilterMatch`; of sequences, the
+        margin.
+
+    Of matches by the place filter the two distances are metrics of the filter, with L = 1.
     """
 
     settings: Settings
@@ -58,6 +65,7 @@ class Matches:
     second_sum: npt.NDArray[np.int64]
     ties: npt.NDArray[np.int64]
     candidates: npt.NDArray[np.int64]
+    trust: npt.NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.query)
@@ -65,12 +73,17 @@ class Matches:
     @property
     def distance(self) -> npt.NDArray[np.float64]:
         """D_seq of the best place."""
-        return self.distance_sum / self.settings.sequence_length
+        return self.distance_sum / self.settings.windows_per_match
 
     @property
     def second_distance(self) -> npt.NDArray[np.float64]:
         """D_seq of the second best place; NaN where there is none."""
-        return np.where(self.second < 0, np.nan, self.second_sum / self.settings.sequence_length)
+        return np.where(self.second < 0, np.nan, self.second_sum / self.settings.windows_per_match)
+
+    @property
+    def margin(self) -> npt.NDArray[np.float64]:
+        """Second-best distance less the best, higher is surer; NaN where there is no second."""
+        return self.second_distance - self.distance
 
     @property
     def ratio(self) -> npt.NDArray[np.float64]:
@@ -105,7 +118,8 @@ class Matches:
             return cls(
                 Settings.from_dict(meta["settings"], source=str(path)),
                 meta["places_in_map"],
-                **{name: arrays[name] for name in _COLUMNS},
+                **{name: arrays[name] for name in _COLUMNS if name != "trust"},
+                trust=arrays.get("trust", arrays["second_sum"] - arrays["distance_sum"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise MapError(f"{path} is damaged or lacks {error}: match again") from error
@@ -115,7 +129,10 @@ class Matches:
         with replacing(path) as temporary, temporary.open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(
-                ["query", "time_s", "place", "distance", "second", "second_distance", "ratio"]
+                [
+                    *("query", "time_s", "place", "distance", "second", "second_distance"),
+                    *("ratio", "trust"),
+                ]
             )
             for i in range(len(self)):
                 row = [int(self.query[i]), f"{self.time_us[i] / 1e6:.6f}", int(self.place[i])]
@@ -125,6 +142,7 @@ class Matches:
                     row.append(f"{self.ratio[i]:.6f}")
                 else:
                     row += ["", "", ""]
+                row.append(int(self.trust[i]))
                 table.writerow(row)
 
 
@@ -137,11 +155,12 @@ _COLUMNS = (
     "second_sum",
     "ties",
     "candidates",
+    "trust",
 )
 
 
 def match_descriptors(places: Descriptors, queries: Descriptors, settings: Settings) -> Matches:
-    """Match every query window by sequences of L windows (method.md sections 4 and 5).
+    """Match every query window, by sequences of L windows or by the place filter.
 
     Parameters
     ----------
@@ -150,12 +169,13 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
     queries : Descriptors
         Q of them, counted at the same pixels.
     settings : Settings
-        `sequence_length`, `anchor` and `exclusion` are used.
+        `matching` and its settings, and `exclusion`, are used.
 
     Returns
     -------
     Matches
-        Of Q - L + 1 windows: those that a whole sequence is centred on (or ends with).
+        Of all Q windows by the filter. By sequences, of Q - L + 1: those that a whole sequence is
+        centred on (or ends with).
 
     Raises
     ------
@@ -169,6 +189,8 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "
             f"{queries.counts.shape[1]}: describe both with the same map"
         )
+    if settings.matching == "filter":
+        return _match_by_filter(places, queries, settings)
     length, exclusion = settings.sequence_length, settings.exclusion
     check_length(length, len(places), len(queries))
     offset = anchor_offset(length, settings.anchor)
@@ -194,6 +216,36 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
         second_sum=second_sum,
         ties=ties,
         candidates=np.where(candidates < 0, -1, candidates + offset),
+        trust=np.where(second < 0, 0, second_sum - best_sum),
+    )
+
+
+def _match_by_filter(places: Descriptors, queries: Descriptors, settings: Settings) -> Matches:
+    index, n = ReferenceIndex(places.counts), len(queries)
+    place_filter = PlaceFilter(
+        len(places),
+        StepPrices.of(settings),
+        settings.exclusion,
+        mean_activity(places.activity),
+    )
+    columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
+    candidates = np.empty((n, CANDIDATES), dtype=np.int64)
+    for j, events in enumerate(queries.activity.tolist()):
+        columns[j] = place_filter.advance(index.distances(queries.counts[j]), events)
+        candidates[j] = _nearest(place_filter.metric[:, None])
+    place, metric, second, second_metric, ties, trust = columns.T
+    return Matches(
+        settings=settings,
+        places_in_map=len(places),
+        query=np.arange(n, dtype=np.int64),
+        time_us=queries.centre_us,
+        place=place,
+        distance_sum=metric,
+        second=second,
+        second_sum=second_metric,
+        ties=ties,
+        candidates=candidates,
+        trust=trust,
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from edge_vpr.archive import write_archive
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.matches import match_descriptors
-from edge_vpr.pipeline import describe
+from edge_vpr.pipeline import describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
@@ -45,10 +45,8 @@ def run(args: argparse.Namespace) -> None:
     recording = open_source(args, args.recording)
 
     start = time.perf_counter()
-    queries = describe(
-        tracked(recording, "counting"), reference.pixel_map, settings, reference.full_scale
-    )
-    length = settings.sequence_length
+    queries = describe_query(reference, tracked(recording, "counting"), settings)
+    length = settings.windows_per_match
     match_descriptors(reference.places, queries.first(length), settings)  # compiled before timing
     described = time.perf_counter()
     matches = match_descriptors(reference.places, queries, settings)

@@ -15,7 +15,7 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events
 from edge_vpr.matching.matches import match_descriptors
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.pipeline import EventSource, describe, map_traverse
+from edge_vpr.pipeline import EventSource, describe_query, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.energy.intervals import LEAST_PAIRS, interval_of_times
 from edge_vpr_tools.energy.measurement import Plan, measure
@@ -71,15 +71,21 @@ def of_map(reference: ReferenceMap) -> Iterator[Compared]:
             kept = np.concatenate(
                 [np.arange(start, start + pixels) for start in range(0, counts.shape[1], whole)]
             )
-            scale = reference.full_scale
+            scale, mean = reference.full_scale, reference.mean
             yield Compared(
                 f"{pixels} px",
                 replace(
                     reference,
                     settings=reference.settings.replaced({"pixels": pixels}, "designs"),
                     pixel_map=PixelMap(drawn.sensor, drawn.x[:pixels], drawn.y[:pixels]),
-                    places=replace(reference.places, counts=np.ascontiguousarray(counts[:, kept])),
+                    places=replace(
+                        reference.places,
+                        counts=np.ascontiguousarray(counts[:, kept]),
+                        # codes do not tell how many of the events were at these pixels
+                        selected=reference.places.activity * pixels // whole,
+                    ),
                     full_scale=None if scale is None else scale[kept],
+                    mean=None if mean is None else mean[kept],
                 ),
             )
     yield Compared(f"{whole} px", reference)
@@ -123,7 +129,7 @@ def compare(
     found = []
     for design in designs:
         reference, settings = design.reference, design.reference.settings
-        queries = describe(query, reference.pixel_map, settings, reference.full_scale)
+        queries = describe_query(reference, query)
         matches = match_descriptors(reference.places, queries, settings)
         truth = truth_of(reference.places.centre_us, queries.centre_us)
         load = Workload(reference, events, MatchSchedule.window(settings))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from edge_vpr.events import Events
-from edge_vpr.pipeline import EventSource, check_sensor, cleaned, describe, map_traverse
+from edge_vpr.pipeline import EventSource, check_sensor, cleaned, describe_query, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import simulate_pair
@@ -74,7 +74,7 @@ def load_of(args: argparse.Namespace) -> Load:
             )  # fmt: skip
 
         # once at the door: it is needed again after minutes of measuring
-        queries = describe(recording, reference.pixel_map, reference.settings, reference.full_scale)
+        queries = describe_query(reference, recording)
         truth_of(reference.places.centre_us, queries.centre_us)
     events = list(cleaned(recording, reference.settings))
     designs = of_map(reference)
