@@ -251,8 +251,6 @@ def describe(
     """
     check_sensor(recording.sensor, pixel_map.sensor)
     counters = len(pixel_map) * (2 if settings.polarity else 1)
-    if settings.own_mean_code is not None:
-        raise MapError("own-mean codes need the map's means: describe the drive by describe_query")
     codes = codes_of(settings, counters, full_scale)
     if isinstance(recording, WindowSource):
         _check_counted(recording, pixel_map, settings)

@@ -62,6 +62,8 @@ class ReferenceMap:
 
         None also for own-mean codes, which have no fixed table: see `own_mean_code`.
         """
+        if self.own_mean_code is not None:
+            return None
         return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
 
     @property

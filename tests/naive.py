@@ -325,7 +325,7 @@ def place_filter(
     for j, d in enumerate(distances):
         mean = sum(d) // len(d)
         spread = max(sum(abs(x - mean) for x in d) // len(d), 1)
-        pause = 16 * 256 * events[j] < activity
+        pause = events[j] == 0 or 16 * 256 * events[j] < activity
         steps = {0: 0, 1: 0, 2: 4} if pause else prices
         least = min(metric)
         predicted = [

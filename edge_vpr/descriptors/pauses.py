@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-#: a window with less than 1/16 of the usual events is a pause
+#: a window with no event, or less than 1/16 of the usual number, is a pause
 PAUSE_SHIFT = 4
 #: the usual number moves by 1/64 of the difference in a window; it has 8 fraction bits
 ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
@@ -17,8 +17,7 @@ class Activity:
     Parameters
     ----------
     usual : int
-        Where it starts, in units of 1/256 event: `mean_activity` of the reference. 0: no window is
-        a pause at first.
+        Where it starts, in units of 1/256 event: `mean_activity` of the reference.
     """
 
     def __init__(self, usual: int) -> None:
@@ -26,7 +25,7 @@ class Activity:
 
     def pauses(self, events: int) -> bool:
         """Whether a window with this many selected events is a pause."""
-        return events << (ACTIVITY_BITS + PAUSE_SHIFT) < self.usual
+        return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < self.usual
 
     def update(self, events: int) -> None:
         """Take the selected events of a finished window."""

@@ -80,6 +80,11 @@ class StepPrices:
         return -len(self.back)
 
     @property
+    def last(self) -> int:
+        """Largest step, in places, after which an answer follows from the one before."""
+        return max(len(self.forward), len(PAUSE_STEPS)) - 1
+
+    @property
     def scaled(self) -> npt.NDArray[np.int32]:
         """Prices from the smallest step to the largest, with fraction bits."""
         return np.array([*reversed(self.back), *self.forward], dtype=np.int32) << FRACTION_BITS
@@ -136,6 +141,8 @@ class PlaceFilter:
         ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first.
     activity : Activity
         How many events a window usually has.
+    place, trust : int
+        Of the latest answer; the place is -1 before the first.
     """
 
     def __init__(
@@ -149,8 +156,7 @@ class PlaceFilter:
         self.prediction = np.zeros(places, dtype=np.int32)
         self.paused = np.zeros(places, dtype=np.int32)
         self.reciprocal = 0
-        self._place = -1
-        self._trust = 0
+        self.place, self.trust = -1, 0
 
     def __len__(self) -> int:
         return len(self.metric)
@@ -178,16 +184,27 @@ class PlaceFilter:
         """
         self.metric = self._with_evidence(distances, events)
         found = self._answer(self.metric)
-        self._place, self._trust = found.place, found.trust
+        self.place, self.trust = found.place, found.trust
         if not self.activity.pauses(events):
             self.reciprocal = reciprocal_of_spread(distances)
         self.activity.update(events)
+        self._predict()
+        return found
+
+    def resume(self, metric: Metrics, reciprocal: int, usual: int, place: int, trust: int) -> None:
+        """Take up the state of another filter of the same map and prices; see its attributes."""
+        self.metric = metric.copy()
+        self.reciprocal, self.activity.usual = reciprocal, usual
+        self.place, self.trust = place, trust
+        if place >= 0:
+            self._predict()
+
+    def _predict(self) -> None:
         restart = self.prices.restart << FRACTION_BITS
         self.prediction = predict(self.metric, self.prices.scaled, self.prices.first, restart)
         self.paused = predict(
             self.metric, np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS, 0, restart
         )
-        return found
 
     def _with_evidence(self, distances: npt.NDArray[np.integer], events: int) -> Metrics:
         if distances.shape != self.metric.shape:
@@ -205,15 +222,15 @@ class PlaceFilter:
         second_metric = int(metric[second]) if second >= 0 else -1
         margin = second_metric - least if second >= 0 else METRIC_TOP
         prices = self.prices
-        step = place - self._place
-        follows = self._place >= 0 and prices.first <= step < max(len(prices.forward), 3)
-        trust = self._trust if follows else 0
+        step = place - self.place
+        follows = self.place >= 0 and prices.first <= step <= prices.last
+        trust = self.trust if follows else 0
         trust += ((margin << TRUST_BITS) - trust) >> TRUST_SHIFT
         return FilterMatch(place, least, second, second_metric, ties, trust)
 
 
 @njit(cache=True, nogil=True)
-def reciprocal_of_spread(distances):
+def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     """Return ``floor(2**16 / s)``, with s the mean absolute deviation of the distances.
 
     Parameters
@@ -236,7 +253,7 @@ def reciprocal_of_spread(distances):
 
 
 @njit(cache=True, nogil=True)
-def add_evidence(prediction, distances, reciprocal):
+def add_evidence(prediction: Metrics, distances: npt.NDArray[np.int64], reciprocal: int) -> Metrics:
     """Return ``min(P + E, 2**10 - 1)``, with ``E = min((D - min D) / s, 255)`` in fraction bits.
 
     Parameters
@@ -259,7 +276,7 @@ def add_evidence(prediction, distances, reciprocal):
 
 
 @njit(cache=True, nogil=True)
-def predict(metric, prices, first, restart):
+def predict(metric: Metrics, prices: Metrics, first: int, restart: int) -> Metrics:
     """Return the cheapest price of each place one window later.
 
     Parameters
@@ -286,7 +303,7 @@ def predict(metric, prices, first, restart):
 
 
 @njit(cache=True, nogil=True)
-def least_and_second(metric, exclusion):
+def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
     """Return the place of the least metric, the best outside the exclusion zone (-1), and ties."""
     best = 0
     for k in range(1, metric.size):
