@@ -12,8 +12,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from designs import random_design, random_memories, random_stream, wrapped
+from edge_vpr_tools.arguments import estimate_arguments
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.commands import estimate
 from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, show, targets
 from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
@@ -595,7 +595,7 @@ def test_a_match_is_as_often_as_it_is_asked_for():
 def parsed(words):
     """Arguments of the command."""
     parser = argparse.ArgumentParser()
-    estimate.add_arguments(parser)
+    estimate_arguments.add_arguments(parser)
     return parser.parse_args(words[1:])
 
 

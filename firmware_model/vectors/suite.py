@@ -102,6 +102,16 @@ def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) 
     return manifest
 
 
+def files_of(manifest: Mapping[str, Any]) -> list[str]:
+    """List the files that a manifest describes, and itself, as paths below its folder."""
+    return [MANIFEST, "design.toml"] + [
+        f"{suite['name']}/{case['name']}/{name}"
+        for suite in manifest["suites"]
+        for case in suite["cases"]
+        for name in case["files"]
+    ]
+
+
 def _write_case(folder: Path, suite: str, case: Case, number: int) -> dict[str, Any]:
     place = folder / suite / case.name
     place.mkdir(parents=True)

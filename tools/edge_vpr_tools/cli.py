@@ -1,33 +1,19 @@
-"""The command `edge-vpr`: runs a verb, and turns errors into one line and an exit code."""
+"""The command `edge-vpr`: run a verb, and turn errors into one line and an exit code."""
 
 from __future__ import annotations
 
-import argparse
 import importlib
+import os
 import sys
 import traceback
 from collections.abc import Sequence
 
-from edge_vpr.errors import EdgeVprError
-
-#: help of each verb. Its arguments are in `arguments.VERB_arguments`, which imports nothing heavy,
-#: and `run(args)` is in `commands.VERB`, which is imported only when it runs.
-VERBS = {
-    "demo": "simulate two drives of a street, map one, match the other, and show how well it went",
-    "map": "make a reference map of one drive",
-    "match": "match a query drive against a map",
-    "evaluate": "compare matches with a ground truth",
-    "info": "say what a recording holds: sensor, events, duration, rate, polarity, faults",
-    "convert": "convert a recording; the suffix of the output names its format",
-    "simulate": "simulate two drives of one route, for trying out and teaching",
-    "experiment": "make the figures that the documentation quotes",
-    "golden": "write golden vectors for firmware and FPGA designs, or verify a device's results",
-    "estimate": "say what a design needs in operations, memory, time and (modelled) energy",
-    "profile": "measure speed, latency, memory and, with a power sensor, joules a match",
-    "stream": "localise live from a camera on a serial line, TCP, UDP, a pipe or a file",
-    "bridge": "replay a recording over a line, as a camera would send it",
-    "ports": "list serial ports, with a guess which protocol fits",
-}
+from edge_vpr import __version__
+from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean
+from edge_vpr_tools.arguments.parser import VerbParser
+from edge_vpr_tools.output.compiling import compiling_noted
+from edge_vpr_tools.output.messages import Verbosity, error_line, verbosity
+from edge_vpr_tools.verbs import EXAMPLES, GENERAL_FLAGS, GROUPS, VERBS, find_verb, module_name
 
 EXIT_FAILED, EXIT_WRONG_USE, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -47,10 +33,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     argv = sys.argv[1:] if argv is None else argv
     try:
+        if "_ARGCOMPLETE" in os.environ:
+            importlib.import_module("edge_vpr_tools.output.completions").answer()
         run(argv)
         sys.stdout.flush()
     except KeyboardInterrupt:
-        print("edge-vpr: interrupted; nothing half written was left", file=sys.stderr)
+        error_line("interrupted; nothing half written was left")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # the reader of our output has had enough, as `head` does
@@ -76,8 +64,62 @@ def run(argv: Sequence[str]) -> None:
     EdgeVprError
         If an argument is wrong, or the command fails.
     """
-    args = _parser(argv).parse_args(argv)
-    importlib.import_module(f"edge_vpr_tools.commands.{args.verb}").run(args)
+    verb, words = find_verb(list(argv))
+    if not verb:
+        _without_verb(words)
+        return
+    if verb not in VERBS:
+        raise UsageError(
+            f"there is no command {verb!r}{did_you_mean(verb, VERBS)} (edge-vpr --help lists all)"
+        )
+    args = parser_of(verb).parse(words)
+    level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
+    with verbosity(level):
+        command = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
+        with compiling_noted():
+            command.run(args)
+
+
+def parser_of(verb: str) -> VerbParser:
+    """Build the parser of a verb."""
+    module = importlib.import_module(f"edge_vpr_tools.arguments.{module_name(verb)}_arguments")
+    parser = VerbParser(verb, module.EXAMPLES)
+    module.add_arguments(parser)
+    parser.add_general_flags()
+    return parser
+
+
+def _without_verb(words: Sequence[str]) -> None:
+    """Print the version or the list of verbs."""
+    for word in words:
+        if word == "--version":
+            print(f"edge-vpr {__version__}, Python {sys.version.split()[0]}")
+            return
+        if word not in GENERAL_FLAGS:
+            flags = ("--version", *GENERAL_FLAGS)
+            raise UsageError(
+                f"there is no flag {word}{did_you_mean(word, flags)} (a command comes first; "
+                "edge-vpr --help lists all)"
+            )
+    print(_help())
+    if not {"-h", "--help"} & set(words):
+        raise UsageError("no command was given: name one of those above")
+
+
+def _help() -> str:
+    lines = [
+        "usage: edge-vpr COMMAND ...",
+        "",
+        "Recognise places on a known route from the event counts of a few pixels.",
+    ]
+    for group, verbs in GROUPS.items():
+        lines += ["", f"{group}:"]
+        lines += [f"  {verb:<16} {text}" for verb, text in verbs.items()]
+    lines += ["", "general:"]
+    lines += ["  COMMAND --help   what a command takes, with defaults and examples"]
+    lines += ["  -q, -v, --debug  say less; say more; show where an error came from"]
+    lines += ["  --version        print the version", "", "examples:", EXAMPLES]
+    return "\n".join(lines)
 
 
 def _report(error: Exception) -> int:
@@ -95,38 +137,8 @@ def _report(error: Exception) -> int:
         kind = type(error).__name__
         text = f"internal error, {kind}: {error}: run again with --debug and report what it prints"
         code = EXIT_FAILED
-    print("edge-vpr: error:", " ".join(text.split()), file=sys.stderr)
+    error_line(f"error: {text}")
     return code
-
-
-def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="edge-vpr",
-        description="Recognise places on a known route from the event counts of a few pixels.",
-    )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
-    parser.add_argument(
-        "--debug", action="store_true", help="show where an error came from (before the command)"
-    )
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", title="commands")
-    chosen = next((word for word in argv if not word.startswith("-")), None)
-    for name, text in VERBS.items():
-        command = commands.add_parser(name, help=text, description=text)
-        if name == chosen:
-            module = importlib.import_module(f"edge_vpr_tools.arguments.{name}_arguments")
-            module.add_arguments(command)
-            command.set_defaults(verb=name)
-    return parser
-
-
-class _Version(argparse.Action):
-    """Looks the version up only when asked for it: importlib.metadata is slow to import."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *unused: object) -> None:
-        from importlib.metadata import version
-
-        print(f"edge-vpr {version('edge-vpr')}, Python {sys.version.split()[0]}")
-        parser.exit()
 
 
 if __name__ == "__main__":

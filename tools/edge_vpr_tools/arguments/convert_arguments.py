@@ -6,6 +6,10 @@ import argparse
 
 from edge_vpr_tools.arguments.reading_flags import add_reading_arguments
 
+EXAMPLES = """\
+  edge-vpr convert drive.aedat4 drive.npz
+  edge-vpr convert drive.csv drive.raw --sensor 346x260 --columns txyp"""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
@@ -13,7 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "output",
         metavar="OUT",
-        help=".npz, .npy, .csv, .txt, .parquet, .raw (EVT 2.0), .dat, .h5 or .es",
+        help="file to write; its suffix names the format: .npz, .npy, .csv, .txt, .parquet, .raw "
+        "(EVT 2.0), .dat, .h5 or .es",
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output = parser.add_argument_group("output")
+    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     add_reading_arguments(parser)

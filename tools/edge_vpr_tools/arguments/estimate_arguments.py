@@ -4,32 +4,75 @@ from __future__ import annotations
 
 import argparse
 
+#: events a second of a street seen by a DAVIS346, about; stated with every estimate
+EVENTS_PER_S = 1e5
+PLACES = 1_000
+#: defaults of the flags that make a design; a map or a file has its own
+DESIGN_FLAGS = {
+    "sensor": "346x260",
+    "pixels": 150,
+    "sequence_length": 5,
+    "counter_code": "log",
+    "counter_bits": 4,
+    "polarity": False,
+    "tau": "1s",
+    "window_events": None,
+}
+EXAMPLES = """\
+  edge-vpr estimate --pixels 83 --places 2000 --target cortex-m4
+  edge-vpr estimate --map monday.npz --vs all-pixels
+  edge-vpr estimate --target cortex-m0plus --fit 20KiB --fit 5mW"""
+
+
+def _default(name: str) -> str:
+    return f"(default: {DESIGN_FLAGS[name]})"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     design = parser.add_argument_group("design", "of a map, of a file, or of these flags")
     design.add_argument("--map", metavar="MAP.npz", help="take design and event rates from a map")
     design.add_argument("--design", metavar="FILE.toml", help="design of a device")
-    design.add_argument("--sensor", metavar="WxH", help="default: 346x260")
-    design.add_argument("--pixels", type=int, metavar="J", help="default: 150")
+    design.add_argument("--sensor", metavar="WxH", help=f"size of the sensor {_default('sensor')}")
     design.add_argument(
-        "--places", type=int, metavar="K", help="default: of the route, the map, or 1000"
+        "--pixels", type=int, metavar="J", help=f"number of selected pixels {_default('pixels')}"
     )
-    design.add_argument("--sequence-length", "-L", type=int, metavar="L", help="default: 5")
-    design.add_argument("--counter-code", metavar="KIND", help="default: log")
-    design.add_argument("--counter-bits", type=int, metavar="B", help="default: 4")
+    design.add_argument(
+        "--places",
+        type=int,
+        metavar="K",
+        help=f"number of places (default: of the route, the map, or {PLACES})",
+    )
+    design.add_argument(
+        "--sequence-length",
+        "-L",
+        type=int,
+        metavar="L",
+        help=f"windows in a sequence {_default('sequence_length')}",
+    )
+    design.add_argument(
+        "--counter-code", metavar="KIND", help=f"linear, sqrt or log {_default('counter_code')}"
+    )
+    design.add_argument(
+        "--counter-bits", type=int, metavar="B", help=f"bits of a code {_default('counter_bits')}"
+    )
     design.add_argument(
         "--polarity", action="store_true", default=None, help="count ON and OFF apart"
     )
-    design.add_argument("--tau", metavar="TIME", help="window (default: 1s)")
+    design.add_argument("--tau", metavar="TIME", help=f"length of a window {_default('tau')}")
     design.add_argument(
         "--window-events", type=int, metavar="N",
-        help="windows of so many events at the selected pixels instead",
+        help="windows of so many events at the selected pixels instead of a time (default: none)",
     )  # fmt: skip
-    design.add_argument("--lanes", type=int, metavar="P", default=8, help="of an FPGA (default: 8)")
+    design.add_argument(
+        "--lanes", type=int, metavar="P", default=8, help="parallel lanes of an FPGA"
+    )
     mission = parser.add_argument_group("mission")
     mission.add_argument(
-        "--event-rate", type=float, metavar="N", help="events a second of the sensor (1e5)"
+        "--event-rate",
+        type=float,
+        metavar="N",
+        help=f"events a second of the sensor (default: the map's, or {EVENTS_PER_S:g})",
     )
     mission.add_argument(
         "--selected-share", type=float, metavar="S",
@@ -42,11 +85,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--every", metavar="WHEN", default="window",
         help="when to match, as of edge-vpr match: window, event, a number of events, 100ms",
     )  # fmt: skip
-    mission.add_argument("--route-km", type=float, metavar="KM", help="length of the route")
     mission.add_argument(
-        "--places-per-metre", type=float, metavar="N", default=0.1, help="default: 0.1"
+        "--route-km",
+        type=float,
+        metavar="KM",
+        help="length of the route in kilometres, in place of --places",
     )
-    asked = parser.add_argument_group("what is asked")
+    mission.add_argument(
+        "--places-per-metre",
+        type=float,
+        metavar="N",
+        default=0.1,
+        help="places on a metre of the route",
+    )
+    asked = parser.add_argument_group("answers")
     asked.add_argument(
         "--target", action="append", metavar="NAME",
         help="a target, or a TOML file of your own; may be repeated (default: all)",

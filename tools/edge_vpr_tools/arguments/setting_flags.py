@@ -5,10 +5,19 @@ from __future__ import annotations
 import argparse
 import re
 from fractions import Fraction
-from typing import Any
+from typing import Any, get_args
 
 from edge_vpr.errors import UsageError
-from edge_vpr.settings import Settings, resolve_settings
+from edge_vpr.settings import (
+    PRESETS,
+    STRATEGIES,
+    Anchor,
+    CounterCodeName,
+    CounterScaling,
+    Settings,
+    WindowKind,
+    resolve_settings,
+)
 
 # flags of a map that are named as their settings are, and the others
 _PLAIN = (
@@ -27,6 +36,7 @@ _PLAIN = (
     "keep_incomplete",
 )
 _OTHER = ("config", "tau", "hot_pixels", "bursts")
+DEFAULT_PRESET = "paper"
 _MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
 
 
@@ -46,71 +56,156 @@ def duration_us(text: str) -> int:
     raise UsageError(f"duration {text!r}: expected a time such as 1s, 250ms or 500us")
 
 
+def _default(name: str) -> str:
+    """Show the default of a setting, which is the preset's."""
+    value = getattr(PRESETS[DEFAULT_PRESET], name)
+    return f"(default: {value:g})" if isinstance(value, float) else f"(default: {value})"
+
+
+def _switch(name: str, on: str, off: str) -> str:
+    return f"(default: {on if getattr(PRESETS[DEFAULT_PRESET], name) else off})"
+
+
 def add_map_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of every setting that decides a map."""
-    group = parser.add_argument_group("settings (flags over --config over --preset)")
-    group.add_argument("--preset", default="paper", help="paper, seed-code or tiny")
+    """Add the flags of every setting that decides a map, and how it is matched."""
+    group = parser.add_argument_group(
+        "settings",
+        f"flags go over --config, which goes over --preset; defaults are those of {DEFAULT_PRESET}",
+    )
+    group.add_argument(
+        "--preset", choices=tuple(PRESETS), default=DEFAULT_PRESET, help="a set of settings"
+    )
     group.add_argument("--config", metavar="FILE", help="TOML file with settings")
-    group.add_argument("--pixels", type=int, metavar="J", help="number of selected pixels")
-    group.add_argument("--strategy", help="variance, seed-code, random, random-upper or top")
-    group.add_argument("--sigma", type=float, metavar="PX", help="surround suppression, in pixels")
-    group.add_argument("--seed", type=int, help="seed of the draw of pixels")
-    group.add_argument("--window", help="time or count")
-    group.add_argument("--tau", metavar="TIME", help="length of a fixed-time window: 1s, 250ms")
+    _add_pixel_flags(parser.add_argument_group("pixels"))
+    _add_window_flags(parser.add_argument_group("windows"))
+    _add_counter_flags(parser.add_argument_group("counters"))
+    _add_cleaning_flags(parser.add_argument_group("cleaning"))
+    add_match_flags(parser.add_argument_group("matching"))
+
+
+def _add_pixel_flags(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--pixels", type=int, metavar="J", help=f"number of selected pixels {_default('pixels')}"
+    )
+    group.add_argument(
+        "--strategy", choices=STRATEGIES, help=f"how they are selected {_default('strategy')}"
+    )
+    group.add_argument(
+        "--sigma",
+        type=float,
+        metavar="PX",
+        help=f"surround suppression, in pixels {_default('sigma')}",
+    )
+    group.add_argument("--seed", type=int, help=f"seed of the draw of pixels {_default('seed')}")
+
+
+def _add_window_flags(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--window",
+        choices=get_args(WindowKind),
+        help=f"of fixed time, or of a fixed count of events {_default('window')}",
+    )
+    tau_s = PRESETS[DEFAULT_PRESET].tau_us / 1e6
+    group.add_argument(
+        "--tau",
+        metavar="TIME",
+        help=f"length of a fixed-time window: 1s, 250ms (default: {tau_s:g}s)",
+    )
     group.add_argument(
         "--events-per-pixel",
         type=float,
         metavar="R",
         help="a fixed-count window closes after R x J events at the selected pixels; 0: as many as "
-        "a window of tau holds in the reference on average",
-    )
-    group.add_argument(
-        "--polarity", action=argparse.BooleanOptionalAction, help="count ON and OFF apart"
-    )
-    group.add_argument("--clip", type=int, metavar="N", help="largest count; 0 = no limit")
-    group.add_argument(
-        "--counter-code",
-        metavar="KIND",
-        help="what is compared in place of a count: none, linear, sqrt or log",
-    )
-    group.add_argument("--counter-bits", type=int, metavar="B", help="bits of a code, 1 to 16")
-    group.add_argument(
-        "--counter-full-scale",
-        type=int,
-        metavar="N",
-        help="largest count that the code tells apart; 0 = the code's own",
-    )
-    group.add_argument(
-        "--counter-scaling",
-        metavar="SCALING",
-        help="shared, or per-pixel: a full scale for each pixel, learned from the reference",
-    )
-    group.add_argument(
-        "--hot-pixels",
-        metavar="find|keep|FILE",
-        help="find and leave out, keep, or leave out those listed in FILE (x, y a line)",
-    )
-    group.add_argument(
-        "--bursts", choices=("remove", "keep"), help="events of moments when most pixels fire"
+        f"a window of tau holds in the reference on average {_default('events_per_pixel')}",
     )
     group.add_argument(
         "--keep-incomplete",
         action=argparse.BooleanOptionalAction,
-        help="keep the last, incomplete window",
+        help="keep the last, incomplete window " + _switch("keep_incomplete", "keep it", "drop it"),
     )
-    add_match_flags(group)
 
 
-def add_match_flags(parser: argparse._ActionsContainer) -> None:
-    """Add the flags of the settings that decide how a map is matched."""
+def _add_counter_flags(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--polarity",
+        action=argparse.BooleanOptionalAction,
+        help="count ON and OFF apart " + _switch("polarity", "apart", "together"),
+    )
+    group.add_argument(
+        "--clip", type=int, metavar="N", help=f"largest count; 0 = no limit {_default('clip')}"
+    )
+    group.add_argument(
+        "--counter-code",
+        choices=get_args(CounterCodeName),
+        help=f"what is compared in place of a count {_default('counter_code')}",
+    )
+    group.add_argument(
+        "--counter-bits",
+        type=int,
+        metavar="B",
+        help=f"bits of a code, 1 to 16 {_default('counter_bits')}",
+    )
+    group.add_argument(
+        "--counter-full-scale",
+        type=int,
+        metavar="N",
+        help="largest count that the code tells apart; 0 = the code's own "
+        + _default("counter_full_scale"),
+    )
+    group.add_argument(
+        "--counter-scaling",
+        choices=get_args(CounterScaling),
+        help="one full scale for all, or one for each pixel, learned from the reference "
+        + _default("counter_scaling"),
+    )
+
+
+def _add_cleaning_flags(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--hot-pixels",
+        metavar="find|keep|FILE",
+        help="find and leave out, keep, or leave out those listed in FILE (x, y a line) "
+        + _switch("remove_hot_pixels", "find", "keep"),
+    )
+    group.add_argument(
+        "--bursts",
+        choices=("remove", "keep"),
+        help="events of moments when most pixels fire "
+        + _switch("remove_bursts", "remove", "keep"),
+    )
+
+
+def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> None:
+    """Add the flags of the settings that decide how a map is matched.
+
+    Parameters
+    ----------
+    parser : parser or group
+    default : str, optional
+        Whose value holds where a flag is not given; empty for the preset's.
+    """
+
+    def shown(name: str) -> str:
+        return f"(default: {default})" if default else _default(name)
+
     parser.add_argument(
-        "--sequence-length", "-L", type=int, metavar="L", help="windows in a sequence"
+        "--sequence-length",
+        "-L",
+        type=int,
+        metavar="L",
+        help=f"windows in a sequence {shown('sequence_length')}",
     )
     parser.add_argument(
-        "--anchor", help="window that a sequence's match belongs to: middle (offline) or end"
+        "--anchor",
+        choices=get_args(Anchor),
+        help="window that a sequence's match belongs to: middle (offline) or end "
+        + shown("anchor"),
     )
     parser.add_argument(
-        "--exclusion", type=int, metavar="R", help="second best is over R places from the best"
+        "--exclusion",
+        type=int,
+        metavar="R",
+        help=f"second best is over R places from the best {shown('exclusion')}",
     )
 
 

@@ -6,6 +6,7 @@ import argparse
 
 from edge_vpr.recordings import write_recording
 from edge_vpr_tools.arguments.reading import describe_faults, open_from
+from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 
 
@@ -19,4 +20,4 @@ def run(args: argparse.Namespace) -> None:
     """
     recording = open_from(args, args.input)
     n = write_recording(args.output, tracked(recording, "converting"), overwrite=args.overwrite)
-    print(f"{args.output}: {n:,} events of {recording.sensor}{describe_faults(recording)}")
+    summary(f"{args.output}: {n:,} events of {recording.sensor}{describe_faults(recording)}")

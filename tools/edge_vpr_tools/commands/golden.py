@@ -1,4 +1,4 @@
-"""`edge-vpr golden`: vectors that a device is held against, and the comparison of its results."""
+"""`edge-vpr golden`: write vectors that a device is held against."""
 
 from __future__ import annotations
 
@@ -10,47 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from edge_vpr.descriptors.windows import narrow
-from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.errors import UsageError
 from edge_vpr.pipeline import cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr_tools.arguments.reading import open_from
 from edge_vpr_tools.estimate.of_map import design_of, device_codes
-from edge_vpr_tools.output.results import results_folder
+from edge_vpr_tools.output.messages import note, summary
+from edge_vpr_tools.output.results import check_parent, whole_folder
 from firmware_model import Design, DesignError, Event, Memories, VectorError
-from firmware_model.vectors import (
-    Case,
-    check_files,
-    read_results,
-    standard_suites,
-    verify,
-    write_suites,
-)
-from firmware_model.vectors.verify import COMPARED
-
-
-def run(args: argparse.Namespace) -> None:
-    """Write or verify vectors.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong, or the results differ from the vectors.
-    """
-    with _own_errors():
-        if not args.words:
-            _make(args)
-        elif args.words[0] == "verify" and len(args.words) == 2:
-            _verify(args, Path(args.words[1]))
-        else:
-            raise UsageError(
-                f"golden {' '.join(args.words)}: expected `golden verify VECTORS`, or to make "
-                "them, `golden --design FILE.toml -o DIR`"
-            )
+from firmware_model.vectors import Case, standard_suites, write_suites
+from firmware_model.vectors.suite import files_of
+from firmware_model.vectors.verify import load_manifest
 
 
 @contextmanager
-def _own_errors() -> Iterator[None]:
+def design_errors() -> Iterator[None]:
     """Let errors of the firmware model be those of the command line."""
     try:
         yield
@@ -58,15 +33,21 @@ def _own_errors() -> Iterator[None]:
         raise UsageError(str(error)) from error
 
 
-def _make(args: argparse.Namespace) -> None:
+@design_errors()
+def run(args: argparse.Namespace) -> None:
+    """Make vectors and write them.
 
-    if args.output is None or (args.design is None) == (args.map is None):
-        raise UsageError("vectors are made of one of --design and --map, to the folder of --output")
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong.
+    """
+    if (args.design is None) == (args.map is None):
+        raise UsageError("vectors are made of one of --design and --map: name one")
     if args.recording is not None and args.map is None:
         raise UsageError("--recording needs a map: name it by --map")
     output = Path(args.output)
-    if output.exists() and (not output.is_dir() or any(output.iterdir())):
-        raise UsageError(f"{output} is not an empty folder: name a new one")
+    _check_folder(output, args.overwrite)
     recorded: list[Case] = []
     if args.map is None:
         design = Design.load(args.design)
@@ -75,20 +56,36 @@ def _make(args: argparse.Namespace) -> None:
     suites = standard_suites(design, args.seed)
     if recorded:
         suites["recording"] = recorded
-    with results_folder(output, overwrite=True) as folder:
+    with whole_folder(output) as folder:
         manifest = write_suites(folder, design, suites, args.seed)
     for suite in manifest["suites"]:
         missed = [corner for corner, number in suite["coverage"].items() if number == 0]
         if suite["name"] == "corners" and missed:
-            print(f"no corner case of this design reaches: {', '.join(missed)}")
+            note(f"no corner case of this design reaches: {', '.join(missed)}")
     for suite in manifest["suites"]:
         events, windows, matches = (
             sum(case[what] for case in suite["cases"]) for what in ("events", "windows", "matches")
         )
         reached = sum(number > 0 for number in suite["coverage"].values())
-        print(
+        summary(
             f"{args.output}/{suite['name']}: {len(suite['cases'])} cases, {events:,} events, "
             f"{windows} windows, {matches} matches, {reached} of {len(suite['coverage'])} corners"
+        )
+
+
+def _check_folder(path: Path, overwrite: bool) -> None:
+    """Refuse a folder that may not be replaced, or that holds other files than vectors."""
+    check_parent(path)
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return
+    if not overwrite:
+        raise UsageError(f"{path} is not an empty folder: name a new one, or add --overwrite")
+    ours = {path / name for name in files_of(load_manifest(path))}
+    foreign = sorted(set(path.rglob("*")) - ours - {one for file in ours for one in file.parents})
+    if foreign:
+        raise UsageError(
+            f"{path} also holds {foreign[0].relative_to(path)}, which is not of the vectors: move "
+            "it away, or name another folder"
         )
 
 
@@ -116,23 +113,3 @@ def _events(args: argparse.Namespace, settings: Settings) -> list[tuple[int, int
         if len(taken) >= args.max_events:
             break
     return taken
-
-
-def _verify(args: argparse.Namespace, folder: Path) -> None:
-
-    files = check_files(folder)
-    if args.results is None:
-        print(f"{folder}: {files} files are as they were made")
-        return
-    kinds = tuple(args.only.split(","))
-    if not set(kinds) <= set(COMPARED):
-        raise UsageError(f"--only {args.only}: choose from {', '.join(COMPARED)}")
-    verdict = verify(folder, read_results(args.results), case=args.case, kinds=kinds)
-    compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
-    if verdict.differences:
-        print("\n".join(verdict.differences))
-        raise EdgeVprError(
-            f"{args.results}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
-            f"vectors in {folder}; the first difference of each is above"
-        )
-    print(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")

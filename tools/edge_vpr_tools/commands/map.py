@@ -14,6 +14,7 @@ from edge_vpr_tools.arguments.reading import (
     open_source,
 )
 from edge_vpr_tools.arguments.setting_flags import map_settings
+from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.results import check_parent
 
@@ -47,12 +48,12 @@ def run(args: argparse.Namespace) -> None:
     packed = ""
     if reference.codes is not None:
         packed = f", {reference.packed_bytes_per_place} packed at {reference.counter_bits} bits"
-    print(
+    summary(
         f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels of "
         f"{reference.pixel_map.sensor}, {reference.bytes_per_place} bytes a place "
         f"({counts.dtype}){packed}, {counts.nbytes / 1e3:.1f} kB in all"
     )
-    print(
+    summary(
         f"read {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
         f"in {elapsed:.2f} s; {reference.hot.sum()} hot pixels left out"
         f"{describe_faults(recording)}"

@@ -20,6 +20,7 @@ from edge_vpr_tools.arguments.reading import (
 from edge_vpr_tools.arguments.setting_flags import match_flags
 from edge_vpr_tools.commands.match_online import match_online
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 
@@ -75,13 +76,13 @@ def run(args: argparse.Namespace) -> None:
             from edge_vpr_tools.report.traverse import write_report
 
             write_report(folder)
-    print(
+    summary(
         f"{output}: {len(matches)} queries matched against {len(reference)} places of "
         f"{reference.bytes_per_place} bytes{describe_faults(recording)}"
     )
-    print(
+    summary(
         f"counting {queries.events.sum():,} events took {described - start:.2f} s, matching "
         f"{(matched - described) * 1e6 / len(matches):.1f} us a query"
     )
     if not args.no_figures:
-        print(f"see {output / results.REPORT}; is it right? edge-vpr evaluate {output} --help")
+        summary(f"see {output / results.REPORT}; is it right? edge-vpr evaluate {output} --help")

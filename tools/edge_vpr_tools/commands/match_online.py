@@ -18,6 +18,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_from
 from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 
@@ -89,8 +90,8 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
             from edge_vpr_tools.report.style import save
 
             save(online_places(matches, len(reference)), folder / ONLINE_FIGURE)
-    print(
+    summary(
         f"{output}: {matches.size:,} matches of {events_fed:,} events over {duration_s:.1f} s"
         f"{describe_faults(recording)}"
     )
-    print(f"localising took {busy_s:.2f} s, {duration_s / busy_s:,.0f} times real time")
+    summary(f"localising took {busy_s:.2f} s, {duration_s / busy_s:,.0f} times real time")

@@ -1,4 +1,4 @@
-"""`edge-vpr profile`: what a match costs on this machine, measured."""
+"""`edge-vpr profile`: measure what a match takes on this machine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from edge_vpr.errors import UsageError
 from edge_vpr_tools.energy import profiling, show
 from edge_vpr_tools.energy.intervals import LEAST_PAIRS
 from edge_vpr_tools.energy.measurement import LEAST_S, Plan
-from edge_vpr_tools.energy.show import compare
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.provenance import write_json
 
@@ -23,29 +22,13 @@ _LEAST_QUICK_S = 0.1
 
 
 def run(args: argparse.Namespace) -> None:
-    """Profile, compare, or add an external meter's trace.
+    """Profile this machine.
 
     Raises
     ------
     EdgeVprError
         If an argument is wrong, or a sensor fails.
     """
-    words = args.words
-    if not words:
-        _profile(args)
-    elif words[0] == "compare" and len(words) == 3:
-        compare(Path(words[1]), Path(words[2]), None if args.csv is None else Path(args.csv))
-    elif words[0] == "trace" and len(words) == 3:
-        _add_trace(args, Path(words[1]), Path(words[2]))
-    else:
-        raise UsageError(
-            f"profile {' '.join(words)}: expected `profile`, `profile compare A.json B.json`, or "
-            "`profile trace PROFILE.json METER.csv`"
-        )
-
-
-def _profile(args: argparse.Namespace) -> None:
-
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")
     if args.ground_truth is not None and args.map is None:
@@ -98,14 +81,3 @@ def terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _add_trace(args: argparse.Namespace, profile: Path, meter: Path) -> None:
-
-    found = profiling.with_meter(profile, meter, args.mission_rate)
-    write_json(profile, found)
-    show.write_csv(found, profile.with_name("profile.csv"))
-    if not args.no_figures:
-        show.write_report(found, profile.parent)
-    show.table(found)
-    print(f"see {profile.parent / results.REPORT}")

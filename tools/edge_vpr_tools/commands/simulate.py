@@ -8,6 +8,7 @@ from pathlib import Path
 
 from edge_vpr.recordings import write_recording
 from edge_vpr.simulate import QUERY, SimulatedRecording, simulate_pair
+from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import RUN, check_output_folder, results_folder
@@ -53,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
             for name, recording in zip(("reference", "query"), pair, strict=True)
         }
         write_json(folder / RUN, run_record(settings, ()))
-    print("\n".join(lines))
+    summary("\n".join(lines))
 
 
 def write_track(path: Path, recording: SimulatedRecording) -> None:

@@ -83,6 +83,16 @@ def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
         See `check_output_folder`.
     """
     check_output_folder(path, overwrite)
+    with whole_folder(path) as work:
+        yield work
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Give an empty folder that takes the place of `path` when the block ends well.
+
+    What `path` holds is deleted then: check it before.
+    """
     path = path.absolute()
     work = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     try:
