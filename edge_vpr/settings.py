@@ -336,4 +336,10 @@ def resolve_settings(
     if preset not in PRESETS:
         raise UsageError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")
     given = {name: value for name, value in (flags or {}).items() if value is not None}
+    for chosen in (values, given):
+        # the preset's own-mean codes are of logarithms: another code asked for has no mean
+        if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
+            chosen.setdefault("counter_scaling", "shared")
+            if chosen.get("clip"):
+                chosen.setdefault("counter_code", "none")
     return PRESETS[preset].replaced(values, str(config)).replaced(given, "the command line")

@@ -98,7 +98,7 @@ def in_code(reference, counted):
 
 
 def without_ratio(matches):
-    names = [name for name in matches.dtype.names if name != "ratio"]
+    names = [name for name in matches.dtype.names if name not in ("ratio", "start")]
     return [tuple(int(match[name]) for name in names) for match in matches]
 
 

@@ -86,4 +86,4 @@ def test_the_flags_of_a_counter_code_reach_the_settings():
     found = map_settings(parser.parse_args(flags.split()))
     assert (found.counter_code, found.counter_bits) == ("log", 4)
     assert (found.counter_full_scale, found.counter_scaling) == (63, "shared")
-    assert map_settings(parser.parse_args([])) == Settings()
+    assert map_settings(parser.parse_args([])) == PRESETS["default"]

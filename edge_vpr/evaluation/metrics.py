@@ -252,7 +252,9 @@ def evaluate(
         evaluated=evaluated,
         curve=curve,
         recall_at={
-            n: int(np.count_nonzero(hit[counted, :n].any(axis=1))) / findable for n in RECALL_AT
+            n: int(np.count_nonzero(hit[counted, :n].any(axis=1))) / findable
+            for n in RECALL_AT
+            if n <= matches.candidates.shape[1]
         },
         score=score,
         recall_denominator=recall_denominator,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,8 @@ class Matches:
     ties : ndarray of int64, shape (n,)
         Other places at the same smallest distance.
     candidates : ndarray of int64, shape (n, 25)
-        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer.
+        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. Of matches
+        that were given event by event only the best one, shape (n, 1).
     trust : ndarray of int64, shape (n,)
         Higher is surer: of the place filter, see `place_filter.FilterMatch`; of sequences, the
         margin.
@@ -95,6 +96,38 @@ class Matches:
         np.divide(self.distance_sum, self.second_sum, out=ratio, where=self.second_sum > 0)
         ratio[self.second_sum == 0] = 1.0
         return ratio
+
+    @classmethod
+    def of_rows(cls, rows: npt.NDArray[np.void], settings: Settings, places_in_map: int) -> Matches:
+        """Build from the matches that a localiser gave event by event.
+
+        Parameters
+        ----------
+        rows : ndarray of MATCH_DTYPE, shape (n,)
+            Each is a query, of the window that was newest at its time. Ties are not counted.
+        settings : Settings
+        places_in_map : int
+        """
+        n = len(rows)
+        return cls(
+            settings=settings,
+            places_in_map=places_in_map,
+            query=np.arange(n, dtype=np.int64),
+            time_us=rows["start"] + (rows["t"] - rows["start"]) // 2,
+            place=rows["place"],
+            distance_sum=rows["distance_sum"],
+            second=rows["second"],
+            second_sum=rows["second_sum"],
+            ties=np.zeros(n, dtype=np.int64),
+            candidates=rows["place"][:, None],
+            trust=rows["trust"],
+        )
+
+    def every(self, stride: int) -> Matches:
+        """Return every `stride`-th match, as queries of their own."""
+        columns = {name: getattr(self, name)[::stride] for name in _COLUMNS}
+        columns["query"] = np.arange(len(columns["query"]), dtype=np.int64)
+        return replace(self, **columns)
 
     def save(self, path: str | Path) -> None:
         """Write as ``.npz``, atomically."""

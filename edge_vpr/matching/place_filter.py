@@ -249,7 +249,7 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     spread = np.int64(0)
     for distance in distances:
         spread += abs(np.int64(distance) - mean)
-    return (1 << RECIPROCAL_BITS) // max(spread // distances.size, 1)
+    return (1 << RECIPROCAL_BITS) // max(int(spread) // distances.size, 1)
 
 
 @njit(cache=True, nogil=True)

@@ -76,7 +76,7 @@ def follow_filtered(
         Events at selected pixels, in time order, none after the end of the filter's window.
     until : int
         Time of the last event, selected or not, or the window's end, in microseconds.
-    out : ndarray of int64, shape (n, 7)
+    out : ndarray of int64, shape (n, 8)
         Matches are written here: the integers of MATCH_DTYPE, in its order.
 
     Returns
@@ -122,11 +122,13 @@ def follow_filtered(
         if not complete:
             continue
         settle(s)
-        given += _answer(s, predicted, c, now, out[given])
+        # of a window of a number of events, the time of the oldest
+        begin = seen_until - s.tau if s.tau > 0 else s.time[s.bound[1] & mask]
+        given += _answer(s, predicted, c, (now, begin), out[given])
 
 
 @njit(cache=True, nogil=True)
-def _answer(s, predicted, c, now, row):  # type: ignore[no-untyped-def]
+def _answer(s, predicted, c, span, row):  # type: ignore[no-untyped-def]
     """Write the match of the present window; 0 if only changes are asked for and there is none."""
     events = s.bound[0] - s.bound[1]
     metric = predicted.metric
@@ -155,6 +157,7 @@ def _answer(s, predicted, c, now, row):  # type: ignore[no-untyped-def]
     step = best - c.place
     follows = c.place >= 0 and c.first_step <= step <= c.last_step
     trust = c.trust if follows else np.int64(0)
-    row[0], row[1], row[2], row[3], row[4] = now, best, metric[best], second, second_metric
-    row[5], row[6] = events, trust + (((margin << TRUST_BITS) - trust) >> TRUST_SHIFT)
+    row[0], row[1], row[2], row[3], row[4] = span[0], best, metric[best], second, second_metric
+    row[5], row[6] = events, span[1]
+    row[7] = trust + (((margin << TRUST_BITS) - trust) >> TRUST_SHIFT)
     return 1

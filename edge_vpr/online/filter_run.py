@@ -53,7 +53,7 @@ class FilterRun:
         control.next_tick, control.place_told = schedule.interval_us, -1
         control.exclusion = settings.exclusion
         control.first_step, control.last_step = prices.first, prices.last
-        self._out = np.empty((_MATCHES_AT_ONCE, 7), dtype=np.int64)
+        self._out = np.empty((_MATCHES_AT_ONCE, 8), dtype=np.int64)
         self._windows = 0  # finished
 
     @property
@@ -89,7 +89,7 @@ class FilterRun:
         Returns
         -------
         s : Sliding
-        rows : list of ndarray of int64, shape (n, 7)
+        rows : list of ndarray of int64, shape (n, 8)
             The integers of MATCH_DTYPE.
         """
         rows: list[npt.NDArray[np.int64]] = []

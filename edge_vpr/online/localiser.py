@@ -34,9 +34,9 @@ from edge_vpr.settings import Settings
 
 #: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
 #: exclusion zone (-1: none); their distances, summed over the L windows of the sequence; best over
-#: second; events at the selected pixels in the newest window; trust, higher is surer (of the place
-#: filter as `place_filter.FilterMatch` has it, of sequences the margin). The place filter has
-#: metrics in place of distances, and windows in place of sequences.
+#: second; events at the selected pixels in the newest window, and its start; trust, higher is
+#: surer (of the place filter as `place_filter.FilterMatch` has it, of sequences the margin). The
+#: place filter has metrics in place of distances, and windows in place of sequences.
 MATCH_DTYPE = np.dtype(
     [
         ("t", "<i8"),
@@ -46,6 +46,7 @@ MATCH_DTYPE = np.dtype(
         ("second_sum", "<i8"),
         ("ratio", "<f8"),
         ("events", "<i8"),
+        ("start", "<i8"),
         ("trust", "<i8"),
     ]
 )
@@ -121,7 +122,7 @@ class Localiser:
                 )
             self._filter = FilterRun(reference, self.every)
             self._s = self._filter.prepared(self._s)
-        self._out = np.empty((_MATCHES_AT_ONCE, 6), dtype=np.int64)
+        self._out = np.empty((_MATCHES_AT_ONCE, 7), dtype=np.int64)
 
     def __len__(self) -> int:
         return len(self._places)

@@ -40,8 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
-        "--score", choices=("distance", "ratio"), default="distance",
-        help="what the threshold of the precision-recall curve is on",
+        "--score", choices=("distance", "ratio", "margin", "trust"),
+        help="what the threshold of the precision-recall curve is on (default: trust of the place "
+        "filter, distance of sequences)",
     )  # fmt: skip
     metrics.add_argument(
         "--recall-denominator",

@@ -14,6 +14,8 @@ from edge_vpr.settings import (
     Anchor,
     CounterCodeName,
     CounterScaling,
+    Matching,
+    QueryMean,
     Settings,
     WindowKind,
     resolve_settings,
@@ -35,8 +37,18 @@ _PLAIN = (
     "counter_scaling",
     "keep_incomplete",
 )
+_MATCHING = (
+    "matching",
+    "filter_steps",
+    "filter_back",
+    "filter_restart",
+    "query_mean",
+    "sequence_length",
+    "anchor",
+    "exclusion",
+)
 _OTHER = ("config", "tau", "hot_pixels", "bursts")
-DEFAULT_PRESET = "paper"
+DEFAULT_PRESET = "default"
 _MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
 
 
@@ -155,7 +167,8 @@ def _add_counter_flags(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--counter-scaling",
         choices=get_args(CounterScaling),
-        help="one full scale for all, or one for each pixel, learned from the reference "
+        help="one full scale for all; or one for each pixel, learned from the reference; or the "
+        "logarithm less its mean over the drive, which other light does not move "
         + _default("counter_scaling"),
     )
 
@@ -188,6 +201,36 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
     def shown(name: str) -> str:
         return f"(default: {default})" if default else _default(name)
 
+    parser.add_argument(
+        "--matching",
+        choices=get_args(Matching),
+        help=f"by sequences of windows (the paper), or the place filter {shown('matching')}",
+    )
+    parser.add_argument(
+        "--filter-steps",
+        type=_prices,
+        metavar="P,P,...",
+        help="place filter: price of a step of 0, 1, 2 ... places in a window "
+        "(default: 1,0,1 for windows of fixed time, 1,0,0,1 for a number of events)",
+    )
+    parser.add_argument(
+        "--filter-back",
+        type=_prices,
+        metavar="P,P,...",
+        help="place filter: price of a step of 1, 2 ... places backwards (default: never)",
+    )
+    parser.add_argument(
+        "--filter-restart",
+        type=int,
+        metavar="P",
+        help=f"place filter: price of a step to any place {shown('filter_restart')}",
+    )
+    parser.add_argument(
+        "--query-mean",
+        choices=get_args(QueryMean),
+        help="of own-mean codes, a query's mean: over the whole drive, or running, as on the robot "
+        + shown("query_mean"),
+    )
     parser.add_argument(
         "--sequence-length",
         "-L",
@@ -235,4 +278,12 @@ def given_map_flags(args: argparse.Namespace) -> list[str]:
 
 def match_flags(args: argparse.Namespace) -> dict[str, Any]:
     """Collect the flags of `add_match_flags` by setting; None where not given."""
-    return {name: getattr(args, name) for name in ("sequence_length", "anchor", "exclusion")}
+    return {name: getattr(args, name) for name in _MATCHING}
+
+
+def _prices(text: str) -> tuple[int, ...]:
+    """Read prices such as ``1,0,1``."""
+    try:
+        return tuple(int(price) for price in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected prices such as 1,0,1") from None

@@ -13,10 +13,12 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.truth import load_truth
-from edge_vpr_tools.commands.match_online import ONLINE
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.report.traverse import write_report
+
+#: places times queries of the ground truth: 64 MB
+_MOST_CELLS = 1 << 26
 
 
 def run(args: argparse.Namespace) -> None:
@@ -30,16 +32,18 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.results)
     if not folder.is_dir():
         raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
-    if (folder / ONLINE).is_file():
-        raise MapError(f"{folder} holds online matches: evaluate those of edge-vpr match alone")
     reference = ReferenceMap.load(folder / results.MAP)
     matches = Matches.load(folder / results.MATCHES)
-    arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
-    queries = Descriptors.from_arrays(arrays)
+    if (folder / results.QUERIES).is_file():
+        arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
+        queries_us = Descriptors.from_arrays(arrays).centre_us
+    else:  # matched event by event: each match is a query of its own
+        matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
+        queries_us = matches.time_us
     truth = load_truth(
         args.ground_truth,
         reference.places.centre_us,
-        queries.centre_us,
+        queries_us,
         tolerance=args.tolerance,
         rows=args.rows,
         frame_period=args.frame_period,

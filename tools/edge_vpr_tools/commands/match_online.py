@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import replacing, write_archive
 from edge_vpr.errors import UsageError
+from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.pipeline import check_sensor, cleaned
 from edge_vpr.reference_map import ReferenceMap
@@ -22,8 +22,7 @@ from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 
-ONLINE, ONLINE_CSV, ONLINE_FIGURE = "online.npz", "online.csv", "online.png"
-KIND = "set of online matches"
+ONLINE_FIGURE = "online.png"
 
 
 def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
@@ -45,7 +44,9 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         raise UsageError("--online needs events: leave --frames-as-windows out")
     if args.anchor is not None:
         raise UsageError("--online matches belong to the newest window: leave --anchor out")
-    output, settings = Path(args.output), reference.settings
+    # the mean over the whole drive is known only when it is over
+    settings = replace(reference.settings, query_mean="running")
+    output, reference = Path(args.output), replace(reference, settings=settings)
     recording = open_from(args, args.recording)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
     every = parse_every(args.every or "event", reference)
@@ -59,15 +60,16 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         found.append(localiser.update(events))
         busy_s += time.perf_counter() - start
         events_fed += events.size
-    matches = np.concatenate(found)
-    if matches.size == 0:
+    rows = np.concatenate(found)
+    if rows.size == 0:
         raise UsageError(
-            f"the recording ended before a sequence of {settings.sequence_length} windows was "
+            f"the recording ended before a sequence of {settings.windows_per_match} windows was "
             "complete: take shorter windows or a longer drive"
         )
-    duration_s = matches["t"][-1] / 1e6
+    matches = Matches.of_rows(rows, settings, len(reference))
+    duration_s = rows["t"][-1] / 1e6
     metrics = {
-        "matches": int(matches.size),
+        "matches": len(matches),
         "events": events_fed,
         "every": args.every or "event",
         "localising_s": busy_s,
@@ -76,12 +78,8 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
     }
     with results.results_folder(output, args.overwrite) as folder:
         reference.save(folder / results.MAP)
-        columns = {name: matches[name] for name in matches.dtype.names or ()}
-        write_archive(folder / ONLINE, KIND, columns, {"settings": settings.to_dict()})
-        with replacing(folder / ONLINE_CSV) as temporary, temporary.open("w", newline="") as file:
-            table = csv.writer(file)
-            table.writerow(columns)
-            table.writerows(matches.tolist())
+        matches.save(folder / results.MATCHES)
+        matches.save_csv(folder / results.MATCHES_CSV)
         record = run_record(settings.to_dict(), [args.map, args.recording])
         write_json(folder / results.RUN, record)
         write_json(folder / results.METRICS, metrics)
@@ -89,9 +87,9 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
             from edge_vpr_tools.report.figures import online_places
             from edge_vpr_tools.report.style import save
 
-            save(online_places(matches, len(reference)), folder / ONLINE_FIGURE)
+            save(online_places(matches), folder / ONLINE_FIGURE)
     summary(
-        f"{output}: {matches.size:,} matches of {events_fed:,} events over {duration_s:.1f} s"
+        f"{output}: {len(matches):,} matches of {events_fed:,} events over {duration_s:.1f} s"
         f"{describe_faults(recording)}"
     )
     summary(f"localising took {busy_s:.2f} s, {duration_s / busy_s:,.0f} times real time")
