@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.counters import count_events, count_frame, count_until
+from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events
 from fixedpoint.codes import CounterCode, PixelCodes
 
@@ -119,18 +120,23 @@ class Descriptors:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
-        """Build from named arrays; others are ignored.
+        """Build from named arrays, for example of a file; others are ignored.
 
         Raises
         ------
-        KeyError
-            If one is missing.
+        MapError
+            If one is missing, or they are not descriptors (`check_descriptors`).
         """
-        return cls(arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"])
+        missing = {"counts", "start_us", "end_us", "events"} - arrays.keys()
+        if missing:
+            raise MapError(f"descriptors lack {', '.join(sorted(missing))}: expected all four")
+        found = cls(arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"])
+        check_descriptors(found)
+        return found
 
     def first(self, n: int) -> Descriptors:
         """Take the first n windows; views."""
-        return self.from_arrays({name: column[:n] for name, column in self.to_arrays().items()})
+        return Descriptors(**{name: column[:n] for name, column in self.to_arrays().items()})
 
     @property
     def centre_us(self) -> npt.NDArray[np.int64]:
