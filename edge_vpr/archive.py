@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ from edge_vpr.errors import EdgeVprError, MapError, printable
 from edge_vpr.whole_files import replacing
 
 __all__ = [
-    "Arrays", "damaged", "read_archive", "read_members", "replacing", "write_archive"
+    "Arrays", "damaged", "read_archive", "read_members", "read_npy", "replacing", "write_archive"
 ]  # fmt: skip
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -165,6 +166,12 @@ def read_members(path: str | Path) -> Arrays:
         return arrays
 
 
+def read_npy(path: str | Path) -> npt.NDArray[Any]:
+    """Read an ``.npy`` as `read_members` reads each array, with the same errors."""
+    with Path(path).open("rb") as file:
+        return _read_array(file, "in it", os.fstat(file.fileno()).st_size)
+
+
 def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
     """Read one array of `size` bytes with its header."""
     version = np.lib.format.read_magic(stream)
@@ -174,7 +181,9 @@ def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
     }.get(version)
     if read is None:
         raise MapError(f"array {name} is of the .npy version {version}: expected 1.0 or 2.0")
-    shape, fortran, dtype = read(stream, max_header_size=_HEADER_BYTES)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+        shape, fortran, dtype = read(stream, max_header_size=_HEADER_BYTES)
     if dtype.kind not in "biufU" or dtype.hasobject or dtype.itemsize == 0:
         raise MapError(f"array {name} is {dtype}: expected numbers or text")
     count = math.prod(shape)

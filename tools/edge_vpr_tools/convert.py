@@ -30,9 +30,11 @@ def run(args: argparse.Namespace) -> None:
         If the input cannot be read, holds faults, or does not fit the output's format.
     """
     from edge_vpr.recordings import write_recording
+    from edge_vpr.whole_files import check_output
     from edge_vpr_tools.progress import tracked
     from edge_vpr_tools.reading import describe_faults, open_from
 
+    check_output(args.output, [args.input])
     recording = open_from(args, args.input)
     n = write_recording(args.output, tracked(recording, "converting"), overwrite=args.overwrite)
     print(f"{args.output}: {n:,} events of {recording.sensor}{describe_faults(recording)}")

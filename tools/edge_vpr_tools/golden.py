@@ -92,6 +92,7 @@ def _own_errors() -> Iterator[None]:
 
 def _make(args: argparse.Namespace) -> None:
     from edge_vpr.errors import UsageError
+    from edge_vpr.whole_files import check_output
     from edge_vpr_tools.results import results_folder
     from firmware_model import Design
     from firmware_model.vectors import standard_suites, write_suites
@@ -103,6 +104,8 @@ def _make(args: argparse.Namespace) -> None:
     output = Path(args.output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise UsageError(f"{output} is not an empty folder: name a new one")
+    inputs = (args.design, args.map, args.recording)
+    check_output(output, [given for given in inputs if given is not None])
     recorded: list[Case] = []
     if args.map is None:
         design = Design.load(args.design)

@@ -78,6 +78,7 @@ def check_arguments(args: argparse.Namespace) -> None:
 def _check_files(args: argparse.Namespace) -> None:
     from edge_vpr.errors import UsageError
     from edge_vpr.recordings.registry import FORMATS
+    from edge_vpr.whole_files import check_output
 
     known = [suffix for entry in FORMATS.values() if entry.writable for suffix in entry.suffixes]
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
@@ -93,6 +94,7 @@ def _check_files(args: argparse.Namespace) -> None:
         if path.resolve() in seen:
             raise UsageError(f"{path} is named twice: give each file a name of its own")
         seen.add(path.resolve())
+        check_output(path, [given for given in (args.port, args.map) if given])
         if path.exists() and not args.overwrite:
             raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
         if not path.absolute().parent.is_dir():
