@@ -27,7 +27,6 @@ from edge_vpr.pipeline import code_places, window_of
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, resolve_settings
 
-GPX = False
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))
 #: settings that the originals have: both windows, polarity, and each way to code a count
@@ -85,8 +84,7 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
         f'<trkpt lat="-27.50{i}" lon="152.9"><time>2024-01-01T12:00:0{i}Z</time></trkpt>'
         for i in range(5)
     )
-    if GPX:
-        new("track", ".gpx").write_text(f"<?xml version='1.0'?><gpx><trk>{points}</trk></gpx>")
+    new("track", ".gpx").write_text(f"<?xml version='1.0'?><gpx><trk>{points}</trk></gpx>")
     new("track", ".csv").write_text("time_s,x_m,y_m\n0,0,0\n1,2.5,0\n2,5,1\n")
     new("alignment", ".csv").write_text("query_s,reference_s\n0,0\n1.5,2\n4,5\n")
     truth = np.eye(4, dtype=np.uint8)

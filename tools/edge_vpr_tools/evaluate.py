@@ -16,8 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         required=True,
         metavar="FILE",
-        help="two tracks, reference then query (NMEA, or CSV with time_s and metres or degrees); "
-        "or one alignment (CSV with the columns query_s,reference_s or "
+        help="two tracks, reference then query (NMEA, GPX, or CSV with time_s and metres or "
+        "degrees); or one alignment (CSV with the columns query_s,reference_s or "
         "query_frame,reference_frame); or one 0/1 matrix (.npz, .npy)",
     )
     parser.add_argument(
@@ -28,6 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--rows", choices=("reference", "query"), help="what a row of the matrix stands for"
+    )
+    parser.add_argument(
+        "--offset",
+        nargs=2,
+        type=float,
+        metavar=("REF_S", "QUERY_S"),
+        help="where time 0 of each track is in its recording, in seconds; negative if the log "
+        "began earlier (default: 0 0)",
     )
     parser.add_argument(
         "--frame-period", metavar="S", help="of an alignment in frames, in seconds: 1/30"
@@ -57,10 +65,11 @@ def run(args: argparse.Namespace) -> None:
         If the folder or the ground truth cannot be used.
     """
     import json
+    import sys
 
     from edge_vpr.archive import read_archive
     from edge_vpr.descriptors.windows import Descriptors
-    from edge_vpr.errors import MapError
+    from edge_vpr.errors import MapError, printable
     from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.matching.matches import Matches
     from edge_vpr.reference_map import ReferenceMap
@@ -86,7 +95,10 @@ def run(args: argparse.Namespace) -> None:
         tolerance=args.tolerance,
         rows=args.rows,
         frame_period=args.frame_period,
+        offset_s=args.offset,
     )
+    for note in truth.notes:
+        print(f"edge-vpr: note: {printable(note)}", file=sys.stderr)
     found = evaluate(
         matches,
         truth,
