@@ -3,52 +3,67 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-import tempfile
+import warnings
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.errors import EdgeVprError, MapError, printable
+from edge_vpr.whole_files import replacing
+
+__all__ = [
+    "Arrays", "damaged", "read_archive", "read_members", "read_npy", "replacing", "write_archive"
+]  # fmt: skip
 
 Arrays = dict[str, npt.NDArray[Any]]
 
 SCHEMA_VERSION = 1
+#: An archive may take so much memory, or so many times its own size, whichever is more. Counts of
+#: a desert compress to a thirtieth; a thousand times smaller is a bomb.
+MEMORY_BYTES = 128 << 20
+MOST_COMPRESSION = 32
 _HEADER = "edge_vpr"
+_MEMBERS = 64
+_HEADER_BYTES = 4_096  # of one array
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
-    """Give a temporary file beside `path` that takes its place when the block ends well.
+def damaged(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]:
+    """Turn whatever the contents of a file raise into a `MapError` that names the file.
 
-    After an error or an interrupt the temporary file is gone and `path` is as it was.
+    A missing file and one that may not be read are said to be that.
 
-    Raises
-    ------
-    UsageError
-        If the folder does not exist or cannot be written to.
+    Parameters
+    ----------
+    path : path
+        Of the file.
+    remedy : str
+        What the reader of the message is to do.
+    kind : str
+        What was looked for, where there is no file.
     """
-    path = Path(path)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    except OSError as error:
-        raise UsageError(
-            f"cannot write {path}: {error.strerror}: name a folder that exists and is writable"
-        ) from error
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)  # mkstemp makes files that only their owner may read
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        yield
+    except FileNotFoundError as error:
+        raise MapError(f"there is no {kind} at {path}: check the path") from error
+    except PermissionError as error:
+        raise MapError(f"{path} may not be read: check its permissions") from error
+    except EdgeVprError as error:
+        raise MapError(f"{path}: {error}: {remedy}") from error
+    except KeyError as error:
+        raise MapError(f"{path} lacks {error}: {remedy}") from error
+    # libraries have errors of their own for broken contents, and their documentation lists few:
+    # zipfile, zlib and NumPy raise a dozen kinds, memory and recursion among them
+    except Exception as error:
+        reason = printable(error, 200) or type(error).__name__
+        raise MapError(f"{path} is damaged ({reason}): {remedy}") from error
 
 
 def write_archive(
@@ -83,37 +98,106 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     Returns
     -------
     arrays : dict of str to ndarray
+        Of whatever dtypes and shapes the file has: check them before use.
     meta : dict
+        Values of JSON, as unchecked.
 
     Raises
     ------
     MapError
-        If the file is missing, unreadable, of another kind, or from a newer version.
+        If the file is missing, unreadable, of another kind, or from a newer version, or holds
+        more than its size allows.
     """
-    try:
-        with Path(path).open("rb") as file, zipfile.ZipFile(file):
-            file.seek(0)
-            archive = np.load(file, allow_pickle=False)
-            arrays = {name: archive[name] for name in archive.files}
-    except FileNotFoundError as error:
-        raise MapError(f"there is no {kind} at {path}: check the path") from error
-    except PermissionError as error:
-        raise MapError(f"{path} may not be read: check its permissions") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise MapError(f"{path} is not a readable {kind} ({error}): make it again") from error
+    with damaged(path, f"it is not a readable {kind}, make it again", kind):
+        arrays = read_members(path)
     header = arrays.pop(_HEADER, None)
-    if header is None:
+    if header is None or header.shape != () or header.dtype.kind != "U":
         raise MapError(f"{path} is not a {kind} of edge-vpr: name a file that edge-vpr wrote")
-    try:
+    with damaged(path, f"the {kind} is damaged, make it again"):
         meta = dict(json.loads(str(header)))
-    except (ValueError, TypeError) as error:
-        raise MapError(f"{path} is a damaged {kind} ({error}): make it again") from error
     found, version = meta.pop("kind", None), meta.pop("version", None)
     if found != kind:
         raise MapError(f"{path} is a {found}, not a {kind}: name the other file")
-    if not isinstance(version, int) or version > SCHEMA_VERSION:
+    if type(version) is not int or not 1 <= version <= SCHEMA_VERSION:
         raise MapError(
-            f"{path} has schema version {version} and this edge-vpr reads up to {SCHEMA_VERSION}: "
-            "update edge-vpr, or make the file again"
+            f"{path} has schema version {version!r} and this edge-vpr reads up to "
+            f"{SCHEMA_VERSION}: update edge-vpr, or make the file again"
         )
     return arrays, meta
+
+
+def read_members(path: str | Path) -> Arrays:
+    """Read the arrays of an ``.npz``; what they announce is checked before memory is taken.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    dict of str to ndarray
+        Of numbers, truth values or text; contiguous, in native byte order.
+
+    Raises
+    ------
+    MapError
+        If there are too many arrays, or more bytes than the file's size allows, or an array is not
+        of such values or not of the announced size.
+    Exception
+        Whatever the libraries raise for a broken file: see `damaged`.
+    """
+    with Path(path).open("rb") as file, zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+        names = [member.filename for member in members]
+        if len(members) > _MEMBERS or len(set(names)) < len(names):
+            raise MapError(f"it holds {len(members)} arrays or one twice: expected {_MEMBERS}")
+        announced = sum(member.file_size for member in members)
+        allowed = max(MEMORY_BYTES, MOST_COMPRESSION * os.fstat(file.fileno()).st_size)
+        if announced > allowed:
+            raise MapError(
+                f"it unpacks to {announced} bytes, more than the {allowed} that a file of its size "
+                "may take"
+            )
+        arrays = {}
+        for member in members:
+            with archive.open(member) as stream:
+                name = member.filename.removesuffix(".npy")
+                arrays[name] = _read_array(stream, name, member.file_size)
+        return arrays
+
+
+def read_npy(path: str | Path) -> npt.NDArray[Any]:
+    """Read an ``.npy`` as `read_members` reads each array, with the same errors."""
+    with Path(path).open("rb") as file:
+        return _read_array(file, "in it", os.fstat(file.fileno()).st_size)
+
+
+def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
+    """Read one array of `size` bytes with its header."""
+    version = np.lib.format.read_magic(stream)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(version)
+    if read is None:
+        raise MapError(f"array {name} is of the .npy version {version}: expected 1.0 or 2.0")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+        shape, fortran, dtype = read(stream, max_header_size=_HEADER_BYTES)
+    if dtype.kind not in "biufU" or dtype.hasobject or dtype.itemsize == 0:
+        raise MapError(f"array {name} is {dtype}: expected numbers or text")
+    count = math.prod(shape)
+    if min(shape, default=0) < 0 or count * dtype.itemsize != size - stream.tell():
+        raise MapError(
+            f"array {name} announces {shape} of {dtype} and holds {size - stream.tell()} bytes"
+        )
+    flat = np.empty(count, dtype=dtype)
+    left = memoryview(flat.view(np.uint8).reshape(-1)) if count else memoryview(b"")
+    while len(left):
+        read_bytes = stream.readinto(left)  # type: ignore[attr-defined]
+        if not read_bytes:
+            raise MapError(f"array {name} ends {len(left)} bytes early")
+        left = left[read_bytes:]
+    stream.read(1)  # the end, where the checksum is compared
+    array = flat.reshape(shape, order="F" if fortran else "C")
+    return np.ascontiguousarray(array, dtype=dtype.newbyteorder("=")).reshape(shape)

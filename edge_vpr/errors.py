@@ -7,11 +7,59 @@ from collections.abc import Iterable
 from pathlib import Path
 from urllib.parse import unquote
 
+#: longest message, in characters: what is wrong and the remedy fit; a file's whole text does not
+LONGEST_MESSAGE = 1_000
+
+
+def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
+    r"""Return text as one line that a terminal, a log and a report show as it is.
+
+    File names, device strings and texts out of files are written by others: an escape sequence in
+    one of them could clear the screen, or make a failure look like a success.
+
+    Parameters
+    ----------
+    text : object
+        Turned to text first.
+    longest : int
+        Characters that are kept; of longer texts the middle is left out, since a message ends
+        with its remedy.
+
+    Returns
+    -------
+    str
+        White space, line feeds included, is single blanks. Other characters that are not printed
+        (controls, escapes, changes of writing direction, lone surrogates) are ``\x1b`` and alike.
+
+    Examples
+    --------
+    >>> printable("a\tname\x1b[2J\nof two lines")
+    'a name\\x1b[2J of two lines'
+    """
+    whole = str(text)
+    if len(whole) > 64 * longest:  # no work in proportion to a text of megabytes
+        whole = whole[: 32 * longest] + whole[-32 * longest :]
+    line = " ".join(whole.split())
+    if not line.isprintable():
+        line = "".join(
+            character if character.isprintable() else ascii(character)[1:-1] for character in line
+        )
+    if len(line) <= longest:
+        return line
+    end = longest * 2 // 5
+    return f"{line[: longest - end - 5]} ... {line[-end:]}"
+
 
 class EdgeVprError(Exception):
-    """Base of every error that edge-vpr raises on purpose; its text fits one line."""
+    """Base of every error that edge-vpr raises on purpose.
+
+    Its text is one printable line of at most `LONGEST_MESSAGE` characters, see `printable`.
+    """
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class UsageError(EdgeVprError):

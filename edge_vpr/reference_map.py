@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import read_archive, write_archive
+from edge_vpr.archive import damaged, read_archive, write_archive
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.own_mean import encode_own, encode_running
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
-from edge_vpr.errors import MapError
 from edge_vpr.events import Sensor
+from edge_vpr.map_checks import check_map
 from edge_vpr.settings import Settings
 from fixedpoint.codes import PixelCodes, packed_bytes
 from fixedpoint.own_mean import OwnMeanCode
@@ -39,10 +39,15 @@ class ReferenceMap:
     hot : ndarray of bool, shape (height, width)
         Pixels that were left out.
     full_scale : ndarray of uint16, shape (J,), optional
-        Of each counter's code, where the settings scale it to each pixel.
+        Of each counter's code, where the settings scale it to each pixel; with polarity (2 J,).
     mean : ndarray of int32, shape (J,), optional
         Mean logarithm of each counter over this drive in units of 1/256 octave, where the settings
-        take codes against it.
+        take codes against it; with polarity (2 J,).
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape, or does not fit the others (`check_map`).
     """
 
     settings: Settings
@@ -52,6 +57,12 @@ class ReferenceMap:
     hot: npt.NDArray[np.bool_]
     full_scale: npt.NDArray[np.uint16] | None = None
     mean: npt.NDArray[np.int32] | None = None
+
+    def __post_init__(self) -> None:
+        check_map(
+            self.settings, self.pixel_map, self.places, self.saliency, self.hot,
+            self.full_scale, self.mean,
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.places)
@@ -138,16 +149,13 @@ class ReferenceMap:
             If the file is missing, unreadable, not a map, or from a newer version.
         """
         arrays, meta = read_archive(path, KIND)
-        try:
-            sensor = Sensor(*meta["sensor"])
+        with damaged(path, "make the map again"):
             return cls(
-                settings=Settings.from_dict(meta["settings"], source=str(path)),
-                pixel_map=PixelMap(sensor, arrays["pixel_x"], arrays["pixel_y"]),
+                settings=Settings.from_dict(meta["settings"], source="settings"),
+                pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
                 places=Descriptors.from_arrays(arrays),
                 saliency=arrays["saliency"],
                 hot=arrays["hot"],
                 full_scale=arrays.get("full_scale"),
                 mean=arrays.get("mean"),
             )
-        except (KeyError, TypeError, ValueError) as error:
-            raise MapError(f"{path} is damaged or lacks {error}: make the map again") from error

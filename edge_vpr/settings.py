@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, printable
 from fixedpoint.codes import CounterCode
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode
@@ -123,15 +122,20 @@ class Settings:
             integer_for_float = kind is float and type(value) is int
             if type(value) is not kind and not integer_for_float:
                 raise UsageError(
-                    f"setting {field.name} = {value!r} is of type {type(value).__name__}: "
+                    f"setting {field.name} = {_shown(value)} is of type {type(value).__name__}: "
                     f"expected {kind.__name__}"
                 )
         for name, least in _LEAST.items():
             value = getattr(self, name)
-            if not (math.isfinite(value) and least <= value <= _MOST):
+            if not least <= value <= _MOST:  # nor is a value that is not a number
                 raise UsageError(
-                    f"setting {name} = {value}: expected {least} or more, up to {_MOST}"
+                    f"setting {name} = {_shown(value)}: expected {least} or more, up to {_MOST}"
                 )
+        if self.window == "count" and self.events_per_window > _MOST:
+            raise UsageError(
+                f"settings events_per_pixel = {self.events_per_pixel} and pixels = {self.pixels} "
+                f"make windows of more than {_MOST} events: ask for fewer"
+            )
         if self.events_per_pixel > 0 and self.events_per_window < 1:
             raise UsageError(
                 f"setting events_per_pixel = {self.events_per_pixel} makes windows without events: "
@@ -250,6 +254,8 @@ class Settings:
         UsageError
             If a name is unknown or a value out of range.
         """
+        if not isinstance(values, Mapping):
+            raise UsageError(f"{source} is a {type(values).__name__}: expected names and values")
         known = {field.name for field in fields(self)}
         for name in values:
             if name not in known:
@@ -263,7 +269,16 @@ class Settings:
             raise UsageError(f"{source}: {error}") from None
 
 
+def _shown(value: object) -> str:
+    """Write a value for a message; Python refuses to write integers of thousands of digits."""
+    try:
+        return repr(value)
+    except (ValueError, RecursionError):
+        return f"a {type(value).__name__} too long to be shown"
+
+
 _MOST = 10**15  # microseconds: 31 years
+_MOST_BYTES = 1 << 20  # of a file of settings; the longest sensible one has a few hundred
 _LEAST = {
     "pixels": 1,
     "sigma": 0,
@@ -326,15 +341,10 @@ def resolve_settings(
     """
     values: dict[str, Any] = {}
     if config is not None:
-        try:
-            values = tomllib.loads(Path(config).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise UsageError(
-                f"cannot read settings from {config}: {error}: name a TOML file"
-            ) from error
+        values = _read_toml(Path(config))
         preset = values.pop("preset", preset)
-    if preset not in PRESETS:
-        raise UsageError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise UsageError(f"preset {_shown(preset)} is unknown: choose from {', '.join(PRESETS)}")
     given = {name: value for name, value in (flags or {}).items() if value is not None}
     for chosen in (values, given):
         # the preset's own-mean codes are of logarithms: another code asked for has no mean
@@ -343,3 +353,25 @@ def resolve_settings(
             if chosen.get("clip"):
                 chosen.setdefault("counter_code", "none")
     return PRESETS[preset].replaced(values, str(config)).replaced(given, "the command line")
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise UsageError(
+            f"cannot read settings from {path}: {error.strerror or error}: name a TOML file"
+        ) from error
+    if len(raw) > _MOST_BYTES:
+        raise UsageError(
+            f"cannot read settings from {path}: it has more than {_MOST_BYTES} bytes: name a TOML "
+            "file"
+        )
+    try:
+        return tomllib.loads(raw.decode("utf-8-sig"))
+    # besides its own error, the parser gives up at deep nesting, long numbers and odd dates
+    except Exception as error:
+        raise UsageError(
+            f"cannot read settings from {path}: {printable(error, 200)}: name a TOML file"
+        ) from error

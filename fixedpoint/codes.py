@@ -25,6 +25,8 @@ KINDS: tuple[str, ...] = get_args(CodeKind)
 MAX_BITS = 16
 #: largest count that a table can go up to: a 16-bit counter's
 MAX_FULL_SCALE = 65_535
+#: different codes that the counters of a descriptor may have
+MAX_CODES = 256
 #: where a code ends that is told no full scale; chosen by experiment (docs/codes.md)
 FULL_SCALE = {"sqrt": 63, "log": 127}
 
@@ -165,7 +167,12 @@ class PixelCodes:
     def __post_init__(self) -> None:
         if len({(code.kind, code.bits) for code in self.codes}) != 1:
             raise FixedPointError("counter codes of several kinds or widths: give one of each")
-        row = np.array(self.row, dtype=np.uint8)
+        row = np.asarray(self.row)
+        if row.size and not (row.min() >= 0 and row.max() < MAX_CODES):
+            raise FixedPointError(
+                f"rows {row.min()} to {row.max()} of counter codes: expected 0 to {MAX_CODES - 1}"
+            )
+        row = row.astype(np.uint8)
         if row.ndim != 1 or row.size == 0 or row.max() >= len(self.codes):
             raise FixedPointError(
                 f"rows of shape {row.shape} into {len(self.codes)} counter codes: "
@@ -181,8 +188,19 @@ class PixelCodes:
 
     @classmethod
     def scaled(cls, kind: CodeKind, bits: int, full_scale: Iterable[int]) -> PixelCodes:
-        """Give each counter the code of its full scale, for example those of `learn_full_scale`."""
+        """Give each counter the code of its full scale, for example those of `learn_full_scale`.
+
+        Raises
+        ------
+        FixedPointError
+            If a full scale is out of range, or there are more than 256 different ones.
+        """
         scales, row = np.unique(np.asarray(list(full_scale), dtype=np.int64), return_inverse=True)
+        if scales.size > MAX_CODES:
+            raise FixedPointError(
+                f"{scales.size} different full scales: expected at most {MAX_CODES}, as a counter "
+                "names its code in 8 bits"
+            )
         return cls(
             tuple(CounterCode(kind, bits, int(scale)) for scale in scales), row.astype(np.uint8)
         )

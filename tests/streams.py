@@ -33,7 +33,8 @@ def descriptors(counts) -> Descriptors:
     """Windows of a millisecond with these counts, shape (n, J)."""
     counts = np.asarray(counts)
     start = np.arange(len(counts), dtype=np.int64) * 1_000
-    return Descriptors(narrow(counts), start, start + 1_000, counts.sum(axis=1))
+    events = counts.sum(axis=1).astype(np.int64)
+    return Descriptors(narrow(counts), start, start + 1_000, events)
 
 
 class Drive:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from streams import random_events
 
-from edge_vpr.archive import write_archive
+from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording
@@ -339,3 +340,47 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     assert main([*arguments, "--rows", "reference"]) == 0
     metrics = json.loads((whole / "metrics.json").read_text())
     assert metrics["evaluation"]["score"] == "trust"
+
+
+@pytest.mark.parametrize("link", ["itself", "symbolic", "hard"])
+@pytest.mark.parametrize("command", ["map", "convert"])
+def test_no_command_writes_over_its_input_by_whatever_name(drive, tmp_path, capsys, command, link):
+    source, output = tmp_path / "drive.npz", tmp_path / "other.npz"
+    before = (drive / "reference.npz").read_bytes()
+    source.write_bytes(before)
+    if link == "itself":
+        output = source
+    elif link == "symbolic":
+        output.symlink_to(source)
+    else:
+        output.hardlink_to(source)
+    arguments = [source, "-o", output, *SMALL] if command == "map" else [source, output]
+    refused(capsys, command, *arguments, "--overwrite", code=2, says="is the input")
+    assert source.read_bytes() == before
+
+
+def test_match_does_not_replace_the_folder_that_its_map_or_drive_lies_in(drive, tmp_path, capsys):
+    folder = tmp_path / "results"
+    shutil.copytree(drive / "results", folder)
+    shutil.copy(drive / "query.npz", folder)
+    for arguments in (
+        (folder / "map.npz", drive / "query.npz"),
+        (drive / "map.npz", folder / "query.npz"),
+    ):
+        for more in ([], ["--online"]):
+            refused(
+                capsys, "match", *arguments, "-o", folder, "--overwrite", *more,
+                code=2, says="holds the input",
+            )  # fmt: skip
+    assert (folder / "query.npz").is_file()
+
+
+@pytest.mark.parametrize("more", [[], ["--online"]])
+def test_a_map_of_the_wrong_width_is_an_error_and_not_a_crash(drive, tmp_path, capsys, more):
+    arrays, meta = read_archive(drive / "map.npz", "reference map")
+    arrays["counts"] = arrays["counts"][:, :2]
+    write_archive(tmp_path / "map.npz", "reference map", arrays, meta)
+    refused(
+        capsys, "match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "out", *more,
+        code=1, says="counts is uint8 of shape",
+    )  # fmt: skip

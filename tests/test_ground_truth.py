@@ -25,7 +25,7 @@ from edge_vpr.evaluation.ground_truth import (
     load_matrix,
 )
 from edge_vpr.evaluation.track_files import load_nmea, load_track
-from edge_vpr.evaluation.tracks import Track, interpolate
+from edge_vpr.evaluation.tracks import EARTH_RADIUS_M, Track, interpolate
 
 SECOND = 1_000_000
 
@@ -198,7 +198,7 @@ def test_damaged_sentences_are_dropped_and_counted(tmp_path):
     ]
     track = load_nmea(written(tmp_path, *lines))
     assert track.time_us.tolist() == [0]
-    assert dict(track.dropped) == {"bad checksum": 3, "unreadable field": 2}
+    assert dict(track.dropped) == {"bad checksum": 1, "no checksum": 2, "unreadable field": 2}
 
 
 def test_a_log_without_a_fix_says_so_and_what_to_do(tmp_path):
@@ -283,7 +283,7 @@ def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
         ("a.csv", "time_s,x_m\n0,0\n1\n", "row 2 is '1', not 2 numbers"),
         ("a.csv", "time_s,x_m\n0,inf\n", "row 1 is not finite"),
         ("a.csv", "time_s,x_m\n1,0\n0,0\n", "a.csv: track time does not increase"),
-        ("a.txt", "", "give a .nmea log or a .csv table"),
+        ("a.txt", "", "give a .nmea or .gpx log or a .csv table"),
     ],
 )
 def test_a_table_that_is_no_track_says_why(tmp_path, name, text, message):
@@ -299,7 +299,7 @@ def test_great_circle_gives_known_distances():
     # a quarter of the Earth, half of it, and Nashville to Los Angeles (2887.26 km at R = 6372.8 km)
     ends = np.array([[90.0, 0.0], [0.0, 180.0], [33.94, -118.40]])
     starts = np.array([[0.0, 77.0], [0.0, 0.0], [36.12, -86.67]])
-    half = math.pi * module.EARTH_RADIUS_M
+    half = math.pi * EARTH_RADIUS_M
     expected = [half / 2, half, 2887259.9506 * 6371.0088 / 6372.8]
     np.testing.assert_allclose(great_circle(starts, ends), expected, rtol=1e-9)
 
@@ -346,7 +346,8 @@ def test_the_description_counts_what_is_known():
     reference, query = (Track([0, 10 * SECOND], [[0.0], [10.0]]) for _ in range(2))
     truth = from_tracks(reference, query, centres(8), centres(14), 1.0)
     assert truth.description == (
-        "metric tracks at 1 m, 8 of 8 places with a position; "
+        "metric tracks at 1 m, 8 of 8 places with a position, "
+        "100 % of the query's track along the reference's; "
         "10 of 14 queries known, 9 with a place"
     )
 

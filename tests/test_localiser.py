@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import Drive, as_tuples, cut_up, descriptors, random_events
 
+from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
@@ -29,6 +30,10 @@ PIXEL_MAP = PixelMap(SENSOR, *np.array(PIXELS, dtype=np.uint16).T)
 def map_of(counts, full_scale=None, **changes):
     figures = np.zeros((SENSOR.height, SENSOR.width))
     chosen = Settings(pixels=len(PIXELS), remove_bursts=False).replaced(changes, "test")
+    counts = np.asarray(counts)
+    codes = codes_of(chosen, counts.shape[1], full_scale)
+    if codes is not None:  # a place holds codes, which have an end
+        counts = np.minimum(counts, [codes.codes[row].top for row in codes.row.tolist()])
     return ReferenceMap(
         chosen, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0, full_scale
     )

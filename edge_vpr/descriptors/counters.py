@@ -199,6 +199,7 @@ def count_until(
         raise UsageError(
             f"counters are {counts.dtype} of shape {counts.shape}: give int32 or int64, 1-D"
         )
+    _check_writeable(counts, "counters")
     if p is not None and counts.size % 2:
         raise UsageError(
             f"{counts.size} counters cannot hold as many ON as OFF counts: give two per slot"
@@ -273,6 +274,7 @@ def count_frame(x: Column, y: Column, frame: Counts) -> None:
         If an event lies outside the image; the events before it may be counted already.
     """
     _check_pixels(frame, "count image", (np.int32, np.int64))
+    _check_writeable(frame, "count image")
     _check_columns(x, y, None)
     height, width = frame.shape
     if _frame(x, y, frame.reshape(-1), width) == _OFF_SENSOR:
@@ -290,6 +292,11 @@ def _check_pixels(pixels: npt.NDArray[Any], name: str, dtypes: tuple[type, ...])
             f"{name} is {pixels.dtype} of shape {pixels.shape}: give a contiguous (H, W) array of "
             + " or ".join(dtype.__name__ for dtype in dtypes)
         )
+
+
+def _check_writeable(counts: Counts, name: str) -> None:
+    if not counts.flags.writeable:
+        raise UsageError(f"{name}: the array may only be read: give a copy to count in")
 
 
 def _check_columns(x: Column, y: Column, p: Column | None) -> None:

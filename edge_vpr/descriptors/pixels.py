@@ -15,6 +15,8 @@ from edge_vpr.settings import STRATEGIES, Strategy
 
 #: radius within which the released code rejects a second pixel (Euclidean, in pixels)
 REJECTION_RADIUS = 7
+#: largest sensor: ten times the pixels of any event camera; the look-up table takes 2 bytes of each
+MAX_SENSOR_PIXELS = 1 << 25
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class PixelMap:
     Raises
     ------
     UsageError
-        If a pixel lies off the sensor or occurs twice.
+        If the sensor has a side outside 1 to 65,536 or too many pixels, or a pixel lies off the
+        sensor or occurs twice.
     """
 
     sensor: Sensor
@@ -38,7 +41,12 @@ class PixelMap:
     y: npt.NDArray[np.uint16]
 
     def __post_init__(self) -> None:
+        _check_sensor(self.sensor)
         x, y = np.asarray(self.x), np.asarray(self.y)
+        if x.dtype.kind not in "iu" or y.dtype.kind not in "iu":
+            raise UsageError(
+                f"pixel map has columns of {x.dtype} and rows of {y.dtype}: expected whole numbers"
+            )
         if x.ndim != 1 or x.shape != y.shape or x.size == 0:
             raise UsageError(f"pixel map has {x.shape} columns and {y.shape} rows: give J of each")
         if x.min() < 0 or y.min() < 0 or x.max() >= self.sensor.width or y.max() >= self.sensor[1]:
@@ -85,6 +93,18 @@ class PixelMap:
         """Every pixel of a sensor, row by row: the paper's dense baseline."""
         y, x = np.divmod(np.arange(sensor.pixels), sensor.width)
         return cls(sensor, x.astype(np.uint16), y.astype(np.uint16))
+
+
+def _check_sensor(sensor: Sensor) -> None:
+    sides = all(
+        isinstance(side, int | np.integer) and not isinstance(side, bool) and 1 <= side <= 65_536
+        for side in sensor
+    )
+    if not sides or sensor.pixels > MAX_SENSOR_PIXELS:
+        raise UsageError(
+            f"a sensor of {sensor} pixels: expected sides of 1 to 65536 and at most "
+            f"{MAX_SENSOR_PIXELS} pixels in all"
+        )
 
 
 def select_pixels(

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.counters import count_events, count_frame, count_until
+from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events
 from fixedpoint.codes import CounterCode, PixelCodes
 
@@ -121,7 +122,7 @@ class Descriptors:
         """Events at the selected pixels, shape (n,); if not stated, the sum of the counts."""
         return self.counts.sum(axis=1, dtype=np.int64) if self.selected is None else self.selected
 
-    def to_arrays(self) -> dict[str, npt.NDArray[np.integer]]:
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Name the arrays, for an archive; `from_arrays` takes them back."""
         names = ("counts", "start_us", "end_us", "events", "selected")
         columns = {name: getattr(self, name) for name in names}
@@ -129,24 +130,29 @@ class Descriptors:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
-        """Build from named arrays; others are ignored.
+        """Build from named arrays, for example of a file; others are ignored.
 
         Raises
         ------
-        KeyError
-            If one is missing.
+        MapError
+            If one is missing, or they are not descriptors (`check_descriptors`).
         """
-        return cls(
+        missing = {"counts", "start_us", "end_us", "events"} - arrays.keys()
+        if missing:
+            raise MapError(f"descriptors lack {', '.join(sorted(missing))}: expected all four")
+        found = cls(
             arrays["counts"],
             arrays["start_us"],
             arrays["end_us"],
             arrays["events"],
             arrays.get("selected"),
         )
+        check_descriptors(found)
+        return found
 
     def first(self, n: int) -> Descriptors:
         """Take the first n windows; views."""
-        return self.from_arrays({name: column[:n] for name, column in self.to_arrays().items()})
+        return Descriptors(**{name: column[:n] for name, column in self.to_arrays().items()})
 
     @property
     def centre_us(self) -> npt.NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -9,9 +10,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import GroundTruthError
+from edge_vpr.archive import read_members, read_npy
+from edge_vpr.errors import GroundTruthError, printable
 from edge_vpr.evaluation.track_files import load_nmea, load_track, read_table
-from edge_vpr.evaluation.tracks import Floats, Track, interpolate
+from edge_vpr.evaluation.track_fit import notes, overlap
+from edge_vpr.evaluation.tracks import Floats, Track, distances, great_circle, interpolate
 
 __all__ = [
     "Alignment",
@@ -26,9 +29,6 @@ __all__ = [
     "load_nmea",
     "load_track",
 ]
-
-#: Mean radius of the Earth in metres (IUGG, R1).
-EARTH_RADIUS_M = 6_371_008.8
 
 # Distances are worked out for as many places at a time as make this many cells: a few 8 MB arrays.
 _BLOCK_CELLS = 1 << 20
@@ -46,6 +46,8 @@ class GroundTruth:
         Whether the truth of this query is known; only these queries can be evaluated.
     description : str
         Source, tolerance and coverage, for reports.
+    notes : tuple of str
+        What makes it doubtful that this is the truth of these drives.
 
     Raises
     ------
@@ -56,6 +58,7 @@ class GroundTruth:
     correct: npt.NDArray[np.bool_]
     known: npt.NDArray[np.bool_]
     description: str
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         correct, known = np.asarray(self.correct), np.asarray(self.known)
@@ -121,45 +124,39 @@ def from_tracks(
     step = max(1, _BLOCK_CELLS // len(queries))
     for first in range(0, len(places), step):
         block = places[first : first + step, None, :]
-        if reference.kind == "geographic":
-            distance = great_circle(block, queries[None, :, :])
-        else:
-            distance = np.sqrt(((block - queries[None, :, :]) ** 2).sum(axis=2))
+        distance = distances(reference.kind, block, queries[None, :, :])
         # not a number: an unknown position, never within the tolerance
         correct[first : first + step] = distance <= tolerance_m
     known = ~np.isnan(queries[:, 0])
     placed = int((~np.isnan(places[:, 0])).sum())
+    ways = overlap(reference, query, tolerance_m)
+    doubts = notes(
+        reference, query, _coordinates(reference_times_us, "reference"),
+        _coordinates(query_times_us, "query"),
+    )  # fmt: skip
     truth = _described(
         correct,
         known,
         f"{reference.kind} tracks at {tolerance_m:g} m, "
-        f"{placed} of {len(places)} places with a position",
+        f"{placed} of {len(places)} places with a position, "
+        f"{100 * ways.share:.0f} % of the query's track along the reference's",
+        doubts,
     )
     if not truth.has_place.any():
+        if ways.share == 0:
+            reason = (
+                f"the two tracks come no nearer than {ways.nearest_m:,.0f} m: check that both are "
+                "of this route, and the tolerance"
+            )
+        else:
+            reason = (
+                f"{100 * ways.share:.0f} % of the query's track runs along the reference's, at "
+                "other times: check their clocks (--offset) and their order"
+            )
         raise GroundTruthError(
-            f"no query lies within {tolerance_m:g} m of any place: "
-            "check that both tracks are of this route, and the tolerance"
+            "; ".join([f"no query lies within {tolerance_m:g} m of any place: {reason}", *doubts])
         )
     return truth
-
-
-def great_circle(a: Floats, b: Floats) -> Floats:
-    """Distances on a sphere of the Earth's mean radius (haversine).
-
-    Parameters
-    ----------
-    a, b : ndarray of float64, shape (..., 2)
-        Latitude and longitude in degrees; broadcast against each other.
-
-    Returns
-    -------
-    ndarray of float64, shape (...)
-        Metres. The Earth's flattening makes it wrong by up to 0.6 %.
-    """
-    a, b = np.radians(a), np.radians(b)
-    half = np.sin((a - b) / 2.0) ** 2
-    h = half[..., 0] + np.cos(a[..., 0]) * np.cos(b[..., 0]) * half[..., 1]
-    return 2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
 
 
 class Alignment(NamedTuple):
@@ -372,20 +369,14 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
         raise GroundTruthError(f"{path} is not a matrix: give a .npz, .npy or .csv file")
     try:
         if suffix == ".csv":
-            matrix = np.loadtxt(path, delimiter=",", ndmin=2)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of a file without numbers, refused below
+                matrix = np.loadtxt(path, delimiter=",", ndmin=2)
         elif suffix == ".npy":
-            matrix = np.load(path, allow_pickle=False)
+            matrix = read_npy(path)
         else:
-            # opened here, since NumPy leaves the file of a broken archive open
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                names = archive.files
-                name = "gt" if "gt" in names or len(names) != 1 else names[0]
-                matrix = archive[name]
-    except KeyError:
-        raise GroundTruthError(
-            f"{path} holds the arrays {', '.join(names) or 'none'}: "
-            "name the matrix gt, or save it alone"
-        ) from None
+            arrays = read_members(path)
+            matrix = arrays.get("gt", next(iter(arrays.values())) if len(arrays) == 1 else None)
     except OSError as error:
         raise GroundTruthError(
             f"{path} cannot be read ({error.strerror or error}): check the path"
@@ -393,8 +384,13 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
     except Exception as error:
         # zipfile, NumPy's header parser and loadtxt each have errors of their own for such files
         raise GroundTruthError(
-            f"{path} is not a matrix of numbers ({str(error).splitlines()[0]}): save it again"
+            f"{path} is not a matrix of numbers ({printable(error, 200)}): save it again"
         ) from error
+    if matrix is None:
+        raise GroundTruthError(
+            f"{path} holds the arrays {', '.join(arrays) or 'none'}: "
+            "name the matrix gt, or save it alone"
+        )
     if matrix.ndim != 2 or matrix.dtype.kind not in "biuf":
         raise GroundTruthError(
             f"{path} holds {matrix.dtype} of shape {matrix.shape}: save a matrix of 0 and 1"
@@ -403,13 +399,17 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
 
 
 def _described(
-    correct: npt.NDArray[np.bool_], known: npt.NDArray[np.bool_], source: str
+    correct: npt.NDArray[np.bool_],
+    known: npt.NDArray[np.bool_],
+    source: str,
+    doubts: tuple[str, ...] = (),
 ) -> GroundTruth:
     with_place = int(correct.any(axis=0).sum())
     return GroundTruth(
         correct,
         known,
         f"{source}; {int(known.sum())} of {known.size} queries known, {with_place} with a place",
+        doubts,
     )
 
 

@@ -1,4 +1,4 @@
-"""Track files: GPS logs (the RMC and GGA sentences of NMEA 0183) and tables."""
+"""Track files: GPS logs (the RMC and GGA sentences of NMEA 0183, or GPX) and tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from edge_vpr.array_checks import LATEST_US
 from edge_vpr.errors import GroundTruthError
+from edge_vpr.evaluation.gpx_files import load_gpx
+from edge_vpr.evaluation.text_files import read_text
 from edge_vpr.evaluation.tracks import Floats, Track
 
 #: Between two fixes further apart than this the position counts as unknown. A car at 50 km/h drives
@@ -22,7 +25,7 @@ MAX_GAP_S = 5.0
 
 
 def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
-    """Read a track from a GPS log (``.nmea``) or a table (``.csv``).
+    """Read a track from a GPS log (``.nmea``, ``.gpx``) or a table (``.csv``).
 
     Parameters
     ----------
@@ -40,8 +43,10 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
     path = Path(path)
     if path.suffix.lower() == ".nmea":
         return load_nmea(path, max_gap_s=max_gap_s)
+    if path.suffix.lower() == ".gpx":
+        return load_gpx(path, max_gap_us=_microseconds(max_gap_s))
     if path.suffix.lower() != ".csv":
-        raise GroundTruthError(f"{path} is not a track: give a .nmea log or a .csv table")
+        raise GroundTruthError(f"{path} is not a track: give a .nmea or .gpx log or a .csv table")
     header, table = read_table(path)
     position = header[1:]
     if header[0] != "time_s" or position not in (
@@ -52,6 +57,11 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
         raise GroundTruthError(
             f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
             "time_s,position_m or time_s,latitude,longitude"
+        )
+    if np.abs(table[:, 0]).max() * 1e6 > LATEST_US:
+        raise GroundTruthError(
+            f"{path} has times up to {np.abs(table[:, 0]).max():g} s: give seconds from the "
+            "recording's start"
         )
     try:
         return Track(
@@ -92,7 +102,7 @@ def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track
     dropped: Counter[str] = Counter()
     zero = ordinal_of_day_0 = None
     fixes: dict[int, tuple[float, float]] = {}
-    last = 0
+    with_fix = last = 0
     for number, fix in enumerate(_sentences(path, dropped), 1):
         # Of the days on which this time of day falls, the one nearest to the sentence before ...
         since_last = (fix.time_of_day_us - last + _DAY_US // 2) % _DAY_US - _DAY_US // 2
@@ -112,13 +122,10 @@ def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track
                 f"{number}: split the log there and use the part of this traverse"
             )
         last = time
+        with_fix += 1
         fixes.setdefault(time, fix.position)
     if zero is None or not fixes:
-        tally = ", ".join(f"{count} with {why}" for why, count in dropped.items()) or "none at all"
-        raise GroundTruthError(
-            f"{path} holds no RMC or GGA sentence with a fix ({tally}): "
-            "record again with the receiver under open sky, or give a .csv track"
-        )
+        raise _no_fix(path, dropped)
     start = None
     if ordinal_of_day_0 is not None:
         day = dt.datetime.fromordinal(ordinal_of_day_0).replace(tzinfo=dt.UTC)
@@ -130,7 +137,20 @@ def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track
         _microseconds(max_gap_s),
         start,
         MappingProxyType(dict(dropped)),
+        with_fix + sum(dropped.values()),
     )
+
+
+def _no_fix(path: Path, dropped: Counter[str]) -> GroundTruthError:
+    """Make the error that says what the sentences lacked, and what helps against that."""
+    tally = ", ".join(f"{count} with {why}" for why, count in dropped.items()) or "none at all"
+    remedy = "record again with the receiver under open sky, or give a .csv track"
+    most = max(dropped, key=lambda why: dropped[why], default="")
+    if most == "no checksum":
+        remedy = "let the logger write checksums, or give a .gpx or .csv track"
+    elif most in ("bad checksum", "unreadable field"):
+        remedy = "copy the log again, as it was edited or damaged, or give a .csv track"
+    return GroundTruthError(f"{path} holds no RMC or GGA sentence with a fix ({tally}): {remedy}")
 
 
 _DAY_US = 86_400_000_000
@@ -154,18 +174,13 @@ def _sentences(path: Path, dropped: Counter[str]) -> Iterator[_Fix]:
     Two sentence types and an XOR: written here, since pynmea2 has had no release since 2022 and
     would be a dependency of every installation.
     """
-    try:
-        text = path.read_text(encoding="ascii", errors="replace")
-    except OSError as error:
-        raise GroundTruthError(
-            f"{path} cannot be read ({error.strerror}): check the path"
-        ) from error
+    text = read_text(path)
     for match in _SENTENCE.finditer(text):
         body, checksum = match["body"], 0
         for byte in body.encode("ascii", errors="replace"):
             checksum ^= byte
         if match["sum"] is None or int(match["sum"], 16) != checksum:
-            dropped["bad checksum"] += 1
+            dropped["no checksum" if match["sum"] is None else "bad checksum"] += 1
             continue
         try:
             fix = _parse(match["type"], body.split(","))
@@ -231,13 +246,9 @@ def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
     """
     path = Path(path)
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [row for row in csv.reader(file) if row and not row[0].startswith("#")]
-    except OSError as error:
-        raise GroundTruthError(
-            f"{path} cannot be read ({error.strerror}): check the path"
-        ) from error
-    except (UnicodeDecodeError, csv.Error):
+        rows = csv.reader(read_text(path).splitlines(keepends=True))
+        lines = [row for row in rows if row and not row[0].startswith("#")]
+    except csv.Error:
         raise GroundTruthError(f"{path} is not a text table: give a .csv file") from None
     if len(lines) < 2:
         raise GroundTruthError(f"{path} has no rows: give a header line and at least one row")

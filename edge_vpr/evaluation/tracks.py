@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.array_checks import LATEST_US
 from edge_vpr.errors import GroundTruthError
 
 Kind = Literal["geographic", "metric"]
 Floats = npt.NDArray[np.float64]
+
+#: Mean radius of the Earth in metres (IUGG, R1).
+EARTH_RADIUS_M = 6_371_008.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +38,8 @@ class Track:
         The instant of time 0, where the log states a date.
     dropped : mapping of str to int
         How many entries of the log were left out, by reason.
+    entries : int
+        Entries of the log, those left out included; 0 where there was no log.
 
     Raises
     ------
@@ -47,6 +53,7 @@ class Track:
     max_gap_us: int | None = None
     start_utc: dt.datetime | None = None
     dropped: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    entries: int = 0
 
     def __post_init__(self) -> None:
         time_us = np.array(self.time_us, dtype=np.int64)
@@ -63,6 +70,11 @@ class Track:
             raise GroundTruthError(
                 f"a {self.kind} track of {time_us.size} times has positions of shape "
                 f"{position.shape}: expected ({time_us.size}, d) with d in {widths}"
+            )
+        if max(abs(int(time_us.min())), abs(int(time_us.max()))) > LATEST_US:
+            raise GroundTruthError(
+                f"track time runs from {time_us.min()} to {time_us.max()} us, beyond {LATEST_US}: "
+                "give seconds from the recording's start"
             )
         back = np.flatnonzero(np.diff(time_us) <= 0)
         if back.size:
@@ -84,6 +96,39 @@ class Track:
             array.setflags(write=False)
         object.__setattr__(self, "time_us", time_us)
         object.__setattr__(self, "position", position)
+
+    def shifted(self, seconds: float) -> Track:
+        """Return the same track with its clock set right.
+
+        Parameters
+        ----------
+        seconds : float
+            Where time 0 of the track is in the recording; negative if the log began earlier.
+
+        Raises
+        ------
+        GroundTruthError
+            If it is not a finite number, or moves the track out of the range of times.
+        """
+        if not abs(seconds) * 1e6 <= LATEST_US:
+            raise GroundTruthError(f"offset of {seconds} s: expected seconds such as 5 or -2.5")
+        offset = round(seconds * 1e6)
+        start = self.start_utc
+        if start is not None:
+            try:
+                start -= dt.timedelta(microseconds=offset)
+            except OverflowError:
+                start = None
+        return replace(self, time_us=self.time_us + offset, start_utc=start)
+
+    def describe_dropped(self) -> str:
+        """Say how much of the log was left out, and why."""
+        total = sum(self.dropped.values())
+        if total == 0:
+            return "nothing was left out"
+        reasons = ", ".join(f"{count:,} with {why}" for why, count in self.dropped.items())
+        share = 100 * total / max(self.entries, total)
+        return f"{total:,} of {self.entries:,} entries were left out ({share:.1f} %: {reasons})"
 
     def at(self, times_us: npt.ArrayLike) -> Floats:
         """Positions at other times, linear between the track's points.
@@ -148,3 +193,36 @@ def interpolate(
     # a + 1 * (b - a) need not be b: at a point the value is the point's own
     found = np.where((weight == 1.0)[:, None], values[right], found)
     return np.where(inside[:, None], found, np.nan)
+
+
+def great_circle(a: Floats, b: Floats) -> Floats:
+    """Distances on a sphere of the Earth's mean radius (haversine).
+
+    Parameters
+    ----------
+    a, b : ndarray of float64, shape (..., 2)
+        Latitude and longitude in degrees; broadcast against each other.
+
+    Returns
+    -------
+    ndarray of float64, shape (...)
+        Metres. The Earth's flattening makes it wrong by up to 0.6 %.
+    """
+    a, b = np.radians(a), np.radians(b)
+    half = np.sin((a - b) / 2.0) ** 2
+    h = half[..., 0] + np.cos(a[..., 0]) * np.cos(b[..., 0]) * half[..., 1]
+    return 2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
+
+
+def distances(kind: Kind, a: Floats, b: Floats) -> Floats:
+    """Return the distances between positions of a kind, in metres, shape (...).
+
+    Parameters
+    ----------
+    kind : {"metric", "geographic"}
+    a, b : ndarray of float64, shape (..., d)
+        Broadcast against each other.
+    """
+    if kind == "geographic":
+        return great_circle(a, b)
+    return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=-1)))

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import read_archive, replacing, write_archive
+from edge_vpr.archive import damaged, read_archive, replacing, write_archive
+from edge_vpr.array_checks import LATEST_US, check_array, check_range, whole_number
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
@@ -147,15 +148,15 @@ class Matches:
             If the file is missing, unreadable, not matches, or from a newer version.
         """
         arrays, meta = read_archive(path, KIND)
-        try:
-            return cls(
-                Settings.from_dict(meta["settings"], source=str(path)),
-                meta["places_in_map"],
+        with damaged(path, "match again"):
+            found = cls(
+                Settings.from_dict(meta["settings"]),
+                whole_number(meta, "places_in_map", 1, LATEST_US),
                 **{name: arrays[name] for name in _COLUMNS if name != "trust"},
                 trust=arrays.get("trust", arrays["second_sum"] - arrays["distance_sum"]),
             )
-        except (KeyError, TypeError, ValueError) as error:
-            raise MapError(f"{path} is damaged or lacks {error}: match again") from error
+            check_matches(found)
+        return found
 
     def save_csv(self, path: str | Path) -> None:
         """Write as a table, one line a query, atomically; empty fields where there is no second."""
@@ -190,6 +191,36 @@ _COLUMNS = (
     "candidates",
     "trust",
 )
+
+
+def check_matches(matches: Matches) -> None:
+    """Raise unless every column is of its dtype and length, and every place is one of the map.
+
+    Parameters
+    ----------
+    matches : Matches
+        For example of a file.
+
+    Raises
+    ------
+    MapError
+        If they are not what `match_descriptors` gives.
+    """
+    n, last = len(matches.query), matches.places_in_map - 1
+    limits = {
+        "query": (0, LATEST_US), "time_us": (-LATEST_US, LATEST_US), "place": (0, last),
+        "distance_sum": (0, LATEST_US), "second": (-1, last), "second_sum": (-1, LATEST_US),
+        "ties": (0, last), "candidates": (-1, last), "trust": (-LATEST_US, LATEST_US),
+    }  # fmt: skip
+    for name, (least, most) in limits.items():
+        column = getattr(matches, name)
+        width = 1 if matches.candidates.shape[1:] == (1,) else CANDIDATES
+        check_array(column, name, (np.int64,), (n, width) if name == "candidates" else (n,))
+        check_range(column, name, least, most)
+    if n == 0 or (np.diff(matches.query) <= 0).any():
+        raise MapError(f"query of {n} matches: expected one match or more, in order")
+    if ((matches.second < 0) != (matches.second_sum < 0)).any():
+        raise MapError("second and second_sum differ on where there is a second best place")
 
 
 def match_descriptors(places: Descriptors, queries: Descriptors, settings: Settings) -> Matches:

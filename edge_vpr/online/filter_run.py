@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
+from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.place_filter import PlaceFilter, StepPrices
@@ -189,5 +190,7 @@ class FilterRun:
         found.resume(arrays["filter_metric"], reciprocal, usual, place, trust)
         self._control[0].next_tick, self._control[0].place_told = arrays["filter_schedule"].tolist()
         if self.mean is not None:
+            check_array(arrays["filter_mean"], "filter_mean", (np.int32,), self.mean.total.shape)
+            check_range(arrays["filter_mean"], "filter_mean", 0, np.iinfo(np.int32).max)
             self.mean.total = arrays["filter_mean"].copy()
             self.mean.windows = int(arrays["filter_mean_windows"][0])

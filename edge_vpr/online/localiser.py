@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import Arrays, read_archive, write_archive
+from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.map_checks import check_map
 from edge_vpr.online.filter_run import FilterRun
 from edge_vpr.online.kernel import DONE, NEXT_TICK, RING_FULL, follow
 from edge_vpr.online.schedule import MatchSchedule
@@ -28,6 +29,7 @@ from edge_vpr.online.state import (
     start,
     with_distances,
 )
+from edge_vpr.online.state_checks import check_extent, check_filter_state, check_state
 from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -75,6 +77,13 @@ class Localiser:
     check_every : int
         For debugging: after so many selected events, recompute everything and compare.
 
+    Raises
+    ------
+    MapError
+        If arrays of the map were changed so that they no longer fit each other.
+    UsageError
+        If the map is shorter than a sequence, or the sequence too long to be followed.
+
     Examples
     --------
     >>> localiser = Localiser(reference, every=MatchSchedule(events=1))       # doctest: +SKIP
@@ -104,11 +113,11 @@ class Localiser:
         self._codes = None if reference.own_mean_code is not None else reference.codes
         self._mean, self._activity = reference.mean, reference.places.activity
         self._places = reference.places.counts
-        if len(self._places) < self._length + recent or recent < 0:
-            raise UsageError(
-                f"a map of {len(self._places)} places cannot hold sequences of {self._length} "
-                f"besides {recent} recent places: take a shorter sequence or a longer map"
-            )
+        check_map(
+            settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
+            reference.full_scale, reference.mean,
+        )  # fmt: skip
+        check_extent(*self._places.shape, self._length, recent, self._window)
         self._policy = np.array([self.every.interval_us, -1], dtype=np.int64)
         self._now = 0  # T: all events before it have been taken
         self._floor = 0  # no event may be earlier
@@ -305,20 +314,27 @@ class Localiser:
             If the file is missing, unreadable, or from a newer version.
         """
         arrays, meta = read_archive(path, KIND)
-        try:
+        with damaged(path, "save the state again"):
             found = cls(
-                _bare_map(arrays, meta, str(path)),
+                _bare_map(arrays, meta),
                 every=MatchSchedule(**meta["every"]),
                 recent=meta["recent"],
                 check_every=check_every,
             )
-            found._resume(arrays)
-            found._now, found._floor = meta["now_us"], meta["floor_us"]
-        except (KeyError, TypeError, ValueError) as error:
-            raise MapError(f"{path} is damaged or lacks {error}: save the state again") from error
+            found._resume(arrays, meta)
         return found
 
-    def _resume(self, arrays: Arrays) -> None:
+    def _resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
+        clock = check_state(
+            arrays,
+            meta,
+            counters=self._places.shape[1],
+            length=self._length,
+            ends=len(self._places) - self._length + 1,
+            window=self._window,
+            every=self.every,
+            filtered=self._filter is not None,
+        )
         bound = arrays["bound"]
         first = int(bound[-1])
         while self._s.slot.size < arrays["slot"].size:
@@ -330,9 +346,11 @@ class Localiser:
         self._s.counts[:] = recount(self._s)
         self._policy[:] = arrays["policy"]
         if self._filter is not None:
+            check_filter_state(arrays, len(self._places), self._window, self.every, clock.floor_us)
             self._filter.resume(arrays)
             self._s = self._filter.prepared(self._s)
         self._s = with_distances(self._s, self._places)
+        self._now, self._floor = clock.now_us, clock.floor_us
 
     def _run(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
@@ -400,16 +418,18 @@ class Localiser:
             )
 
 
-def _bare_map(arrays: Arrays, meta: Mapping[str, Any], source: str) -> ReferenceMap:
+def _bare_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
     """Build a map of what a localiser needs of it, without times and figures."""
-    sensor = Sensor(*meta["sensor"])
+    pixel_map = PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"])
+    sensor = pixel_map.sensor
     no_times = np.zeros(len(arrays["places"]), dtype=np.int64)
+    figures = np.broadcast_to(np.float32(0), (sensor.height, sensor.width))
     return ReferenceMap(
-        Settings.from_dict(meta["settings"], source),
-        PixelMap(sensor, arrays["pixel_x"], arrays["pixel_y"]),
+        Settings.from_dict(meta["settings"]),
+        pixel_map,
         Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
-        saliency=np.zeros((sensor.height, sensor.width), dtype=np.float32),
-        hot=np.zeros((sensor.height, sensor.width), dtype=np.bool_),
+        saliency=figures,
+        hot=np.broadcast_to(np.False_, figures.shape),
         full_scale=arrays.get("full_scale"),
         mean=arrays.get("mean"),
     )

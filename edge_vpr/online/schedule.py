@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from edge_vpr.array_checks import LATEST_US
 from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import Settings
@@ -28,6 +29,13 @@ class MatchSchedule:
     change: bool = False
 
     def __post_init__(self) -> None:
+        for name, kind in (("events", int), ("interval_us", int), ("change", bool)):
+            value = getattr(self, name)
+            if type(value) is not kind or value > LATEST_US:
+                raise UsageError(
+                    f"matches with {name} = {value!r}: expected {kind.__name__}, at most "
+                    f"{LATEST_US}"
+                )
         if self.events < 0 or self.interval_us < 0 or not (self.events or self.interval_us):
             raise UsageError(
                 f"a match every {self.events} events and every {self.interval_us} us: "

@@ -19,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         required=True,
         metavar="FILE",
-        help="two tracks, reference then query (NMEA, or CSV with time_s and metres or degrees); "
-        "or one alignment (CSV with the columns query_s,reference_s or "
+        help="two tracks, reference then query (NMEA, GPX, or CSV with time_s and metres or "
+        "degrees); or one alignment (CSV with the columns query_s,reference_s or "
         "query_frame,reference_frame); or one 0/1 matrix (.npz, .npy)",
     )
     truth.add_argument(
@@ -34,6 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rows",
         choices=("reference", "query"),
         help="what a row of a matrix stands for; needed for a matrix",
+    )
+    truth.add_argument(
+        "--offset",
+        nargs=2,
+        type=float,
+        metavar=("REF_S", "QUERY_S"),
+        help="where time 0 of each track is in its recording, in seconds; negative if the log "
+        "began earlier (default: 0 0)",
     )
     truth.add_argument(
         "--frame-period", metavar="S", help="of an alignment in frames, in seconds: 1/30"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr.recordings.registry import FORMATS
+from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.setting_flags import add_map_flags, given_map_flags
 
 EXAMPLES = """\
@@ -103,6 +104,7 @@ def _check_files(args: argparse.Namespace) -> None:
         if path.resolve() in seen:
             raise UsageError(f"{path} is named twice: give each file a name of its own")
         seen.add(path.resolve())
+        check_output(path, [given for given in (args.port, args.map) if given])
         if path.exists() and not args.overwrite:
             raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
         if not path.absolute().parent.is_dir():

@@ -31,6 +31,7 @@ def load_truth(
     tolerance: float | None,
     rows: str | None,
     frame_period: str | None,
+    offset_s: Sequence[float] | None = None,
 ) -> GroundTruth:
     """Read two tracks, one matrix (by suffix), or else one alignment.
 
@@ -45,6 +46,8 @@ def load_truth(
         Needed for tracks (metres) and alignments (their unit).
     rows : {"reference", "query"}, optional
         Needed for a matrix.
+    offset_s : sequence of two floats, optional
+        Where time 0 of each track is in its recording, in seconds.
     frame_period : str, optional
         Needed for an alignment in frames, in seconds, for example ``1/30``.
 
@@ -61,6 +64,8 @@ def load_truth(
     """
     if len(files) > 2:
         raise UsageError(f"{len(files)} ground-truth files: give two tracks, or one other file")
+    if offset_s is not None and len(files) != 2:
+        raise UsageError("--offset sets the clocks of two tracks right: give two tracks")
     if len(files) == 1 and Path(files[0]).suffix in (".npz", ".npy"):
         if rows is None:
             raise UsageError(
@@ -71,7 +76,10 @@ def load_truth(
     if tolerance is None:
         raise UsageError("the tolerance is not given: say for example --tolerance 70")
     if len(files) == 2:
-        reference, query = (load_track(file) for file in files)
+        offsets = (0.0, 0.0) if offset_s is None else offset_s
+        reference, query = (
+            load_track(file).shifted(offset) for file, offset in zip(files, offsets, strict=True)
+        )
         return from_tracks(reference, query, places_us, queries_us, tolerance)
     alignment = load_alignment(files[0])
     period = None if frame_period is None else float(parse_period(frame_period) * 1_000_000)

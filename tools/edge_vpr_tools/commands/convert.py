@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from edge_vpr.recordings import write_recording
+from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import describe_faults, open_from
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
@@ -18,6 +19,7 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If the input cannot be read, holds faults, or does not fit the output's format.
     """
+    check_output(args.output, [args.input])
     recording = open_from(args, args.input)
     n = write_recording(args.output, tracked(recording, "converting"), overwrite=args.overwrite)
     summary(f"{args.output}: {n:,} events of {recording.sensor}{describe_faults(recording)}")

@@ -14,6 +14,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.truth import load_truth
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import note
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.report.traverse import write_report
 
@@ -47,7 +48,10 @@ def run(args: argparse.Namespace) -> None:
         tolerance=args.tolerance,
         rows=args.rows,
         frame_period=args.frame_period,
+        offset_s=args.offset,
     )
+    for line in truth.notes:
+        note(line)
     found = evaluate(
         matches,
         truth,

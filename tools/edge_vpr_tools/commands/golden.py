@@ -14,10 +14,11 @@ from edge_vpr.errors import UsageError
 from edge_vpr.pipeline import cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from edge_vpr.whole_files import check_output, replacing_folder
 from edge_vpr_tools.arguments.reading import open_from
 from edge_vpr_tools.estimate.of_map import design_of, device_codes
 from edge_vpr_tools.output.messages import note, summary
-from edge_vpr_tools.output.results import check_parent, whole_folder
+from edge_vpr_tools.output.results import check_parent
 from firmware_model import Design, DesignError, Event, Memories, VectorError
 from firmware_model.vectors import Case, standard_suites, write_suites
 from firmware_model.vectors.suite import files_of
@@ -47,6 +48,8 @@ def run(args: argparse.Namespace) -> None:
     if args.recording is not None and args.map is None:
         raise UsageError("--recording needs a map: name it by --map")
     output = Path(args.output)
+    inputs = (args.design, args.map, args.recording)
+    check_output(output, [given for given in inputs if given is not None])
     _check_folder(output, args.overwrite)
     recorded: list[Case] = []
     if args.map is None:
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     suites = standard_suites(design, args.seed)
     if recorded:
         suites["recording"] = recorded
-    with whole_folder(output) as folder:
+    with replacing_folder(output) as folder:
         manifest = write_suites(folder, design, suites, args.seed)
     for suite in manifest["suites"]:
         missed = [corner for corner, number in suite["coverage"].items() if number == 0]

@@ -9,6 +9,7 @@ from pathlib import Path
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.errors import UsageError
 from edge_vpr.pipeline import map_traverse
+from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
     open_source,
@@ -28,6 +29,9 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong or the recording cannot be mapped.
     """
     output = Path(args.output)
+    listed = args.hot_pixels not in (None, "find", "keep")
+    inputs = [args.recording, args.hot_pixels if listed else None, getattr(args, "config", None)]
+    check_output(output, [given for given in inputs if given is not None])
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
     if output.exists() and not args.overwrite:
@@ -35,7 +39,6 @@ def run(args: argparse.Namespace) -> None:
     check_parent(output)
     settings = map_settings(args)
     recording = open_source(args, args.recording)
-    listed = args.hot_pixels not in (None, "find", "keep")
     hot = load_hot_pixels(args.hot_pixels, recording.sensor) if listed else None
 
     start = time.perf_counter()

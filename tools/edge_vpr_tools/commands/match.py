@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong or the recording cannot be matched.
     """
     output = Path(args.output)
-    results.check_output_folder(output, args.overwrite)
+    results.check_output_folder(output, args.overwrite, [args.map, args.recording])
     reference = ReferenceMap.load(args.map)
     given = {name: value for name, value in match_flags(args).items() if value is not None}
     settings = reference.settings.replaced(given, "the command line")

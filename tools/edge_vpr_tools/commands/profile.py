@@ -47,7 +47,8 @@ def run(args: argparse.Namespace) -> None:
         )
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
-    results.check_output_folder(output, args.overwrite)
+    inputs = [args.map, args.recording, *(args.ground_truth or ())]
+    results.check_output_folder(output, args.overwrite, inputs)
     plan = Plan(args.pairs, window_s, args.quick)
     with terminated_as_interrupted():
         found = profiling.profile(args, plan)

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
+from edge_vpr.errors import printable
+
 
 class Verbosity(IntEnum):
     """How much a command says while it runs."""
@@ -60,18 +62,6 @@ def warning(text: str) -> None:
 def error_line(text: str) -> None:
     """Print why a command ended, on standard error."""
     _line(text)
-
-
-def printable(text: str) -> str:
-    r"""Return text in one line without control characters, which may come from a file's name.
-
-    Examples
-    --------
-    >>> printable("a\x1b[2J\n b")
-    'a\\x1b[2J b'
-    """
-    line = " ".join(text.split())
-    return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in line)
 
 
 def _line(text: str) -> None:

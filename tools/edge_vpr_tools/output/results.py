@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
+from edge_vpr.whole_files import check_output, clear_dead_runs, replacing_folder
 
 MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
 QUERIES_KIND = "set of query descriptors"
@@ -17,15 +17,27 @@ _SUFFIXES = (".npz", ".csv", ".json", ".png", ".html")
 RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 
 
-def check_output_folder(path: Path, overwrite: bool) -> None:
+def check_output_folder(
+    path: Path, overwrite: bool, inputs: Iterable[str | Path | None] = ()
+) -> None:
     """Refuse a folder that cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    path : path
+    overwrite : bool
+    inputs : iterable of path or None
+        What the run reads, see `check_output`; None is not given.
 
     Raises
     ------
     UsageError
-        If it exists and may not be replaced, or does not look like one of ours.
+        If it exists and may not be replaced, does not look like one of ours, or an input would be
+        lost.
     """
+    check_output(path, [given for given in inputs if given is not None])
     check_parent(path)
+    clear_dead_runs(path.absolute().parent)
     if not path.exists():
         return
     if not overwrite:
@@ -73,9 +85,7 @@ def _is_ours(file: Path) -> bool:
 
 @contextmanager
 def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Give an empty folder that becomes `path` when the block ends well.
-
-    After an error or an interrupt it is gone and `path` is as it was.
+    """Give an empty folder that becomes `path` when the block ends well, see `replacing_folder`.
 
     Raises
     ------
@@ -83,27 +93,5 @@ def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
         See `check_output_folder`.
     """
     check_output_folder(path, overwrite)
-    with whole_folder(path) as work:
-        yield work
-
-
-@contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
-    """Give an empty folder that takes the place of `path` when the block ends well.
-
-    What `path` holds is deleted then: check it before.
-    """
-    path = path.absolute()
-    work = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
-    try:
-        work.chmod(0o755)
-        yield work
-        if path.exists():
-            old = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}.old."))
-            path.rename(old / path.name)
-            work.rename(path)
-            shutil.rmtree(old)
-        else:
-            work.rename(path)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    with replacing_folder(path) as folder:
+        yield folder

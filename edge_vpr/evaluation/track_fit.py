@@ -1,0 +1,123 @@
+"""Whether two tracks are of one route, and of these drives."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.evaluation.tracks import Floats, Track, distances
+
+#: points of the query's track that are compared, evenly spread over its way
+QUERY_POINTS = 200
+#: and at most so many of the reference's, else two for each tolerance
+REFERENCE_POINTS = 2_000
+#: Less of a log's time in common with its drive's than this share is worth a note: loggers start
+#: and stop within seconds of the camera in all data sets we know, so that they share 95 % and more.
+LEAST_COMMON = 0.8
+#: so much better must the logs fit the other way round, to say that they may be swapped
+SWAPPED_BY = 0.05
+
+
+class Overlap(NamedTuple):
+    """How two tracks lie to each other.
+
+    Attributes
+    ----------
+    share : float
+        Of the query's track, by its length, how much lies within the tolerance of the reference's.
+    nearest_m : float
+        Least distance between the two.
+    """
+
+    share: float
+    nearest_m: float
+
+
+def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
+    """Compare the ways of two tracks, whatever the times.
+
+    Parameters
+    ----------
+    reference, query : Track
+        Of one kind and dimension.
+    tolerance_m : float
+
+    Returns
+    -------
+    Overlap
+    """
+    places, spacing_m = _spread(reference, REFERENCE_POINTS, tolerance_m / 2)
+    queries, _ = _spread(query, QUERY_POINTS, 0.0)
+    nearest = distances(reference.kind, places, queries[:, None]).min(axis=1)
+    return Overlap(float((nearest <= tolerance_m + spacing_m / 2).mean()), float(nearest.min()))
+
+
+def notes(
+    reference: Track,
+    query: Track,
+    reference_us: npt.NDArray[np.float64],
+    query_us: npt.NDArray[np.float64],
+) -> tuple[str, ...]:
+    """Say what makes it doubtful that the logs belong to these drives.
+
+    Parameters
+    ----------
+    reference, query : Track
+    reference_us, query_us : ndarray of float64
+        Times of the windows' centres.
+
+    Returns
+    -------
+    tuple of str
+        Empty where nothing is.
+    """
+    given = (_common(reference, reference_us), _common(query, query_us))
+    swapped = (_common(query, reference_us), _common(reference, query_us))
+    found = []
+    if sum(swapped) > sum(given) + 2 * SWAPPED_BY:
+        found.append(
+            "the two logs fit the drives better the other way round: the reference's comes first"
+        )
+    for name, track, times, common in zip(
+        ("reference", "query"), (reference, query), (reference_us, query_us), given, strict=True
+    ):
+        if common < LEAST_COMMON:
+            found.append(
+                f"the {name} log covers {track.time_us[0] / 1e6:.0f} to "
+                f"{track.time_us[-1] / 1e6:.0f} s and its drive lasts until "
+                f"{times.max() / 1e6:.0f} s: is it the log of this drive, and its clock right "
+                "(--offset)?"
+            )
+        total = sum(track.dropped.values())
+        if total * 10 > track.entries:
+            found.append(f"of the {name} log {track.describe_dropped()}")
+    return tuple(found)
+
+
+def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
+    """Time that track and windows have in common, over the time that either spans."""
+    first, last = float(track.time_us[0]), float(track.time_us[-1])
+    start, end = float(times_us.min()), float(times_us.max())
+    whole = max(last, end) - min(first, start)
+    return max(0.0, min(last, end) - max(first, start)) / whole if whole > 0 else 1.0
+
+
+def _spread(track: Track, most: int, least_m: float) -> tuple[Floats, float]:
+    """Take points evenly spread over a track's way, and their spacing; none inside a gap."""
+    points = track.position
+    steps = distances(track.kind, points[1:], points[:-1])
+    if track.max_gap_us is not None:
+        steps = np.where(np.diff(track.time_us) > track.max_gap_us, 0.0, steps)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    if not way[-1] > 0:
+        return points[:1], 0.0
+    n = most if least_m * most <= way[-1] else math.ceil(way[-1] / least_m) + 1
+    at = np.linspace(0.0, way[-1], n)
+    rising = np.flatnonzero(np.diff(way, prepend=-1.0) > 0)
+    if track.kind == "geographic":
+        points = np.column_stack([points[:, 0], np.unwrap(points[:, 1], period=360.0)])
+    found = [np.interp(at, way[rising], column[rising]) for column in points.T]
+    return np.column_stack(found), float(way[-1] / (n - 1))

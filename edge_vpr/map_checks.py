@@ -1,0 +1,90 @@
+"""What a reference map must be: every array that a kernel indexes with fits every other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.array_checks import check_array, check_range
+from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.descriptor_checks import check_descriptors
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.errors import MapError
+from edge_vpr.settings import Settings
+from fixedpoint.errors import FixedPointError
+
+
+def check_map(
+    settings: Settings,
+    pixel_map: PixelMap,
+    places: Descriptors,
+    saliency: npt.NDArray[Any],
+    hot: npt.NDArray[Any],
+    full_scale: npt.NDArray[Any] | None,
+    mean: npt.NDArray[Any] | None = None,
+) -> None:
+    """Raise unless the parts of a map fit each other.
+
+    Parameters
+    ----------
+    settings, pixel_map, places, saliency, hot, full_scale, mean
+        See `ReferenceMap`.
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape than documented, or holds what cannot be.
+    """
+    if settings.pixels != len(pixel_map):
+        raise MapError(
+            f"the settings say {settings.pixels} pixels and the pixel map has {len(pixel_map)}: "
+            "expected the same number"
+        )
+    counters = len(pixel_map) * (2 if settings.polarity else 1)
+    check_descriptors(places, counters)
+    shape = (pixel_map.sensor.height, pixel_map.sensor.width)
+    check_array(saliency, "saliency", (np.float32, np.float64), shape)
+    if not np.isfinite(saliency).all():
+        raise MapError("saliency holds values that are not finite: expected variances or means")
+    check_array(hot, "hot", (np.bool_,), shape)
+    if full_scale is not None:
+        check_array(full_scale, "full_scale", (np.uint16,), (counters,))
+    own_mean = settings.own_mean_code
+    if own_mean is None:
+        _check_codes(settings, places.counts, full_scale)
+        return
+    if mean is None:
+        raise MapError("the map has own-mean codes and lacks mean: make the map again")
+    check_array(mean, "mean", (np.int32,), (counters,))
+    check_range(mean, "mean", 0, int(own_mean.levels[-1]))
+    check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
+
+
+def _check_codes(
+    settings: Settings, counts: npt.NDArray[Any], full_scale: npt.NDArray[Any] | None
+) -> None:
+    """Raise unless every place holds codes that its counter's table has."""
+    if settings.learns_full_scale and full_scale is not None:
+        # of scales that no reference teaches, each could want a table of its own
+        scale = full_scale.astype(np.int64)
+        wrong = (scale < 1) | (scale & (scale + 1) != 0)
+        if wrong.any():
+            raise MapError(
+                f"full_scale holds {scale[wrong][0]}: expected 2**n - 1, with n from 1 to 16"
+            )
+    try:
+        codes = codes_of(settings, counts.shape[1], full_scale)
+    except FixedPointError as error:
+        raise MapError(f"the codes of the map: {error}") from error
+    if codes is None:
+        return
+    top = np.array([code.top for code in codes.codes], dtype=np.int64)[codes.row]
+    above = np.flatnonzero(counts.max(axis=0) > top)
+    if above.size:
+        j = int(above[0])
+        raise MapError(
+            f"counter {j} holds the code {counts[:, j].max()}: expected codes up to {top[j]}"
+        )

@@ -1,0 +1,270 @@
+"""Files and folders that are written whole or not at all, whatever ends the run.
+
+What is being written lies in a hidden folder beside the result, ``.edge-vpr-*.part``, which its run
+keeps locked. A crash, a kill or a power cut leaves that folder, and the next run that writes beside
+it finds it without a lock and clears it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import os
+import re
+import secrets
+import shutil
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from edge_vpr.errors import UsageError
+
+_WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
+# of <linux/fs.h> and <fcntl.h>
+_RENAME_EXCHANGE = 2
+_AT_FDCWD = -100
+_NEW, _OLD = "new", "old"
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give a path for a new file that takes the place of `path` when the block ends well.
+
+    After an error or an interrupt `path` is as it was. A link is followed: what it points to is
+    replaced. The file has the permissions of the one before, or those that the umask leaves; file
+    and folder have reached the disk (fsync) when this returns.
+
+    Parameters
+    ----------
+    path : path
+
+    Yields
+    ------
+    Path
+        Of the same name, in a folder of its own; an empty file is there.
+
+    Raises
+    ------
+    UsageError
+        If the folder does not exist or cannot be written to, or `path` is not a file.
+    """
+    target = _followed(Path(path))
+    mode = _mode_of_file(target)
+    with _work_folder(target) as work:
+        temporary = work / target.name
+        temporary.touch()
+        yield temporary
+        if mode is not None:
+            temporary.chmod(mode)
+        _sync(temporary)
+        temporary.replace(target)
+        _sync(target.parent)
+
+
+@contextmanager
+def replacing_folder(path: str | Path) -> Iterator[Path]:
+    """Give an empty folder that takes the place of `path` when the block ends well.
+
+    After an error or an interrupt `path` is as it was. Old and new are exchanged in one step where
+    the file system can do that. Where it cannot, a power cut between two steps may leave neither;
+    the new one is then put in place by `clear_dead_runs`.
+
+    Parameters
+    ----------
+    path : path
+        A folder, all of which is replaced, or nothing.
+
+    Yields
+    ------
+    Path
+
+    Raises
+    ------
+    UsageError
+        If the folder around it does not exist or cannot be written to, or `path` is a file.
+    """
+    target = _followed(Path(path))
+    if target.exists() and not target.is_dir():
+        raise UsageError(f"cannot write the folder {path}: there is a file of this name")
+    with _work_folder(target) as work:
+        new = work / _NEW / target.name
+        new.mkdir(parents=True)
+        yield new
+        for folder, _, files in os.walk(new):
+            for name in files:
+                _sync(Path(folder) / name)
+            _sync(Path(folder))
+        if not target.exists():
+            new.rename(target)
+        elif not _exchanged(new, target):
+            old = work / _OLD / target.name
+            old.parent.mkdir()
+            _sync(work)
+            target.rename(old)
+            new.rename(target)
+        _sync(target.parent)
+
+
+def check_output(output: str | Path, inputs: Iterable[str | Path]) -> None:
+    """Refuse an output whose writing would destroy or change an input of the same run.
+
+    Parameters
+    ----------
+    output : path
+        File or folder to write; need not exist.
+    inputs : iterable of path
+        Files or folders to read; those that do not exist are left to their readers.
+
+    Raises
+    ------
+    UsageError
+        If an input is the output by whatever name or link, lies in it, or is a folder around it.
+    """
+    wanted = _followed(Path(output))
+    for given in inputs:
+        source = Path(given)
+        if not source.exists():
+            continue
+        real = source.resolve()
+        if real == wanted or (wanted.exists() and wanted.samefile(real)):
+            raise UsageError(f"output {output} is the input {given}: name another output")
+        if real.is_relative_to(wanted):
+            raise UsageError(
+                f"output {output} is a folder that holds the input {given}: name another output"
+            )
+        if real.is_dir() and wanted.is_relative_to(real):
+            raise UsageError(f"output {output} lies in the input {given}: name an output outside")
+
+
+def clear_dead_runs(folder: str | Path) -> None:
+    """Remove what killed runs left in a folder, and put in place what one was about to.
+
+    Runs that live hold a lock and are left alone, as is all that cannot be locked or removed.
+
+    Parameters
+    ----------
+    folder : path
+    """
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _WORK.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False):
+                with suppress(OSError):
+                    _clear(Path(entry.path))
+
+
+def _clear(work: Path) -> None:
+    lock = _locked(work)
+    if lock is None:
+        return
+    try:
+        if (work / _OLD).is_dir():
+            # stopped between the two renames of a folder: the new one was complete, the old one
+            # is as it was
+            for kept in (_NEW, _OLD):
+                for folder in (work / kept).iterdir():
+                    target = work.parent / folder.name
+                    if not os.path.lexists(target):
+                        folder.rename(target)
+            _sync(work.parent)
+        shutil.rmtree(work)
+    finally:
+        os.close(lock)
+
+
+@contextmanager
+def _work_folder(target: Path) -> Iterator[Path]:
+    """Give a hidden folder beside the target, locked as long as this process lives."""
+    clear_dead_runs(target.parent)
+    try:
+        work, lock = _made_and_locked(target.parent)
+    except OSError as error:
+        raise UsageError(
+            f"cannot write {target}: {error.strerror}: name a folder that exists and is writable"
+        ) from error
+    try:
+        yield work
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _made_and_locked(parent: Path) -> tuple[Path, int | None]:
+    while True:
+        work = parent / f".edge-vpr-{secrets.token_hex(8)}.part"
+        work.mkdir(mode=0o700)
+        try:
+            lock = _locked(work)
+        except FileNotFoundError:
+            continue  # another run took it for a dead one's before it was locked
+        except OSError:
+            return work, None  # a file system without locks: no other run clears anything there
+        if lock is not None and work.exists():
+            return work, lock
+
+
+def _locked(work: Path) -> int | None:
+    """Lock a folder; None if another process has."""
+    handle = os.open(work, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        return None
+    except BaseException:
+        os.close(handle)
+        raise
+    return handle
+
+
+def _followed(path: Path) -> Path:
+    """Follow links to the file itself, which need not exist."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError) as error:
+        raise UsageError(f"{path} is a link that leads back to itself: remove it") from error
+
+
+def _mode_of_file(target: Path) -> int | None:
+    """Permissions of a file that is there; None if there is none."""
+    try:
+        found = target.stat()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise UsageError(
+            f"cannot write {target}: {error.strerror}: name a folder that exists and is writable"
+        ) from error
+    if not stat.S_ISREG(found.st_mode):
+        raise UsageError(f"cannot write {target}: it is not a file: name another one")
+    return stat.S_IMODE(found.st_mode)
+
+
+def _exchanged(new: Path, target: Path) -> bool:
+    """Exchange two folders in one step; False where kernel or file system cannot."""
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError):
+        return False
+    names = os.fsencode(new), os.fsencode(target)
+    if renameat2(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP):
+        return False
+    raise OSError(number, os.strerror(number), str(target))
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file or a folder's entries are on the disk."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # some file systems do not sync folders; a full or broken disk is an error
+        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
+            raise
+    finally:
+        os.close(handle)

@@ -1,0 +1,173 @@
+"""Feed changed maps, states, matches, settings and ground truth to their readers.
+
+``python tests/fuzz_archives.py --inputs 100_000`` loads so many files, each made from the seed and
+its number alone, in forked children with limits of memory and time. Every file must be refused by
+an error of ours, or give what plain Python gives (`archive_mutants.outcome`). A find is printed
+with its number: ``--only NUMBER`` repeats it in this process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import faulthandler
+import os
+import resource
+import select
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parent))
+
+from archive_mutants import LOADERS, mutant, outcome, write_originals
+
+#: what a child may take beside what the interpreter and the compiled kernels have, in bytes
+MEMORY_BYTES = 512 << 20
+#: what one input may take, in seconds
+TIME_S = 20.0
+_AT_ONCE = 2_000
+
+
+class Find(NamedTuple):
+    """An input that broke a promise."""
+
+    number: int
+    what: str
+
+
+class Result(NamedTuple):
+    """What a run found."""
+
+    accepted: Counter[str]
+    refused: Counter[str]
+    finds: list[Find]
+    most_bytes: int
+
+
+def one(files: dict[str, list[Path]], folder: Path, seed: int, number: int) -> tuple[str, bool]:
+    """Make input `number` and load it; its kind, and whether it was accepted."""
+    rng = np.random.default_rng([seed, number])
+    # most inputs to what kernels work on
+    kinds = [kind for kind in LOADERS for _ in range(4 if kind in ("map", "state") else 1)]
+    kind = kinds[int(rng.integers(len(kinds)))]
+    original = files[kind][int(rng.integers(len(files[kind])))]
+    path = folder / f"input{original.suffix}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # casts of odd values, while they are made
+        path.write_bytes(mutant(original, rng))
+    return kind, outcome(kind, path)
+
+
+def run(inputs: int, seed: int) -> Result:
+    """Load so many inputs in forked children."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = write_originals(folder)
+        for kind, paths in files.items():
+            for path in paths:  # kernels are compiled before the children inherit them
+                assert outcome(kind, path), f"an original {kind} is refused: {path}"
+        result = Result(Counter(), Counter(), [], 0)
+        first = 0
+        while first < inputs:
+            last = min(first + _AT_ONCE, inputs)
+            for line in _child(files, folder, seed, first, last):
+                number, what, *rest = line.split(" ", 2)
+                first = int(number) + 1
+                if what == "find":
+                    result.finds.append(Find(int(number), rest[0]))
+                else:
+                    (result.accepted if what == "accepted" else result.refused)[rest[0]] += 1
+        most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
+        return result._replace(most_bytes=most)
+
+
+def _child(
+    files: dict[str, list[Path]], folder: Path, seed: int, first: int, last: int
+) -> Iterator[str]:
+    """Yield a line an input; a child that dies or hangs ends with a find."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        _work(files, folder, seed, first, last, writing)
+    os.close(writing)
+    number, pending, why = first, b"", ""
+    try:
+        while number < last and not why:
+            if not select.select([reading], [], [], TIME_S)[0]:
+                os.kill(child, signal.SIGKILL)
+                why = f"took more than {TIME_S:g} s"
+            elif not (piece := os.read(reading, 1 << 16)):
+                why = "ended the process"
+            else:
+                *lines, pending = (pending + piece).split(b"\n")
+                for line in lines:
+                    number += 1
+                    yield line.decode()
+    finally:
+        os.close(reading)
+        _, status = os.waitpid(child, 0)
+    if why:
+        if os.WIFSIGNALED(status):
+            why += f" by {signal.Signals(os.WTERMSIG(status)).name}"
+        yield f"{number} find {why}"
+
+
+def _work(
+    files: dict[str, list[Path]], folder: Path, seed: int, first: int, last: int, writing: int
+) -> None:
+    """Load inputs in the child, and never return."""
+    with contextlib.suppress(BaseException):
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        limit = pages * resource.getpagesize() + MEMORY_BYTES
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        faulthandler.disable()  # the parent tells of a signal
+        for number in range(first, last):
+            try:
+                kind, accepted = one(files, folder, seed, number)
+                line = f"{number} {'accepted' if accepted else 'refused'} {kind}"
+            except Exception:
+                said = " | ".join(traceback.format_exc(limit=-2).split("\n"))
+                line = f"{number} find {said}"
+            os.write(writing, f"{line[:3000]}\n".encode(errors="replace"))
+    os._exit(0)
+
+
+def main() -> int:
+    """Run as the arguments say; 1 if there was a find."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", type=int, metavar="NUMBER", help="repeat one input, here")
+    args = parser.parse_args()
+    if args.only is not None:
+        with tempfile.TemporaryDirectory() as name:
+            print(*one(write_originals(Path(name)), Path(name), args.seed, args.only))
+        return 0
+    begin = time.monotonic()
+    result = run(args.inputs, args.seed)
+    for kind in LOADERS:
+        print(f"{kind}: {result.accepted[kind]} accepted, {result.refused[kind]} refused")
+    for find in result.finds[:50]:
+        print(f"FIND {find.number}: {find.what}")
+    print(
+        f"{args.inputs} inputs, seed {args.seed}: {len(result.finds)} finds, at most "
+        f"{result.most_bytes >> 20} MB, {time.monotonic() - begin:.0f} s"
+    )
+    return 1 if result.finds else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

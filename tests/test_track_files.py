@@ -1,0 +1,196 @@
+"""Logs as receivers and loggers leave them: other formats, other encodings, other drives."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+import pytest
+from archive_mutants import checksum
+
+from edge_vpr.errors import GroundTruthError
+from edge_vpr.evaluation.ground_truth import from_tracks, load_matrix
+from edge_vpr.evaluation.text_files import read_text
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.track_fit import overlap
+from edge_vpr.evaluation.tracks import Track
+
+S = 1_000_000
+GPX = """<?xml version="1.0" encoding="{encoding}"?>
+<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><trk><name>x</name><trkseg>
+<trkpt lat="-27.5000" lon="152.9000"><ele>1</ele><time>2024-01-01T12:00:00Z</time></trkpt>
+<trkpt lat="-27.5001" lon="152.9000"><time>2024-01-01T13:00:01.5+01:00</time></trkpt>
+</trkseg><trkseg>
+<trkpt lat="-27.5001" lon="152.9009"><time>2024-01-01T12:00:01.5Z</time></trkpt>
+<trkpt lat="-27.5002" lon="152.9000"></trkpt>
+<trkpt lat="north" lon="152.9000"><time>2024-01-01T12:00:03Z</time></trkpt>
+<trkpt lat="-97.5" lon="152.9000"><time>2024-01-01T12:00:03Z</time></trkpt>
+<trkpt lat="-27.5003" lon="152.9000"><time>2024-01-01T12:00:04</time></trkpt>
+</trkseg></trk></gpx>"""
+
+
+def nmea(seconds, latitude_minutes=30.0):
+    lines = []
+    for i in range(seconds):
+        clock = f"{12 + i // 3600:02}{i // 60 % 60:02}{i % 60:02}.00"
+        body = f"GPRMC,{clock},A,27{latitude_minutes + i / 100:08.5f},S,15254.00000,E,,,010124,,"
+        lines.append(f"${body}*{checksum(body):02X}\r\n")
+    return "".join(lines)
+
+
+def straight(seconds, metres, start_us=0):
+    """A drive along a line."""
+    times = start_us + np.arange(seconds + 1) * S
+    return Track(times, np.linspace(0.0, metres, seconds + 1)[:, None])
+
+
+def centres(seconds):
+    return np.arange(seconds) * S + S // 2
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])
+def test_gpx_is_read_in_every_encoding(tmp_path, encoding):
+    (tmp_path / "log.GPX").write_bytes(GPX.format(encoding=encoding).encode(encoding))
+    track = load_track(tmp_path / "log.GPX")
+    assert track.kind == "geographic"
+    assert track.time_us.tolist() == [0, 1_500_000, 4_000_000]
+    assert track.position.tolist() == [[-27.5, 152.9], [-27.5001, 152.9], [-27.5003, 152.9]]
+    assert dict(track.dropped) == {"no time": 1, "unreadable position": 2}
+    assert track.entries == 7
+    assert track.start_utc == dt.datetime(2024, 1, 1, 12, tzinfo=dt.UTC)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("<gpx>", "is not a GPX file"),
+        ("", "is not a GPX file"),
+        ("<gpx/>", "export the recorded track, not a planned route"),
+        ('<!DOCTYPE x [<!ENTITY a "aaaa">]><gpx>&a;</gpx>', "declares XML entities"),
+        ("<a>" * 100_000, "is not a GPX file"),
+        (GPX.format(encoding="utf-8").replace("12:00:04", "11:00:04"), "time runs backwards"),
+    ],
+)
+def test_a_gpx_file_that_cannot_be_used_says_why(tmp_path, text, says):
+    (tmp_path / "log.gpx").write_text(text)
+    with pytest.raises(GroundTruthError, match=says) as caught:
+        load_track(tmp_path / "log.gpx")
+    assert "log.gpx" in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_a_log_in_utf16_is_read_like_any_other(tmp_path, encoding):
+    (tmp_path / "a.nmea").write_text(nmea(5))
+    (tmp_path / "b.nmea").write_bytes(nmea(5).encode(encoding))
+    plain, wide = (load_track(tmp_path / name) for name in ("a.nmea", "b.nmea"))
+    assert np.array_equal(plain.position, wide.position)
+    assert not wide.dropped
+    (tmp_path / "b.csv").write_bytes("time_s,x_m\n0,0\n1,2\n".encode(encoding))
+    assert load_track(tmp_path / "b.csv").position.tolist() == [[0.0], [2.0]]
+
+
+def test_what_was_left_out_of_a_log_is_said_with_its_share_and_reasons(tmp_path):
+    lines = nmea(20).splitlines(keepends=True)
+    lines[3] = lines[3].replace("A,27", "A,28")
+    for i in (5, 6, 7):
+        lines[i] = lines[i].split("*")[0] + "\r\n"
+    (tmp_path / "log.nmea").write_text("".join(lines))
+    track = load_track(tmp_path / "log.nmea")
+    assert track.describe_dropped() == (
+        "4 of 20 entries were left out (20.0 %: 1 with bad checksum, 3 with no checksum)"
+    )
+    truth = from_tracks(track, track, centres(19), centres(19), 5.0)
+    assert any("of the query log 4 of 20 entries were left out" in note for note in truth.notes)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "says"),
+    [
+        (lambda line: line.split("*")[0], "let the logger write checksums"),
+        (lambda line: line.replace("15254", "15255"), "copy the log again"),
+        (lambda line: "", "open sky"),
+    ],
+)
+def test_a_log_without_a_fix_gets_advice_that_helps(tmp_path, spoilt, says):
+    (tmp_path / "log.nmea").write_text("\n".join(spoilt(line) for line in nmea(9).splitlines()))
+    with pytest.raises(GroundTruthError, match=says):
+        load_track(tmp_path / "log.nmea")
+
+
+def test_logs_in_swapped_order_are_noticed():
+    reference, query = straight(100, 1_000), straight(60, 1_000)
+    good = from_tracks(reference, query, centres(100), centres(60), 20.0)
+    assert good.notes == ()
+    swapped = from_tracks(query, reference, centres(100), centres(60), 20.0)
+    assert "fit the drives better the other way round" in swapped.notes[0]
+
+
+def test_the_log_of_another_drive_is_noticed_by_its_time():
+    reference = straight(100, 1_000)
+    other = straight(300, 1_000)
+    truth = from_tracks(reference, other, centres(100), centres(60), 20.0)
+    assert any(
+        "query log covers 0 to 300 s and its drive lasts until 60 s" in n for n in truth.notes
+    )
+
+
+def test_tracks_of_two_routes_say_how_far_they_are_apart():
+    with pytest.raises(GroundTruthError, match="come no nearer than 4,000 m"):
+        from_tracks(
+            straight(60, 1_000),
+            Track(np.arange(61) * S, 5_000.0 + np.arange(61.0)[:, None]),
+            centres(60), centres(60), 20.0,
+        )  # fmt: skip
+
+
+def test_one_route_at_other_times_says_that_it_is_the_clock():
+    """The windows all lie where the reference has not been while it was filmed."""
+    reference, query = straight(100, 1_000), straight(100, 1_000)
+    with pytest.raises(GroundTruthError, match=r"100 % of the query's track runs along.*--offset"):
+        from_tracks(reference, query, centres(10), centres(90)[50:], 20.0)
+
+
+def test_the_share_of_two_ways_in_common_is_measured_in_metres_of_the_query():
+    reference, query = straight(100, 1_000), straight(50, 2_000)
+    found = overlap(reference, query, 5.0)
+    assert found.share == pytest.approx(0.5, abs=0.01)
+    assert found.nearest_m == 0.0
+    assert overlap(reference, reference.shifted(3.0), 5.0).share == 1.0
+    standing = Track([0, S], [[500.0], [500.0]])
+    assert overlap(reference, standing, 5.0) == (1.0, pytest.approx(0.0, abs=1.3))
+
+
+def test_an_offset_sets_a_clock_right():
+    track = straight(10, 100)
+    assert track.shifted(2.5).time_us[0] == 2_500_000
+    assert track.shifted(2.5).at([7_500_000]).tolist() == track.at([5_000_000]).tolist()
+    assert track.shifted(-4).time_us[0] == -4_000_000
+    for wrong in (float("nan"), float("inf"), 1e15):
+        with pytest.raises(GroundTruthError, match="expected seconds such as"):
+            track.shifted(wrong)
+
+
+def test_times_that_no_clock_shows_are_refused(tmp_path):
+    for time in ("1e300", "1e13"):
+        (tmp_path / "t.csv").write_text(f"time_s,x_m\n0,0\n{time},1\n")
+        with pytest.raises(GroundTruthError, match="from the recording's start"):
+            load_track(tmp_path / "t.csv")
+    with pytest.raises(GroundTruthError, match="beyond"):
+        Track([0, 2**61], [[0.0], [1.0]])
+
+
+def test_a_file_too_long_to_be_a_log_is_refused_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr("edge_vpr.evaluation.text_files.MAX_BYTES", 100)
+    (tmp_path / "a.txt").write_text("x" * 101)
+    with pytest.raises(GroundTruthError, match="has more than 100 bytes"):
+        read_text(tmp_path / "a.txt")
+
+
+def test_a_matrix_that_announces_more_than_its_file_holds_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.eye(3))
+    raw = (tmp_path / "a.npy").read_bytes()
+    (tmp_path / "a.npy").write_bytes(raw.replace(b"(3, 3), }      ", b"(99999, 99999), }"[:15]))
+    (tmp_path / "b.npy").write_bytes(raw.replace(b"(3, 3), }        ", b"(99999, 9999), }"[:17]))
+    for name in ("a.npy", "b.npy"):
+        with pytest.raises(GroundTruthError, match=name):
+            load_matrix(tmp_path / name)

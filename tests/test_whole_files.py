@@ -1,0 +1,261 @@
+"""Results that are there whole or not at all, and outputs that cost no input."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from edge_vpr import whole_files
+from edge_vpr.errors import UsageError
+from edge_vpr.whole_files import check_output, clear_dead_runs, replacing, replacing_folder
+
+
+def write(path, text):
+    with replacing(path) as temporary:
+        temporary.write_text(text)
+
+
+def write_folder(path, text):
+    with replacing_folder(path) as folder:
+        (folder / "inner").mkdir()
+        (folder / "inner" / "a.txt").write_text(text)
+
+
+def read_folder(path):
+    return (path / "inner" / "a.txt").read_text()
+
+
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_a_new_file_has_the_permissions_that_the_umask_leaves(tmp_path, mask, mode):
+    before = os.umask(mask)
+    try:
+        write(tmp_path / "a", "new")
+        write_folder(tmp_path / "f", "new")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == mode
+    assert stat.S_IMODE((tmp_path / "f").stat().st_mode) == 0o777 & ~mask
+
+
+def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path):
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "a").chmod(0o640)
+    write(tmp_path / "a", "new")
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o640
+
+
+def test_a_link_stays_and_what_it_points_to_is_replaced(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real" / "a")
+    for text in ("first", "second"):
+        write(tmp_path / "link", text)
+        assert (tmp_path / "link").is_symlink()
+        assert (tmp_path / "real" / "a").read_text() == text
+    (tmp_path / "folder").symlink_to(tmp_path / "real")
+    write_folder(tmp_path / "folder", "whole")
+    assert (tmp_path / "folder").is_symlink()
+    assert read_folder(tmp_path / "real") == "whole"
+
+
+def test_what_is_not_a_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    for name in ("pipe", ".", "loop"):
+        with pytest.raises(UsageError):
+            write(tmp_path / name, "x")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(UsageError, match="there is a file of this name"):
+        write_folder(tmp_path / "file", "x")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+
+
+def test_the_longest_name_that_a_folder_takes_can_be_written(tmp_path):
+    write(tmp_path / ("n" * 255), "whole")
+    assert (tmp_path / ("n" * 255)).read_text() == "whole"
+
+
+@pytest.mark.parametrize("exchange", [True, False])
+def test_a_folder_is_replaced_whole(tmp_path, monkeypatch, exchange):
+    if not exchange:
+        monkeypatch.setattr(whole_files, "_exchanged", lambda new, target: False)
+    for text in ("first", "second", "third"):
+        write_folder(tmp_path / "results", text)
+        assert read_folder(tmp_path / "results") == text
+        assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+def test_an_error_in_the_block_leaves_the_old_folder(tmp_path):
+    write_folder(tmp_path / "results", "old")
+
+    def fails():
+        with replacing_folder(tmp_path / "results") as folder:
+            (folder / "half").write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fails()
+    assert read_folder(tmp_path / "results") == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_there_is_no_moment_without_the_folder(tmp_path, monkeypatch):
+    """Every call that changes names is looked around: old or new is always in place."""
+    write_folder(tmp_path / "results", "old")
+    seen = []
+    # before the exchange the old one is there, and after it the new one
+    real = whole_files._exchanged
+
+    def watched(new, target):
+        seen.append(read_folder(target))
+        done = real(new, target)
+        seen.append(read_folder(target))
+        return done
+
+    monkeypatch.setattr(whole_files, "_exchanged", watched)
+    monkeypatch.setattr(
+        whole_files.Path, "rename", lambda *_: pytest.fail("renamed, not exchanged")
+    )
+    write_folder(tmp_path / "results", "new")
+    assert seen == ["old", "new"]
+
+
+@pytest.mark.parametrize("stop", [1, 2])
+def test_without_exchange_the_next_run_puts_the_new_folder_in_place(tmp_path, monkeypatch, stop):
+    """A kill between the renames: after the first no folder is there."""
+    write_folder(tmp_path / "results", "old")
+    child = os.fork()
+    if child == 0:
+        whole_files._exchanged = lambda new, target: False
+        calls, real = [], whole_files.Path.rename
+
+        def rename(self, target):
+            real(self, target)
+            calls.append(target)
+            if len(calls) == stop:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        whole_files.Path.rename = rename
+        write_folder(tmp_path / "results", "new")
+        os._exit(1)
+    _, status = os.waitpid(child, 0)
+    assert os.WTERMSIG(status) == signal.SIGKILL
+    assert (tmp_path / "results").exists() == (stop == 2)
+    clear_dead_runs(tmp_path)
+    assert read_folder(tmp_path / "results") == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+HOLD = """
+import sys, time
+from edge_vpr.whole_files import replacing, replacing_folder
+with (replacing_folder if sys.argv[2] == "folder" else replacing)(sys.argv[1]) as temporary:
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("what", ["file", "folder"])
+def test_a_killed_run_is_cleared_at_the_next_one_and_a_living_one_is_left_alone(tmp_path, what):
+    runs = []
+    for name in ("dead", "alive"):
+        run = subprocess.Popen(
+            [sys.executable, "-c", HOLD, str(tmp_path / name), what], stdout=subprocess.PIPE
+        )
+        assert run.stdout.readline() == b"ready\n"
+        runs.append(run)
+    dead, alive = runs
+    try:
+        dead.kill()
+        dead.wait()
+        assert len(list(tmp_path.iterdir())) == 2
+        write(tmp_path / "another", "whole")
+        left = sorted(path.name for path in tmp_path.iterdir())
+        assert len(left) == 2
+        assert left[0].startswith(".edge-vpr-")
+        assert left[1] == "another"
+    finally:
+        alive.kill()
+        alive.wait()
+        for run in runs:
+            run.stdout.close()
+    write(tmp_path / "another", "again")
+    assert [path.name for path in tmp_path.iterdir()] == ["another"]
+
+
+def test_a_link_that_is_called_like_a_dead_run_is_not_followed(tmp_path):
+    (tmp_path / "precious").mkdir()
+    (tmp_path / "precious" / "data").write_text("kept")
+    (tmp_path / ".edge-vpr-0123456789abcdef.part").symlink_to(tmp_path / "precious")
+    clear_dead_runs(tmp_path)
+    assert (tmp_path / "precious" / "data").read_text() == "kept"
+
+
+@pytest.mark.parametrize("writer", [write, write_folder])
+def test_file_and_folder_reach_the_disk_before_and_after_the_name_changes(
+    tmp_path, monkeypatch, writer
+):
+    writer(tmp_path / "result", "old")
+    steps, sync, replace = [], os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda handle: (steps.append(_name(handle)), sync(handle)))
+    monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("renamed"), replace(a, b)))
+    real = whole_files._exchanged
+    monkeypatch.setattr(
+        whole_files, "_exchanged", lambda a, b: (steps.append("renamed"), real(a, b))[1]
+    )
+    writer(tmp_path / "result", "new")
+    renamed = steps.index("renamed")
+    assert ("a.txt" if writer is write_folder else "result") in steps[:renamed]
+    assert steps[renamed + 1 :] == [tmp_path.name]
+
+
+def _name(handle):
+    return Path(f"/proc/self/fd/{handle}").readlink().name
+
+
+def test_an_output_that_is_the_input_by_any_name_is_refused(tmp_path, monkeypatch):
+    source = tmp_path / "drive.npz"
+    source.write_text("events")
+    (tmp_path / "soft.npz").symlink_to(source)
+    os.link(source, tmp_path / "hard.npz")
+    (tmp_path / "around").symlink_to(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for output in (
+        source, "drive.npz", "./drive.npz", "soft.npz", "hard.npz", "around/drive.npz",
+    ):  # fmt: skip
+        for given in (source, "drive.npz", "soft.npz"):
+            with pytest.raises(UsageError, match="is the input"):
+                check_output(output, ["none.npz", given])
+
+
+def test_an_output_folder_around_an_input_is_refused(tmp_path):
+    (tmp_path / "results" / "deep").mkdir(parents=True)
+    source = tmp_path / "results" / "deep" / "map.npz"
+    source.write_text("map")
+    (tmp_path / "link.npz").symlink_to(source)
+    for given in (source, tmp_path / "link.npz"):
+        with pytest.raises(UsageError, match="holds the input"):
+            check_output(tmp_path / "results", [given])
+
+
+def test_an_output_in_an_input_folder_is_refused_and_beside_it_is_not(tmp_path):
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(UsageError, match="lies in the input"):
+        check_output(tmp_path / "bag" / "map.npz", [tmp_path / "bag"])
+    check_output(tmp_path / "bag.npz", [tmp_path / "bag"])
+    check_output(tmp_path / "bag2" / "map.npz", [tmp_path / "bag"])
+
+
+def test_two_runs_at_once_leave_one_whole_result(tmp_path):
+    with replacing(tmp_path / "a") as first:
+        with replacing(tmp_path / "a") as second:
+            second.write_text("second")
+        first.write_text("first")
+    assert (tmp_path / "a").read_text() == "first"
+    write(tmp_path / "a", "third")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
