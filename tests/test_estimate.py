@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from designs import random_design, random_memories, random_stream, wrapped
+from designs import random_stream, wrapped
 from edge_vpr_tools import estimate
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, show, targets
@@ -33,6 +33,7 @@ from firmware_model.emulator import Emulator
 from firmware_model.image import image
 from firmware_model.instructions import DESIGN, TABLE
 from firmware_model.memories import Lookup
+from firmware_model.vectors.random_designs import random_design, random_memories
 
 SMALL = Design(width=64, height=64, pixels=150, places=200)
 RATE = Mission(events_per_s=1e5, selected_share=0.01, matches_per_s=1.0)

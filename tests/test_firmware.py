@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from designs import random_design, random_memories, random_stream, wrapped
+from designs import random_stream, wrapped
 
 from firmware_model import Design, DesignError, Event, Memories, ToolError
 from firmware_model.build import EMULATED, HOST, SOURCES, build
@@ -17,6 +17,7 @@ from firmware_model.image import Word, image, ram_bytes
 from firmware_model.instructions import TABLE, Instructions, compiler, measure, table
 from firmware_model.vectors import Case, from_binary, in_order, records, standard_suites, to_binary
 from firmware_model.vectors.images import image_cases
+from firmware_model.vectors.random_designs import random_design, random_memories
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
