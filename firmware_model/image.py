@@ -88,7 +88,7 @@ def image(memories: Memories) -> bytes:
     tables = [
         struct.pack(f"<{design.height}H", *lookup.displacement),
         b"".join(entries),
-        b"".join(map(bytes, design.tables)),
+        b"".join(map(bytes, memories.codes)),
         bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
     ]

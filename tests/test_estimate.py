@@ -152,8 +152,9 @@ def metered(design, memories):
     """A machine whose every memory counts its accesses, and the tallies by name."""
     names = ("displacement", "lookup", "counts", "code", "table", "history")
     tallies = {name: Counter() for name in names}
-    # a frozen design and its tables are wrapped in place
-    design.__dict__["tables"] = tuple(Shelf(table, tallies["code"]) for table in design.tables)
+    # frozen tables are wrapped in place
+    shelves = tuple(Shelf(table, tallies["code"]) for table in memories.codes)
+    object.__setattr__(memories, "codes", shelves)
     object.__setattr__(memories, "tables", Shelf(memories.tables, tallies["table"]))
     machine = Machine(memories)
     machine.descriptor = MeteredDescriptor(memories, tallies)

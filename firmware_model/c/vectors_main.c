@@ -1,17 +1,20 @@
 /* `vectors BUNDLE`: images that must open or must not, and cases with their expected records, all in
  * one file (firmware_model/vectors/bundle.py). Stops at the first difference. Not part of the
  * firmware. */
+#define _DEFAULT_SOURCE
+
 #include <stdio.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "replay.h"
 
 #define WORDS (1U << 23)
-#define BEYOND 64U /* bytes behind the RAM that must stay as they are */
+#define PAGE 0x10000U /* or a part of one */
 
 static uint32_t bundle[WORDS];
-static _Alignas(16) uint32_t image[WORDS];
-static _Alignas(16) uint32_t ram[WORDS];
+static uint8_t *image_end; /* both end where no memory follows: to go on there is a fault */
+static uint8_t *ram_end;
 static uint32_t expected[WORDS];
 static uint32_t out[WORDS];
 static size_t at;
@@ -23,15 +26,31 @@ static uint32_t next_word(void)
     return word;
 }
 
-/* Copy what comes next, its bytes filled up to words; behind it lies what no image has. */
-static uint32_t next_block(uint32_t *to)
+/* The end of memory that is followed by none. */
+static uint8_t *guarded(void)
 {
-    const uint32_t bytes = next_word();
-    const size_t words = ((size_t)bytes + 3U) / 4U;
-    memcpy(to, &bundle[at], words * 4U);
-    memset(&to[words], 0x5A, 256U);
-    at += words;
-    return bytes;
+    const size_t bytes = (size_t)WORDS * 4U;
+    uint8_t *const memory =
+        mmap(NULL, bytes + PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if ((memory == MAP_FAILED) || (mprotect(&memory[bytes], PAGE, PROT_NONE) != 0)) {
+        return NULL;
+    }
+    return &memory[bytes];
+}
+
+/* So many bytes at the end of guarded memory, aligned. */
+static uint32_t *at_end(uint8_t *end, uint32_t bytes)
+{
+    return (uint32_t *)(void *)(end - ((bytes + 15U) & ~15U));
+}
+
+static const uint32_t *next_image(uint32_t *bytes)
+{
+    *bytes = next_word();
+    uint32_t *const image = at_end(image_end, *bytes);
+    memcpy(image, &bundle[at], *bytes);
+    at += ((size_t)*bytes + 3U) / 4U;
+    return image;
 }
 
 static int differs(const char *what, uint32_t number)
@@ -46,7 +65,8 @@ static int check_images(void)
     for (uint32_t i = 0U; i < images; i++) {
         vpr_design_t design;
         const bool opens = next_word() != 0U;
-        const uint32_t bytes = next_block(image);
+        uint32_t bytes;
+        const uint32_t *const image = next_image(&bytes);
         if (vpr_open(&design, image, bytes) != opens) {
             return differs(opens ? "refused: image" : "opened: image", i);
         }
@@ -70,43 +90,49 @@ static uint32_t without_events(uint32_t words)
     return kept;
 }
 
-static bool same(const vpr_event_t *events, uint32_t count, uint32_t batch, uint32_t start,
-                 uint32_t image_bytes, uint32_t ram_bytes, uint32_t words)
+typedef struct {
+    const uint32_t *image;
+    uint32_t image_bytes;
+    const vpr_event_t *events;
+    uint32_t event_count;
+    uint32_t start;
+    uint32_t ram_bytes;
+} case_t;
+
+static uint32_t replay(const case_t *c, uint32_t batch, uint32_t ram_bytes)
 {
-    uint8_t *const behind = (uint8_t *)ram + ram_bytes;
-    memset(behind, 0x3C, BEYOND);
-    const uint32_t written = vpr_replay(image, image_bytes, events, count, batch, start, ram,
-                                        ram_bytes, out, (uint32_t)WORDS);
-    for (uint32_t i = 0U; i < BEYOND; i++) {
-        if (behind[i] != 0x3CU) {
-            return false;
-        }
-    }
-    return (written == words) && (memcmp(out, expected, (size_t)words * 4U) == 0);
+    return vpr_replay(c->image, c->image_bytes, c->events, c->event_count, batch, c->start,
+                      at_end(ram_end, ram_bytes), ram_bytes, out, (uint32_t)WORDS);
+}
+
+static bool same(const case_t *c, uint32_t batch, uint32_t words)
+{
+    return (replay(c, batch, c->ram_bytes) == words) &&
+           (memcmp(out, expected, (size_t)words * 4U) == 0);
 }
 
 static int check_cases(void)
 {
     const uint32_t cases = next_word();
     for (uint32_t i = 0U; i < cases; i++) {
-        const uint32_t start = next_word();
-        const uint32_t ram_bytes = next_word();
-        const uint32_t image_bytes = next_block(image);
-        const uint32_t event_words = next_word() / 4U;
-        const vpr_event_t *const events = (const vpr_event_t *)(const void *)&bundle[at];
-        at += event_words;
-        const uint32_t count = event_words / 2U;
-        uint32_t words = next_block(expected) / 4U;
-        if (!same(events, count, 1U, start, image_bytes, ram_bytes, words)) {
+        case_t c;
+        c.start = next_word();
+        c.ram_bytes = next_word();
+        c.image = next_image(&c.image_bytes);
+        c.event_count = next_word() / 8U;
+        c.events = (const vpr_event_t *)(const void *)&bundle[at];
+        at += (size_t)c.event_count * 2U;
+        uint32_t words = next_word() / 4U;
+        memcpy(expected, &bundle[at], (size_t)words * 4U);
+        at += words;
+        if (!same(&c, 1U, words)) {
             return differs("case", i);
         }
-        if (vpr_replay(image, image_bytes, events, count, 1U, start, ram, ram_bytes - 16U, out,
-                       (uint32_t)WORDS) != 0U) {
+        if (replay(&c, 1U, c.ram_bytes - 16U) != 0U) {
             return differs("too little RAM taken: case", i);
         }
         words = without_events(words);
-        if (!same(events, count, 7U, start, image_bytes, ram_bytes, words) ||
-            !same(events, count, 1U << 20, start, image_bytes, ram_bytes, words)) {
+        if (!same(&c, 7U, words) || !same(&c, 1U << 20, words)) {
             return differs("in batches: case", i);
         }
     }
@@ -122,8 +148,10 @@ int main(int argc, char **argv)
     }
     const size_t words = fread(bundle, sizeof *bundle, WORDS, file);
     (void)fclose(file);
-    if ((words == 0U) || (words == WORDS)) {
-        (void)fprintf(stderr, "vectors: the bundle is empty, or too large\n");
+    image_end = guarded();
+    ram_end = guarded();
+    if ((image_end == NULL) || (ram_end == NULL) || (words == 0U) || (words == WORDS)) {
+        (void)fprintf(stderr, "vectors: the bundle is empty or too large, or memory is short\n");
         return 2;
     }
     return ((check_images() != 0) || (check_cases() != 0)) ? 1 : 0;
