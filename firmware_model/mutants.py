@@ -31,7 +31,7 @@ PROOFS = SOURCES / "mutants.toml"
 #: of the suite `corners`
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
 #: seconds after which a mutant loops for ever: the firmware takes some hundredths of one
-PATIENCE_S = 5.0
+PATIENCE_S = 3.0
 
 Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]

@@ -87,7 +87,11 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
     while ((next != end) && (writer.used <= out_words)) {
         const uint32_t taken = (uint32_t)(next - events);
         const uint32_t step = ((event_count - taken) < batch) ? (event_count - taken) : batch;
-        const vpr_status_t status = vpr_events(&design, &state, &next, &next[step]);
+        const vpr_event_t *const last = &next[step];
+        const vpr_status_t status = vpr_events(&design, &state, &next, last);
+        if ((status == VPR_ALL_TAKEN) && (next != last)) {
+            return 0U; /* it says that it has taken what it has not */
+        }
         if ((batch == 1U) && (next != &events[taken])) {
             put_event(&writer, &state, taken, vpr_slot(&design, &events[taken]));
         }

@@ -35,6 +35,7 @@ def _event_designs(design: Design) -> dict[str, Design]:
     by_count = replace(
         design, window="count", window_events=max(design.window_events, design.count_max + 9)
     )
+    wider = 4 * (design.exclusion // 4 + 1)
     odd = next(p for p in range(2, design.slots + 3) if design.slots % p)
     return {
         "events_by_time": by_time,
@@ -49,6 +50,9 @@ def _event_designs(design: Design) -> dict[str, Design]:
             by_time, length=design.length + 9, places=design.places + 9
         ),
         "one_place": replace(by_time, places=1, length=1),
+        "no_zone": replace(by_time, exclusion=0),
+        "wider_zone": replace(by_time, exclusion=wider, places=design.places + 3 * wider),
+        "narrowest_clock": replace(by_time, timestamp_bits=by_time.tau_us.bit_length() + 1),
         "narrow_clock": replace(by_time, timestamp_bits=by_time.tau_us.bit_length() + 2),
     }
 

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from typing import Self
 
 from firmware_model.design import Design
 from firmware_model.image import ALIGNMENT, HEADER_WORDS, TABLES, Word, image
 from firmware_model.memories import Memories
+
+#: owner of an entry of the look-up that is nobody's
+NOBODY = 0xFFFF_FFFF
+
+#: images by name
+Named = Iterator[tuple[str, bytes]]
 
 
 class Draft:
@@ -89,3 +96,11 @@ def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
     count = design.pixels
     pixels = [(i % design.width, i // design.width) for i in range(count)]
     return Draft(image(Memories(design, pixels, [[0] * design.slots] * design.places)))
+
+
+def deep_draft(depth: int) -> Draft:
+    """Draft an image whose look-up has so many entries, with its pixel at the first one."""
+    draft = one_pixel_draft(1, height=1).header(lookup_depth=depth)
+    draft.tables[Word.LOOKUP_TABLE][:] = struct.pack("<IHH", NOBODY, 0, 0) * depth
+    draft.poke(Word.LOOKUP_TABLE, "Q", 0, 0)
+    return draft.poke(Word.DISPLACEMENT_TABLE, "H", 0, 0)

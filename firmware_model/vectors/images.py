@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-from firmware_model.image import HEADER_WORDS, TABLES, Word
-from firmware_model.vectors.image_draft import Draft, base, one_pixel_draft
-
-_NOBODY = 0xFFFF_FFFF
+from firmware_model.image import Word
+from firmware_model.vectors.image_draft import (
+    NOBODY,
+    Draft,
+    Named,
+    base,
+    deep_draft,
+    one_pixel_draft,
+)
+from firmware_model.vectors.image_layouts import refused_layouts
 
 
 @dataclass(frozen=True)
@@ -37,13 +42,10 @@ def image_cases() -> list[ImageCase]:
         Of different names.
     """
     accepted = [*_accepted_words(), *_accepted_tables(), *_at_products()]
-    refused = [*_refused_words(), *_refused_layouts(), *_refused_tables(), *_beyond_products()]
+    refused = [*_refused_words(), *refused_layouts(), *_refused_tables(), *_beyond_products()]
     return [ImageCase(name, data, True) for name, data in accepted] + [
         ImageCase(name, data, False) for name, data in refused
     ]
-
-
-_Named = Iterator[tuple[str, bytes]]
 
 
 def _words(**changes: int) -> tuple[str, bytes]:
@@ -51,7 +53,7 @@ def _words(**changes: int) -> tuple[str, bytes]:
     return name, base().header(**changes).pack()
 
 
-def _accepted_words() -> _Named:
+def _accepted_words() -> Named:
     yield "unchanged", base().pack()
     yield _words(width=1 << 15)
     yield _words(height=3)
@@ -73,7 +75,7 @@ def _accepted_words() -> _Named:
     yield _words(accept=0xFFFE, ratio_denominator=0xFFFF)
 
 
-def _refused_words() -> _Named:
+def _refused_words() -> Named:
     yield _words(magic=0x4952_5057)
     yield _words(version=0)
     yield _words(version=2)
@@ -112,6 +114,9 @@ def _refused_words() -> _Named:
     yield _words(timestamp_bits=2, window=2)
     yield _words(timestamp_bits=33)
     yield _words(timestamp_bits=64)
+    # by count, the clock decides nothing
+    yield _words(timestamp_bits=1, window_kind=1)
+    yield _words(timestamp_bits=33, window_kind=1)
     yield _words(accept=8)
     yield _words(accept=0xFFFF_FFFF)
     yield _words(ratio_denominator=0x1_0000)
@@ -129,7 +134,7 @@ def _refused_words() -> _Named:
     yield "lookup_depth_12", wide.header(lookup_depth=12).pack()
 
 
-def _accepted_tables() -> _Named:
+def _accepted_tables() -> Named:
     yield "gaps_between_tables", base().pack(gap=16)
     yield (
         "displacement_at_its_limit",
@@ -141,7 +146,8 @@ def _accepted_tables() -> _Named:
     yield "one_pixel", one_pixel_draft(1, height=1).pack()
     yield "sixteen_slots", one_pixel_draft(pixels=16).pack()
     yield "seventeen_slots", one_pixel_draft(pixels=17, lookup_depth=32).pack()
-    yield "deepest_lookup", _deep(1 << 16).pack()
+    yield "shallowest_lookup", deep_draft(1).pack()
+    yield "deepest_lookup", deep_draft(1 << 16).pack()
     sixteen = base().header(codes=16).grow(Word.CODE_TABLE, 16 * 4)
     yield "sixteen_code_tables", sixteen.poke(Word.WHICH_CODE_TABLE, "B", 0, 15).pack()
     two = base().header(code_max=1, codes=1, count_max=1)
@@ -153,64 +159,19 @@ def _accepted_tables() -> _Named:
 def _nobody(draft: Draft) -> Draft:
     table = draft.tables[Word.LOOKUP_TABLE]
     for at in range(0, len(table), 8):
-        if struct.unpack_from("<I", table, at)[0] == _NOBODY:
+        if struct.unpack_from("<I", table, at)[0] == NOBODY:
             struct.pack_into("<HH", table, at + 4, 0xFFFF, 0xFFFF)
     return draft
 
 
-def _deep(depth: int) -> Draft:
-    """Draft an image whose look-up has so many entries, with its pixel at the first one."""
-    draft = one_pixel_draft(1, height=1).header(lookup_depth=depth)
-    draft.tables[Word.LOOKUP_TABLE][:] = struct.pack("<IHH", _NOBODY, 0, 0) * depth
-    draft.poke(Word.LOOKUP_TABLE, "Q", 0, 0)
-    return draft.poke(Word.DISPLACEMENT_TABLE, "H", 0, 0)
-
-
-def _refused_layouts() -> _Named:
-    whole = base().pack()
-    for size in (0, 4, HEADER_WORDS * 4 - 4, HEADER_WORDS * 4, len(whole) - 16, len(whole) - 4):
-        yield f"cut_to_{size}", whole[:size]
-        cut = bytearray(whole[:size])
-        if size >= 12:
-            struct.pack_into("<I", cut, Word.BYTES * 4, size)
-            yield f"cut_to_{size}_and_says_so", bytes(cut)
-    yield "longer_than_it_says", whole + bytes(16)
-    for i, word in enumerate(TABLES):
-        at, end = struct.unpack_from("<I", whole, word * 4)[0], len(whole)
-        before = HEADER_WORDS * 4 if i == 0 else struct.unpack_from("<I", whole, word * 4 - 4)[0]
-        for wrong in sorted({0, at - 16, at + 1, at + 8, before - 16, end, end + 16, 0xFFFF_FFF0}):
-            moved = bytearray(whole)
-            struct.pack_into("<I", moved, word * 4, wrong)
-            yield f"{word.name.lower()}_at_{wrong}", bytes(moved)
-    yield "unaligned", _unaligned()
-    yield "overlap", _overlapping()
-
-
-def _unaligned() -> bytes:
-    """Move the places by eight bytes, in an image that is longer by that."""
-    draft = base()
-    whole = draft.pack()
-    at = draft.words[Word.PLACES_TABLE]
-    draft.header(places_table=at + 8, bytes=len(whole) + 8)
-    return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:])
-
-
-def _overlapping() -> bytes:
-    """Put the counters' tables where the codes are, all of them zero, as either may be."""
-    draft = base()
-    draft.tables[Word.WHICH_CODE_TABLE][:] = bytes(16)
-    draft.tables[Word.CODE_TABLE][:] = bytes(16)
-    whole = draft.pack()
-    draft.header(which_code_table=draft.words[Word.CODE_TABLE])
-    return draft.raw(whole[HEADER_WORDS * 4 :])
-
-
-def _refused_tables() -> _Named:
+def _refused_tables() -> Named:
     displacement, lookup = Word.DISPLACEMENT_TABLE, Word.LOOKUP_TABLE
     yield "displacement_beyond", base().poke(displacement, "H", 4, 16).pack()
+    same = struct.unpack_from("<H", base().tables[displacement])[0] + 16
+    yield "displacement_beyond_by_the_depth", base().poke(displacement, "H", 0, same).pack()
     yield "displacement_of_another_row", base().poke(displacement, "H", 2, 5).pack()
     table = base().tables[lookup]
-    taken = [i for i in range(16) if struct.unpack_from("<I", table, 8 * i)[0] != _NOBODY]
+    taken = [i for i in range(16) if struct.unpack_from("<I", table, 8 * i)[0] != NOBODY]
     first, last = taken[0], taken[-1]
     empty = next(i for i in range(16) if i not in taken)
     for which, at in (("first", first), ("last", last)):
@@ -224,7 +185,7 @@ def _refused_tables() -> _Named:
             "on_slot_far_beyond": (pixel, 2, 0xFFFF),
             "off_slot_of_on": (pixel, on, on),
             "off_slot_beyond": (pixel, 6, on),
-            "missing": (_NOBODY, off, on),
+            "missing": (NOBODY, off, on),
         }.items():
             draft = base()
             struct.pack_into("<IHH", draft.tables[lookup], 8 * at, *entry)
@@ -233,6 +194,10 @@ def _refused_tables() -> _Named:
     extra = base().poke(displacement, "H", 4, empty)
     struct.pack_into("<IHH", extra.tables[lookup], 8 * empty, 4 << 16, 3, 0)
     yield "one_pixel_too_many", extra.pack()
+    nothing = base().header(code_max=0)
+    for zeroed in (Word.CODE_TABLE, Word.PLACES_TABLE):
+        nothing.tables[zeroed][:] = bytes(len(nothing.tables[zeroed]))
+    yield "no_code_but_zero", nothing.pack()
     yield "code_beyond_the_largest", base().poke(Word.CODE_TABLE, "B", 0, 4).pack()
     yield (
         "last_code_beyond_the_largest",
@@ -255,19 +220,19 @@ def _refused_tables() -> _Named:
         )
 
 
-def _at_products() -> _Named:
+def _at_products() -> Named:
     yield "largest_distance", _product(pixels=257, code_max=255, length=1, denominator=3)
     yield "largest_sum_times_ratio", _product(4, 192, 128, 43_690)
     yield "ratio_of_a_power_of_two", _product(4, 128, 256, 32_767)
     yield "largest_history", _product(1, 3, 23_170, 0)
 
 
-def _beyond_products() -> _Named:
+def _beyond_products() -> Named:
     yield "distance_beyond", _product(pixels=258, code_max=255, length=1, denominator=3)
     yield "sum_times_ratio_beyond", _product(4, 192, 128, 43_691)
     yield "ratio_beyond_by_a_power_of_two", _product(4, 128, 256, 32_768)
     yield "history_beyond", _product(1, 3, 23_171, 0)
-    yield "lookup_too_deep", _deep(1 << 17).pack()
+    yield "lookup_too_deep", deep_draft(1 << 17).pack()
     yield (
         "height_beyond",
         one_pixel_draft(height=1 << 15)

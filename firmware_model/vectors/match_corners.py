@@ -58,6 +58,8 @@ def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
         "ratio_at_threshold": (ratio, one + far + two),
         "ratio_below_threshold": (below, one + far + two),
         "ratio_of_16_bits": (wide, one + far + two),
+        "margin_at_threshold": (margin[1], one + far + two),
+        "margin_below_threshold": (margin[2], one + far + two),
         "margin_of_17_bits": (replace(margin[1], margin=1 << 16), one + far + two),
         "place_0_on_the_left": (single, "1" + "f" * (zone + 1) + "n" + "f" * (zone + 2)),
         "long_sequence": (

@@ -25,7 +25,7 @@ class Stream:
         self.pixels = pixels
         self.start = start
         self.events: list[Event] = []
-        self._window = 0  # number of the open one, of windows by time
+        self._window = 0  # number of the open one
         self._counted = 0
 
     def at(self, x: int, y: int, offset: int = 0, on: bool = True) -> None:
@@ -52,10 +52,10 @@ class Stream:
 
     def end(self) -> None:
         """End the open window."""
-        if self.design.window == "time":
-            self._window += 1
-        elif self._counted:
+        if self.design.window == "count" and self._counted:
             self.slot(self.design.slots - 1, self.design.window_events - self._counted)
+        # by count, time goes on as well, and means nothing
+        self._window += 1
 
     def skip(self, windows: int) -> None:
         """Let time pass."""
