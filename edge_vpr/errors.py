@@ -2,11 +2,40 @@
 
 from __future__ import annotations
 
+#: Longest message of an error, in characters.
+LONGEST_MESSAGE = 1_000
+
+
+def one_line(text: str, longest: int = LONGEST_MESSAGE) -> str:
+    r"""Return text from a file or a device as one line that is safe to print on a terminal.
+
+    Characters that are not printable (terminal escapes, changes of the writing direction, halves
+    of surrogate pairs) are written as escapes, and the middle of a text that is too long is left
+    out.
+
+    Examples
+    --------
+    >>> one_line("two\nlines, \x1b[2J")
+    'two lines, \\x1b[2J'
+    """
+    line = " ".join(text.split())
+    if not line.isprintable():
+        line = "".join(
+            c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in line
+        )
+    if len(line) > longest:
+        half = (longest - 5) // 2
+        line = f"{line[:half]} ... {line[-half:]}"
+    return line
+
 
 class EdgeVprError(Exception):
-    """Base of every error that edge-vpr raises on purpose; its text fits one line."""
+    """Base of every error that edge-vpr raises on purpose; its text is one printable line."""
 
     exit_code = 1
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
 
 
 class UsageError(EdgeVprError):

@@ -266,7 +266,8 @@ def test_what_we_write_other_readers_read(tmp_path):
     assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["on"]), events)
 
 
-def test_aedat2_of_a_davis_is_what_eventcv_reads(tmp_path):
+def test_aedat2_of_a_davis_is_what_eventcv_reads_with_its_columns_turned(tmp_path):
+    """jAER computes sizeX - 1 - column when it reads its own files; eventcv leaves that out."""
     eventcv = pytest.importorskip("eventcv")
     rng = np.random.default_rng(0)
     pairs = []
@@ -280,16 +281,17 @@ def test_aedat2_of_a_davis_is_what_eventcv_reads(tmp_path):
     x, y, t, p = eventcv.load(str(path)).numpy().T
     events, recording = absolute(path)
     assert events.size == 3000
-    assert np.array_equal(make_events(t, x, y, p), events)
+    assert np.array_equal(make_events(t, 239 - x, y, p), events)
     assert recording.sensor == Sensor(240, 180)
 
 
-def test_aedat2_of_a_dvs128_is_read_beyond_the_wrap_with_its_rows_turned(tmp_path):
+def test_aedat2_of_a_dvs128_is_read_beyond_the_wrap_as_jaer_turns_it(tmp_path):
+    """Column 127 - raw, an ON event has polarity bit 0, and row 0 is the lowest."""
     pairs = [(20 << 8 | 10 << 1 | 1, (1 << 32) - 5), (127 << 8 | 127 << 1, 3), (1 << 15, 4)]
     path = tmp_path / "a.aedat"
     path.write_bytes(files.aedat2("ch.unizh.ini.jaer.chip.retina.DVS128", pairs))
     recording = open_recording(path)
-    assert np.concatenate(list(recording)).tolist() == [(0, 10, 107, True), (8, 127, 0, False)]
+    assert np.concatenate(list(recording)).tolist() == [(0, 117, 107, False), (8, 0, 0, True)]
     assert recording.sensor == Sensor(128, 128)
 
 

@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import math
 import re
-import zipfile
-import zlib
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
@@ -28,14 +27,20 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.events import LONGEST_SIDE, Sensor
 from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.npz import Archive
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
 _PHASE_BITS = 16
 _GOLDEN = 40503  # 2**16 over the golden ratio, made odd
 _BLOCK_BYTES = 1 << 20
+
+#: Most pixels of a frame, four times as many as the largest event camera has.
+MOST_PIXELS = 1 << 22
+#: Events that are expanded at a time, and most events that a microsecond may have.
+_MOST_EXPANDED, _MOST_AT_ONCE = 1 << 20, 1 << 16
 
 Counts = npt.NDArray[Any]
 
@@ -81,25 +86,23 @@ class CountFrames:
             for image in self._images:
                 yield _image(image, self.sensor).reshape(1, -1)
             return
-        with Archive(self.path) as archive, ExitStack() as stack:
+        frame = 0
+        with (
+            foreign_errors(self.path, lambda: f" after frame {frame:,}"),
+            Archive(self.path) as archive,
+            ExitStack() as stack,
+        ):
             stream = archive.stream(self._name, stack)
             rows = max(1, _BLOCK_BYTES // max(1, stream.row_bytes))
-            try:
-                while stream.rows_read < self.n_frames:
-                    begin = stream.rows_read
-                    block, leftover = stream.read(rows)
-                    yield self._whole(block.reshape(len(block), -1), begin)
-                    if leftover or not len(block):
-                        missing = self.n_frames - stream.rows_read
-                        lost = missing * stream.row_bytes - leftover
-                        where = f"frame {stream.rows_read} of {self.n_frames}"
-                        (log or FaultLog(self.path, Sensor(1, 1))).truncated(lost, where)
-                        return
-            except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-                raise RecordingError(
-                    f"{self.path} is damaged after frame {stream.rows_read} ({error}): "
-                    "copy it again"
-                ) from error
+            while frame < self.n_frames:
+                block, leftover = stream.read(rows)
+                yield self._whole(block.reshape(len(block), -1), frame)
+                frame += len(block)
+                if leftover or not len(block):
+                    lost = (self.n_frames - frame) * stream.row_bytes - leftover
+                    where = f"frame {frame} of {self.n_frames}"
+                    (log or FaultLog(self.path, Sensor(1, 1))).truncated(lost, where)
+                    return
 
     def load(self) -> Counts:
         """All frames, shape ``(F, J)``: the windows themselves."""
@@ -111,7 +114,7 @@ class CountFrames:
             return block
         if block.dtype.kind == "b":
             return block.view(np.uint8)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             bad = ~((block >= 0) & (block == np.floor(block)) & (block < 2.0**53))
         if bad.any():
             frame, pixel = (int(i) for i in np.argwhere(bad)[0])
@@ -155,6 +158,11 @@ class CountFrames:
                 self._grid(*stream.shape[1:])
             else:
                 self.n_pixels = stream.shape[1]
+                if self.n_pixels > MOST_PIXELS:
+                    raise RecordingError(
+                        f"{self.path} counts {self.n_pixels:,} pixels, and the most is "
+                        f"{MOST_PIXELS:,}: leave some out"
+                    )
                 self.sensor = archive.sensor()
                 self._pixels(archive)
             seconds = archive.scalar("window_s", "frame_period_s", "period_s")
@@ -163,6 +171,11 @@ class CountFrames:
 
     def _grid(self, height: int, width: int) -> None:
         self.sensor = Sensor(width, height)
+        if not self.sensor.possible or self.sensor.pixels > MOST_PIXELS:
+            raise RecordingError(
+                f"{self.path} has frames of {self.sensor} pixels: sides are 1 to {LONGEST_SIDE:,}, "
+                f"and the most is {MOST_PIXELS:,} pixels"
+            )
         rows, columns = np.indices((height, width), dtype=np.uint16)
         self.pixel_y, self.pixel_x = rows.ravel(), columns.ravel()
         self.n_pixels = height * width
@@ -196,10 +209,8 @@ def read_count_frames(path: str | Path) -> CountFrames:
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"{path} does not exist: check the path")
-    try:
+    with foreign_errors(path):
         return CountFrames(path)
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
 def parse_period(text: str) -> Fraction:
@@ -259,11 +270,12 @@ class FrameSource(Source):
             for counts in block:
                 lo = math.floor(frame * self.period_us)
                 hi = math.floor((frame + 1) * self.period_us)
-                waiting.append(_expand(counts, lo, hi, self.path))
+                for part in _expand(counts, lo, hi, self.path):
+                    waiting.append(part)
+                    if sum(t.size for t, _ in waiting) >= self.options.chunk_events:
+                        yield _join(waiting, x, y)
+                        waiting = []
                 frame += 1
-                if sum(t.size for t, _ in waiting) >= self.options.chunk_events:
-                    yield _join(waiting, x, y)
-                    waiting = []
             self.position = frame / self.frames.n_frames
         if waiting:
             yield _join(waiting, x, y)
@@ -271,25 +283,37 @@ class FrameSource(Source):
 
 def _expand(
     counts: Counts, lo: int, hi: int, path: Path
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """Place one frame's events in time: their times, in order, and pixel numbers."""
+) -> Iterator[tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]]:
+    """Place one frame's events in time: their times, in order, and pixel numbers.
+
+    Where they are many, the frame is cut into equal times, and each is expanded on its own.
+    """
     active = np.flatnonzero(counts)
     n = counts[active].astype(np.int64)
-    length = hi - lo
-    if n.size and (length < 1 or (int(n.max()) << _PHASE_BITS) * length >= 1 << 62):
+    length, total = hi - lo, float(n.sum(dtype=np.float64))
+    most = int(n.max(initial=0))
+    if total > length * _MOST_AT_ONCE or (most << _PHASE_BITS) * length >= 1 << 62:
         raise RecordingError(
-            f"{path}: {n.max()} events of one pixel do not fit a frame of {length} us: "
-            "check the frame period (in seconds)"
+            f"{path}: {total:,.0f} events, up to {most:,} of one pixel, do not fit a frame of "
+            f"{length} us: check the frame period (in seconds)"
         )
-    pixel = np.repeat(active, n)
-    first = np.repeat(np.cumsum(n) - n, n)
-    phase = (pixel + 1) * _GOLDEN & ((1 << _PHASE_BITS) - 1)
-    index = np.arange(pixel.size) - first
-    offset = ((index << _PHASE_BITS) + phase) * length // (np.repeat(n, n) << _PHASE_BITS)
-    # a radix sort, where the offsets fit 16 bits
-    key = offset.astype(np.uint16) if length <= 1 << 16 else offset
-    order = np.argsort(key, kind="stable")
-    return lo + offset[order], pixel[order]
+    phases = (active + 1) * _GOLDEN & ((1 << _PHASE_BITS) - 1)
+    pieces = min(length, math.ceil(total / _MOST_EXPANDED))
+    begin = np.zeros_like(n)
+    for piece in range(1, pieces + 1):
+        # the first event of each pixel that lies at or after the piece's end
+        bound = -(-((n << _PHASE_BITS) * (length * piece // pieces)) // length)
+        end = np.clip(-(-(bound - phases) // (1 << _PHASE_BITS)), 0, n)
+        some = end - begin
+        pixel = np.repeat(active, some)
+        index = np.arange(pixel.size) + np.repeat(begin - (np.cumsum(some) - some), some)
+        shifted = (index << _PHASE_BITS) + np.repeat(phases, some)
+        offset = shifted * length // (np.repeat(n, some) << _PHASE_BITS)
+        # a radix sort, where the offsets fit 16 bits
+        key = offset.astype(np.uint16) if length <= 1 << 16 else offset
+        order = np.argsort(key, kind="stable")
+        yield lo + offset[order], pixel[order]
+        begin = end
 
 
 def _join(
@@ -304,13 +328,20 @@ def _join(
 
 def _image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
     """One 8- or 16-bit grey PNG; its values are counts."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(path) as image:
-            mode, pixels = image.mode, np.asarray(image)
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the size is checked here
+            with Image.open(path, formats=("PNG",)) as image:
+                mode, size = image.mode, Sensor(*image.size)
+                pixels = np.asarray(image) if size.pixels <= MOST_PIXELS else np.empty(0)
+    except Exception as error:  # Pillow raises what its parser comes across
         raise RecordingError(f"{path} is damaged or no PNG ({error}): write it again") from error
+    if size.pixels > MOST_PIXELS:
+        raise RecordingError(
+            f"{path} claims {size} pixels, and the most is {MOST_PIXELS:,}: write it again"
+        )
     if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
         raise RecordingError(
             f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
@@ -320,6 +351,8 @@ def _image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
             f"{path} has {pixels.shape[1]}x{pixels.shape[0]} pixels and the first frame {sensor}: "
             "all frames need one size"
         )
+    if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
+        raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
     return pixels.astype(np.uint16)
 
 

@@ -48,6 +48,7 @@ class ParquetSource(Source):
         super().__init__(path, options, sensor)
         if sensor is not None and _START in facts:
             self.start_us, self.relative = int(facts[_START]), True
+        self.unit_assumed = sensor is None and options.time_unit is None
         self.position = 0.0
 
     def _open(self, path: Path) -> Any:

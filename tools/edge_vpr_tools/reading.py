@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,6 +55,8 @@ def open_from(
 ) -> Recording:
     """Open `path` as the flags of :func:`add_reading_arguments` say.
 
+    What is implausible about it is printed on standard error.
+
     Raises
     ------
     EdgeVprError
@@ -62,7 +65,7 @@ def open_from(
     from edge_vpr.events import Sensor
     from edge_vpr.recordings import open_recording, parse_period
 
-    return open_recording(
+    recording = open_recording(
         path,
         format=args.format,
         sensor=None if args.sensor is None else Sensor.parse(args.sensor),
@@ -72,6 +75,9 @@ def open_from(
         time_unit=args.time_unit,
         columns=args.columns,
     )
+    if recording.remark:
+        print(f"edge-vpr: warning: {path}: {recording.remark}", file=sys.stderr)
+    return recording
 
 
 def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:
