@@ -200,7 +200,7 @@ def test_a_missing_or_empty_file_is_one_line(name, tmp_path):
         ("a.aedat4", b"#!AER-DAT4.0\r\n\x09\0\0\0abc", "damaged or cut off in its header"),
         ("a.aedat", b"#!AER-DAT3.1\r\n", "only 2 and 4 are read"),
         ("a.aedat", b"#!AER-DAT2.0\r\n# AEChip: x.Cochlea\r\n", "x.Cochlea"),
-        ("a.db3", b"SQLite format 3\0", "no metadata.yaml"),
+        ("a.db3", b"SQLite format 3\0", "try ros2 bag reindex"),
         ("a.raw", b"% format EVT4;height=3;width=4\n% end\n", "EVT4"),
         ("a.raw", b"% evt 2.0\n% geometry 4x3\n% end\n", "holds no events"),
         ("a.raw", b"% evt 2.0\n% geometry wide\n% end\n", "WIDTHxHEIGHT"),

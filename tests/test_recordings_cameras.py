@@ -295,43 +295,15 @@ def test_aedat2_of_a_dvs128_is_read_beyond_the_wrap_as_jaer_turns_it(tmp_path):
     assert recording.sensor == Sensor(128, 128)
 
 
-def aedat4_streams(*streams):
-    """A header of AEDAT 4 with uncompressed streams (number, name, sizes) and no packets."""
-    nodes = "".join(
-        f'<node name="{n}"><attr key="originalOutputName">{name}</attr>'
-        '<attr key="typeIdentifier">EVTS</attr><node name="info">'
-        f'<attr key="sizeX">{w}</attr><attr key="sizeY">{h}</attr></node></node>'
-        for n, name, w, h in streams
-    )
-    text = f'<dv version="2.0"><node name="outInfo">{nodes}</node></dv>'.encode()
-    # a FlatBuffer: root offset, vtable (size, table size, 3 fields), table, string
-    vtable = struct.pack("<5H2x", 10, 8, 0, 0, 4)
-    table = struct.pack("<iI", len(vtable), 4)
-    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
-    buffer += struct.pack("<I", len(text)) + text
-    return b"#!AER-DAT4.0\r\n" + struct.pack("<I", len(buffer)) + buffer
-
-
-def aedat4_packet(stream, events):
-    """An uncompressed packet of events."""
-    vtable = struct.pack("<3H2x", 6, 8, 4)
-    table = struct.pack("<iI", len(vtable), 4)
-    rows = b"".join(struct.pack("<qhh?3x", *event) for event in events)
-    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
-    buffer += struct.pack("<I", len(events)) + rows
-    buffer = struct.pack("<I", len(buffer)) + buffer
-    return struct.pack("<ii", stream, len(buffer)) + buffer
-
-
 def test_aedat4_with_two_cameras_asks_which(tmp_path):
     left, right = (0, "left", 346, 260), (3, "right", 640, 480)
     path = tmp_path / "a.aedat4"
     path.write_bytes(
-        aedat4_streams(left, right)
-        + aedat4_packet(0, [(5, 1, 2, True)])
-        + aedat4_packet(3, [(6, 600, 400, False), (9, 1, 1, True)])
-        + aedat4_packet(3, [])
-        + aedat4_packet(0, [(7, 3, 4, True)])
+        files.aedat4_header(left, right)
+        + files.aedat4_packet(0, [(5, 1, 2, True)])
+        + files.aedat4_packet(3, [(6, 600, 400, False), (9, 1, 1, True)])
+        + files.aedat4_packet(3, [])
+        + files.aedat4_packet(0, [(7, 3, 4, True)])
     )
     with pytest.raises(UsageError, match=r"0 \(left\), 3 \(right\): choose with --topic"):
         open_recording(path)

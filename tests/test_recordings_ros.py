@@ -156,9 +156,9 @@ def test_packets_of_evt3_go_on_from_one_to_the_next(tmp_path):
 
 def test_packets_of_unknown_encoding_say_so(tmp_path):
     kind = {"/events": "event_camera_msgs/msg/EventPacket"}
-    data = files.event_packet("mono", bytes(16), *SENSOR)
+    data = files.event_packet("trigger", bytes(16), *SENSOR)
     write_bag(tmp_path / "a", 2, [("/events", data)], kind)
-    with pytest.raises(RecordingError, match="encoding 'mono' are not decoded: known are evt3"):
+    with pytest.raises(RecordingError, match="encoding 'trigger' are not decoded: known are evt3"):
         open_recording(tmp_path / "a")
 
 

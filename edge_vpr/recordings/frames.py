@@ -335,12 +335,16 @@ def _image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
             warnings.simplefilter("ignore")  # the size is checked here
             with Image.open(path, formats=("PNG",)) as image:
                 mode, size = image.mode, Sensor(*image.size)
-                pixels = np.asarray(image) if size.pixels <= MOST_PIXELS else np.empty(0)
+                fits = size.possible and size.pixels <= MOST_PIXELS
+                pixels = np.asarray(image) if fits else np.empty(0)
+    except MemoryError:
+        raise
     except Exception as error:  # Pillow raises what its parser comes across
         raise RecordingError(f"{path} is damaged or no PNG ({error}): write it again") from error
-    if size.pixels > MOST_PIXELS:
+    if not fits:
         raise RecordingError(
-            f"{path} claims {size} pixels, and the most is {MOST_PIXELS:,}: write it again"
+            f"{path} claims {size} pixels; there is one at least, and the most is "
+            f"{MOST_PIXELS:,}: write it again"
         )
     if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
         raise RecordingError(

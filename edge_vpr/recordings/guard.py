@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError
+from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, one_line
 
 
 @contextmanager
@@ -33,12 +33,10 @@ def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterato
         yield
     except MissingExtraError:
         raise
-    except UsageError as error:
-        if str(path) in str(error):
+    except EdgeVprError as error:
+        if one_line(str(path)) in str(error):
             raise
         raise RecordingError(f"{path}: {error}") from error  # about a text within the file
-    except EdgeVprError:
-        raise
     except OSError as error:
         if error.strerror is None:  # made by a library, and not by the system
             raise _damaged(path, place(), error) from error

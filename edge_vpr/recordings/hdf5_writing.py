@@ -126,7 +126,8 @@ class Hdf5Sink:
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         h5py = load_h5py()
         self._raw = ForgivingFile(path)
-        self._file = h5py.File(self._raw, "w")
+        # a cache of one chunk, so that a full disk is known soon
+        self._file = h5py.File(self._raw, "w", rdcc_nbytes=_CHUNK_ROWS * _ROW.itemsize)
         self._file.attrs["geometry"] = str(sensor)
         self._file.attrs[START] = start_us
         self._rows = self._file.create_dataset(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,6 +33,24 @@ _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 _LONGEST_METADATA = 1 << 22
 
 
+class _BoundedFile(io.BufferedReader):
+    """A file of which no read asks for more than there is: rosbags believes announced sizes."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(0, os.fstat(self.fileno()).st_size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+class _BoundedPath(type(Path())):  # type: ignore[misc]  # of the platform's own kind
+    """A path whose files are :class:`_BoundedFile`."""
+
+    def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
+        """Open the file; for reading bytes, with bounded reads."""
+        if mode != "rb":
+            return super().open(mode, *args, **options)
+        return _BoundedFile(super().open(mode, buffering=0))
+
+
 class BagSource(Source):
     """The messages of one topic.
 
@@ -40,6 +60,7 @@ class BagSource(Source):
 
     def __init__(self, path: Path, options: ReadOptions, ros: int) -> None:
         self._ros = ros
+        self._rosbags = _load(ros)
         self._place = _place(path) if ros == 2 else path
         self.path = path
         try:
@@ -66,13 +87,9 @@ class BagSource(Source):
     @contextmanager
     def _open(self) -> Iterator[Any]:
         """Open the bag with rosbags, with a limit on what its parts may expand to."""
-        try:
-            rosbags = import_module(f"rosbags.rosbag{self._ros}")
-        except ImportError as error:
-            raise MissingExtraError("a ROS bag", "rosbags", "ros") from error
         if self._ros == 2:
             _limit_mcap()
-        with rosbags.Reader(self._place) as reader:
+        with self._rosbags.Reader(_BoundedPath(self._place)) as reader:
             if self._ros == 1:
                 reader.chunks = {at: _limited(chunk) for at, chunk in reader.chunks.items()}
             self._expand = self._take_over(reader)
@@ -128,6 +145,13 @@ class BagSource(Source):
             raise
         except Exception as error:  # rosbags raises what its parsers raise
             raise _unreadable(self.path, self._ros, error) from error
+
+
+def _load(ros: int) -> Any:
+    try:
+        return import_module(f"rosbags.rosbag{ros}")
+    except ImportError as error:
+        raise MissingExtraError("a ROS bag", "rosbags", "ros") from error
 
 
 def _place(path: Path) -> Path:
