@@ -123,11 +123,11 @@ def event_array(events: list[Event], width: int, height: int, ros: int) -> bytes
     return (b"\0\1\0\0" if ros == 2 else b"") + bytes(out)
 
 
-def event_packet(encoding: str, payload: bytes, width: int, height: int) -> bytes:
+def event_packet(encoding: str, payload: bytes, width: int, height: int, base_ns: int = 0) -> bytes:
     """`event_camera_msgs/EventPacket` of ROS 2, serialised."""
     head = struct.pack("<III", 1_600_000_000, 123_456_000, 4) + b"cam\0"
     head += struct.pack("<II", height, width)
-    head += bytes(-len(head) % 8) + struct.pack("<QQ", 1, 0)
+    head += bytes(-len(head) % 8) + struct.pack("<QQ", 1, base_ns)
     name = encoding.encode() + b"\0"
     head += struct.pack("<I", len(name)) + name + b"\0"
     head += bytes(-len(head) % 4) + struct.pack("<I", len(payload)) + payload

@@ -6,6 +6,7 @@ The format's row 0 is the lowest: rows are turned, as faery's own streams turn t
 from __future__ import annotations
 
 import errno
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -91,7 +92,8 @@ def _disk_errors() -> Iterator[None]:
         yield
     except RuntimeError as error:
         match = re.search(r"\(os error (\d+)\)", str(error))
-        raise OSError(int(match[1]) if match else errno.EIO, str(error)) from error
+        number = int(match[1]) if match else errno.EIO
+        raise OSError(number, os.strerror(number)) from error
 
 
 class EsSink:

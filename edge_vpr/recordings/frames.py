@@ -14,6 +14,7 @@ count is kept exactly, and ``lo <= t < hi``. Frames know no polarity: all events
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import warnings
@@ -41,6 +42,7 @@ _BLOCK_BYTES = 1 << 20
 MOST_PIXELS = 1 << 22
 #: Events that are expanded at a time, and most events that a microsecond may have.
 _MOST_EXPANDED, _MOST_AT_ONCE = 1 << 20, 1 << 16
+_LARGEST_IMAGE = 1 << 26
 
 Counts = npt.NDArray[Any]
 
@@ -330,10 +332,14 @@ def _image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
     """One 8- or 16-bit grey PNG; its values are counts."""
     from PIL import Image
 
+    if path.stat().st_size > _LARGEST_IMAGE:
+        raise RecordingError(f"{path} has more than {_LARGEST_IMAGE:,} bytes: write it again")
+    # out of memory: from a file, Pillow asks for as many bytes as a damaged chunk claims
+    content = io.BytesIO(path.read_bytes())
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the size is checked here
-            with Image.open(path, formats=("PNG",)) as image:
+            with Image.open(content, formats=("PNG",)) as image:
                 mode, size = image.mode, Sensor(*image.size)
                 fits = size.possible and size.pixels <= MOST_PIXELS
                 pixels = np.asarray(image) if fits else np.empty(0)
