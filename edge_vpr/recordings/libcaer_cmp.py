@@ -34,7 +34,7 @@ STATE_DTYPE = np.dtype([("column", "<i8"), ("row", "<i8"), ("polarity", "?")])
 def _decode(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode one packet; the number of events, or -1 - i if word i is of an unknown kind."""
     n = 0
-    high, low = 0, 0
+    high, low = np.int64(0), np.int64(0)
     column, row, polarity = state.column, state.row, state.polarity
     for i in range(words.size):
         word = np.int64(words[i])
