@@ -108,8 +108,8 @@ def test_a_list_of_hot_pixels_is_read_as_the_data_set_writes_it(tmp_path):
         ("1e300, 0", "off the 4x3"),
         ("1, 2\nx", "line 2 .* expected the"),
         ("1.0, 2\n1.5, 2", "line 2 .* expected the"),
-        ("inf, 2", "line 1 .* expected the"),
-        ("nan, 2", "line 1 .* expected the"),
+        ("1, 2\ninf, 2", "line 2 .* expected the"),
+        ("1, 2\nnan, 2", "line 2 .* expected the"),
     ],
 )
 def test_a_wrong_list_of_hot_pixels_names_its_line(tmp_path, text, message):
