@@ -11,7 +11,7 @@ demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
 
 # what has compiled kernels runs a second time in plain Python
-KERNELS := cleaning codes counters fixedpoint localiser matcher matches pipeline simulate_pixels \
+KERNELS := cleaning codes counters fixedpoint localiser distances matches pipeline simulate_pixels \
            sliding_window stream_protocols windows
 
 test: lint types

@@ -10,12 +10,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from edge_vpr.cleaning import BurstFilter, find_hot_pixels, load_hot_pixels
-    from edge_vpr.counters import count_events, count_until
+    from edge_vpr.datasets.count_pixels import CountPixels
+    from edge_vpr.descriptors.cleaning import BurstFilter, find_hot_pixels, load_hot_pixels
+    from edge_vpr.descriptors.counters import count_events, count_until
+    from edge_vpr.descriptors.pixels import PixelMap, select_pixels
+    from edge_vpr.descriptors.windows import Descriptors, DescriptorStream, FixedCount, FixedTime
     from edge_vpr.errors import EdgeVprError
-    from edge_vpr.evaluation import Evaluation, PrecisionRecall, evaluate, precision_recall
-    from edge_vpr.events import EVENT_DTYPE, Sensor, check_events, crop, make_events
-    from edge_vpr.ground_truth import (
+    from edge_vpr.evaluation.ground_truth import (
         GroundTruth,
         Track,
         from_alignment,
@@ -23,27 +24,31 @@ if TYPE_CHECKING:
         from_tracks,
         load_track,
     )
-    from edge_vpr.localiser import MATCH_DTYPE, Localiser
-    from edge_vpr.matcher import ReferenceIndex, best_match, best_matches, distance_matrix
-    from edge_vpr.matches import Matches, match_descriptors
+    from edge_vpr.evaluation.metrics import Evaluation, PrecisionRecall, evaluate, precision_recall
+    from edge_vpr.events import EVENT_DTYPE, Sensor, check_events, crop, make_events
+    from edge_vpr.matching.distances import (
+        ReferenceIndex,
+        best_match,
+        best_matches,
+        distance_matrix,
+    )
+    from edge_vpr.matching.matches import Matches, match_descriptors
+    from edge_vpr.matching.sequence import sequence_sums
+    from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
+    from edge_vpr.online.schedule import MatchSchedule
+    from edge_vpr.online.sliding_window import SlidingWindow
     from edge_vpr.pipeline import describe, map_traverse, match_traverse
-    from edge_vpr.pixels import PixelMap, select_pixels
-    from edge_vpr.policy import Every
     from edge_vpr.recordings import open_recording, write_recording
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.sequence import sequence_sums
     from edge_vpr.settings import PRESETS, Settings, resolve_settings
-    from edge_vpr.sliding_window import SlidingWindow
-    from edge_vpr.transforms import CountPixels
-    from edge_vpr.windows import Descriptors, DescriptorStream, FixedCount, FixedTime
 
 _HOME = {
-    "cleaning": ("BurstFilter", "find_hot_pixels", "load_hot_pixels"),
-    "counters": ("count_events", "count_until"),
+    "descriptors.cleaning": ("BurstFilter", "find_hot_pixels", "load_hot_pixels"),
+    "descriptors.counters": ("count_events", "count_until"),
     "errors": ("EdgeVprError",),
-    "evaluation": ("Evaluation", "PrecisionRecall", "evaluate", "precision_recall"),
+    "evaluation.metrics": ("Evaluation", "PrecisionRecall", "evaluate", "precision_recall"),
     "events": ("EVENT_DTYPE", "Sensor", "check_events", "crop", "make_events"),
-    "ground_truth": (
+    "evaluation.ground_truth": (
         "GroundTruth",
         "Track",
         "from_alignment",
@@ -51,19 +56,19 @@ _HOME = {
         "from_tracks",
         "load_track",
     ),
-    "localiser": ("MATCH_DTYPE", "Localiser"),
-    "matcher": ("ReferenceIndex", "best_match", "best_matches", "distance_matrix"),
-    "matches": ("Matches", "match_descriptors"),
+    "online.localiser": ("MATCH_DTYPE", "Localiser"),
+    "matching.distances": ("ReferenceIndex", "best_match", "best_matches", "distance_matrix"),
+    "matching.matches": ("Matches", "match_descriptors"),
     "pipeline": ("describe", "map_traverse", "match_traverse"),
-    "pixels": ("PixelMap", "select_pixels"),
-    "policy": ("Every",),
+    "descriptors.pixels": ("PixelMap", "select_pixels"),
+    "online.schedule": ("MatchSchedule",),
     "recordings": ("open_recording", "write_recording"),
     "reference_map": ("ReferenceMap",),
-    "sequence": ("sequence_sums",),
+    "matching.sequence": ("sequence_sums",),
     "settings": ("PRESETS", "Settings", "resolve_settings"),
-    "sliding_window": ("SlidingWindow",),
-    "transforms": ("CountPixels",),
-    "windows": ("Descriptors", "DescriptorStream", "FixedCount", "FixedTime"),
+    "online.sliding_window": ("SlidingWindow",),
+    "datasets.count_pixels": ("CountPixels",),
+    "descriptors.windows": ("Descriptors", "DescriptorStream", "FixedCount", "FixedTime"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

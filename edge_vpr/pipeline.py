@@ -9,16 +9,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.cleaning import BurstFilter, find_hot_pixels
-from edge_vpr.codes import codes_of, learns_full_scale
-from edge_vpr.errors import MapError, UsageError
-from edge_vpr.events import Events, Sensor
-from edge_vpr.matches import Matches, match_descriptors
-from edge_vpr.pixels import PixelMap, select_pixels
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.saliency import SaliencyPass
-from edge_vpr.settings import Settings
-from edge_vpr.windows import (
+from edge_vpr.descriptors.cleaning import BurstFilter, find_hot_pixels
+from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.pixels import PixelMap, select_pixels
+from edge_vpr.descriptors.saliency import SaliencyPass
+from edge_vpr.descriptors.windows import (
     Descriptors,
     DescriptorStream,
     FixedCount,
@@ -28,6 +23,11 @@ from edge_vpr.windows import (
     collect,
     narrow,
 )
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
 from fixedpoint.codes import learn_full_scale
 
 
@@ -165,7 +165,7 @@ def code_places(
         Of each counter, where the settings scale the code to each pixel.
     """
     counts = places.counts
-    full_scale = learn_full_scale(counts) if learns_full_scale(settings) else None
+    full_scale = learn_full_scale(counts) if settings.learns_full_scale else None
     codes = codes_of(settings, counts.shape[1], full_scale)
     if codes is None:
         return places, None

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import read_archive, write_archive
-from edge_vpr.codes import codes_of, shared_code
+from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.errors import MapError
 from edge_vpr.events import Sensor
-from edge_vpr.pixels import PixelMap
 from edge_vpr.settings import Settings
-from edge_vpr.windows import Descriptors, narrow
 from fixedpoint.codes import PixelCodes, packed_bytes
 
 KIND = "reference map"
@@ -74,7 +74,7 @@ class ReferenceMap:
     @property
     def counter_bits(self) -> int:
         """Bits of each counter of a descriptor: of its code, or of the count as stored."""
-        code = shared_code(self.settings)
+        code = self.settings.shared_code
         return 8 * self.places.counts.itemsize if code is None else code.bits
 
     @property

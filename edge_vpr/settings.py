@@ -9,12 +9,16 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from edge_vpr.codes import CODES, SCALINGS, CounterCodeName, CounterScaling, check_code
 from edge_vpr.errors import UsageError
-from edge_vpr.pixels import STRATEGIES, Strategy
-from edge_vpr.sequence import ANCHORS, Anchor
+from fixedpoint.codes import CounterCode
+from fixedpoint.errors import FixedPointError
 
+Strategy = Literal["variance", "seed-code", "random", "random-upper", "top"]
+STRATEGIES: tuple[str, ...] = get_args(Strategy)
 WindowKind = Literal["time", "count"]
+CounterCodeName = Literal["none", "linear", "sqrt", "log"]
+CounterScaling = Literal["shared", "per-pixel"]
+Anchor = Literal["middle", "end"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -110,20 +114,51 @@ class Settings:
         for name, choices in (
             ("strategy", STRATEGIES),
             ("window", get_args(WindowKind)),
-            ("anchor", ANCHORS),
-            ("counter_code", CODES),
-            ("counter_scaling", SCALINGS),
+            ("anchor", get_args(Anchor)),
+            ("counter_code", get_args(CounterCodeName)),
+            ("counter_scaling", get_args(CounterScaling)),
         ):
             if getattr(self, name) not in choices:
                 raise UsageError(
                     f"setting {name} = {getattr(self, name)!r}: choose from {', '.join(choices)}"
                 )
-        check_code(self)
+        self._check_code()
 
     @property
     def events_per_window(self) -> int:
         """N of a fixed-count window."""
         return round(self.events_per_pixel * self.pixels)
+
+    @property
+    def shared_code(self) -> CounterCode | None:
+        """The code of all counters; None where a descriptor holds the counts themselves.
+
+        Where each pixel has a full scale of its own, the kind and the bits of the code still hold.
+        """
+        if self.counter_code != "none":
+            return CounterCode(self.counter_code, self.counter_bits, self.counter_full_scale)
+        return CounterCode.saturating(self.clip) if self.clip else None
+
+    @property
+    def learns_full_scale(self) -> bool:
+        """Whether the full scale of each pixel's code is learned from the reference."""
+        return self.counter_code != "none" and self.counter_scaling == "per-pixel"
+
+    def _check_code(self) -> None:
+        if self.clip and self.counter_code != "none":
+            raise UsageError(
+                f"setting clip = {self.clip} with counter_code = {self.counter_code}: a count "
+                "has one code; set clip to 0"
+            )
+        if self.counter_scaling == "per-pixel" and self.counter_full_scale:
+            raise UsageError(
+                f"setting counter_full_scale = {self.counter_full_scale} with a per-pixel "
+                "counter_scaling, which learns each pixel's from the reference: set it to 0"
+            )
+        try:
+            _ = self.shared_code
+        except FixedPointError as error:
+            raise UsageError(f"settings: {error}") from error
 
     @property
     def uncoded(self) -> Settings:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.windows import Descriptors, narrow
 
 
 def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us: int) -> Events:

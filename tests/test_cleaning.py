@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
-from edge_vpr.cleaning import (
+from edge_vpr.descriptors.cleaning import (
     BURST_SHARE,
     BURST_SLOT_US,
     BurstFilter,

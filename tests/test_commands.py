@@ -11,7 +11,7 @@ from streams import random_events
 
 from edge_vpr.archive import write_archive
 from edge_vpr.events import Sensor
-from edge_vpr.matches import Matches
+from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 
@@ -243,7 +243,7 @@ def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monke
     def interrupt(*unused):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("edge_vpr.matches.Matches.save_csv", interrupt)
+    monkeypatch.setattr("edge_vpr.matching.matches.Matches.save_csv", interrupt)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     code, lines = call(capsys, *arguments)
     assert code == 130
@@ -259,7 +259,7 @@ def test_a_user_without_a_home_is_told_where_compiled_code_can_go(
     def fail(*unused):
         raise RuntimeError("cannot cache function '_below': no locator available for file 'a.py'")
 
-    monkeypatch.setattr("edge_vpr.matches.Matches.save_csv", fail)
+    monkeypatch.setattr("edge_vpr.matching.matches.Matches.save_csv", fail)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says="set NUMBA_CACHE_DIR to one that can be written to")
 
@@ -270,7 +270,7 @@ def test_a_fault_of_ours_is_one_line_and_debug_shows_the_trace(
     def fail(*unused):
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("edge_vpr.matches.Matches.save_csv", fail)
+    monkeypatch.setattr("edge_vpr.matching.matches.Matches.save_csv", fail)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says="internal error, ZeroDivisionError: oh")
     _, lines = call(capsys, "--debug", *arguments)

@@ -9,7 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
-from edge_vpr.counters import _BLOCK, count_events, count_frame, count_until, select_events
+from edge_vpr.descriptors.counters import (
+    _BLOCK,
+    count_events,
+    count_frame,
+    count_until,
+    select_events,
+)
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import Sensor, make_events
 

@@ -13,12 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.errors import EventError, GroundTruthError, RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
-from edge_vpr.ground_truth import from_tracks, great_circle
-from edge_vpr.pixels import PixelMap
-from edge_vpr.transforms import CountPixels
-from edge_vpr.traverses import (
+from edge_vpr.datasets.catalogue import (
     BRISBANE_TRAVERSES,
     QCR_LANDMARKS_M,
     QCR_TRAVERSES,
@@ -26,7 +21,12 @@ from edge_vpr.traverses import (
     BrisbaneTraverse,
     QCRTraverse,
 )
-from edge_vpr.windows import FixedCount, FixedTime
+from edge_vpr.datasets.count_pixels import CountPixels
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import FixedCount, FixedTime
+from edge_vpr.errors import EventError, GroundTruthError, RecordingError, UsageError
+from edge_vpr.evaluation.ground_truth import from_tracks, great_circle
+from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 
 SMALL = Sensor(6, 5)
 SECOND = 1_000_000
@@ -120,7 +120,10 @@ def test_missing_fields_and_time_out_of_order_are_errors():
 
 
 def test_counting_needs_no_tonic():
-    code = "import sys, edge_vpr.transforms, edge_vpr.traverses; sys.exit('tonic' in sys.modules)"
+    code = (
+        "import sys, edge_vpr.datasets.count_pixels, edge_vpr.datasets.catalogue; "
+        "sys.exit('tonic' in sys.modules)"
+    )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     assert (
         subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
@@ -241,7 +244,7 @@ def test_the_complete_log_begins_with_the_recording(shared_data, tmp_path):
 @pytest.fixture
 def datasets():
     pytest.importorskip("tonic", reason=needs_tonic)
-    from edge_vpr import datasets
+    from edge_vpr.datasets import tonic_datasets as datasets
 
     return datasets
 
@@ -440,7 +443,7 @@ def test_without_tonic_the_error_names_the_extra():
     code = (
         "import sys; sys.modules['tonic'] = None\n"
         "from edge_vpr.errors import MissingExtraError\n"
-        "try:\n    import edge_vpr.datasets\n"
+        "try:\n    import edge_vpr.datasets.tonic_datasets\n"
         "except MissingExtraError as error:\n    sys.exit(str(error))"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from designs import random_design, random_memories, random_stream, wrapped
 
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import DescriptorStream, FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matcher import best_matches, distance_matrix
-from edge_vpr.pixels import PixelMap
-from edge_vpr.sequence import sequence_sums
-from edge_vpr.windows import DescriptorStream, FixedCount, FixedTime
+from edge_vpr.matching.distances import best_matches, distance_matrix
+from edge_vpr.matching.sequence import sequence_sums
 from firmware_model import (
     Design,
     DesignError,

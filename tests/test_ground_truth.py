@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr import ground_truth as module
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.ground_truth import (
+from edge_vpr.evaluation import ground_truth as module
+from edge_vpr.evaluation.ground_truth import (
     Alignment,
     GroundTruth,
     from_alignment,
@@ -24,8 +24,8 @@ from edge_vpr.ground_truth import (
     load_alignment,
     load_matrix,
 )
-from edge_vpr.track_files import load_nmea, load_track
-from edge_vpr.tracks import Track, interpolate
+from edge_vpr.evaluation.track_files import load_nmea, load_track
+from edge_vpr.evaluation.tracks import Track, interpolate
 
 SECOND = 1_000_000
 

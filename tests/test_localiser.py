@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import Drive, as_tuples, cut_up, descriptors, random_events
 
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.localiser import MATCH_DTYPE, Localiser
-from edge_vpr.matches import match_descriptors
+from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import describe
-from edge_vpr.pixels import PixelMap
-from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -155,7 +155,7 @@ def test_at_the_ends_of_windows_the_matches_are_those_of_the_main_job(
         **code,
     )
     events = random_events(rng, 400, SENSOR, 3_000)
-    online = Localiser(reference, every=Every.window(reference.settings))
+    online = Localiser(reference, every=MatchSchedule.window(reference.settings))
     found = feed(online, cut_up(rng, events, pieces))
 
     drive = Drive(events, SENSOR)
@@ -219,7 +219,7 @@ def test_a_chunk_of_a_million_events_equals_the_same_events_in_small_chunks():
     rng = np.random.default_rng(0)
     reference = map_of(rng.integers(0, 60, (100, 5)), tau_us=1_000, sequence_length=2)
     events = random_events(rng, 1_000_000, SENSOR, 3_000_000)
-    every = Every(events=500)
+    every = MatchSchedule(events=500)
     whole = Localiser(reference, every=every).update(events)
     cut = feed(Localiser(reference, every=every), np.array_split(events, 777))
     assert whole.size > 300
@@ -230,7 +230,7 @@ def test_the_ring_grows_when_a_window_holds_more_events_than_it():
     rng = np.random.default_rng(0)
     reference = map_of(rng.integers(0, 6, (30, 5)), tau_us=10**6, sequence_length=2)
     events = random_events(rng, 60_000, SENSOR, 3 * 10**6)
-    localiser = Localiser(reference, every=Every(events=2_000), check_every=5_000)
+    localiser = Localiser(reference, every=MatchSchedule(events=2_000), check_every=5_000)
     localiser.update(events)
     selected = sum((x, y) in PIXELS for x, y in zip(events["x"], events["y"], strict=True))
     assert localiser.counts.sum() < selected
@@ -240,7 +240,7 @@ def test_the_ring_grows_when_a_window_holds_more_events_than_it():
 def test_a_match_at_every_interval_sees_the_events_before_it_and_not_after():
     reference = map_of(np.eye(20, 5, dtype=int), tau_us=10, sequence_length=1)
     events = make_events(t=[9, 10, 40], x=[0, 0, 0], y=[0, 0, 0])
-    localiser = Localiser(reference, every=Every(interval_us=10))
+    localiser = Localiser(reference, every=MatchSchedule(interval_us=10))
     found = localiser.update(events)
     assert found["t"].tolist() == [10, 20, 30, 40]
     assert found["events"].tolist() == [1, 1, 0, 0]
@@ -252,7 +252,7 @@ def test_on_change_only_other_places_are_told():
     reference = map_of(rng.integers(0, 4, (50, 5)), tau_us=100, sequence_length=1)
     events = random_events(rng, 2_000, SENSOR, 2_000)
     every = Localiser(reference).update(events)
-    change = Localiser(reference, every=Every(events=1, change=True)).update(events)
+    change = Localiser(reference, every=MatchSchedule(events=1, change=True)).update(events)
     differs = np.concatenate([[True], every["place"][1:] != every["place"][:-1]])
     assert np.array_equal(change, every[differs])
     assert 1 < change.size < every.size
@@ -277,7 +277,7 @@ def test_a_saved_state_goes_on_bit_for_bit(tmp_path_factory, seed, cut, window, 
     )
     events = random_events(rng, 300, SENSOR, 2_000)
     path = tmp_path_factory.mktemp("state") / "state.npz"
-    every = Every(events=2, interval_us=70, change=True)
+    every = MatchSchedule(events=2, interval_us=70, change=True)
     whole = Localiser(reference, every=every).update(events)
     first = Localiser(reference, every=every)
     before = first.update(events[:cut])
@@ -345,7 +345,7 @@ def test_a_faulty_chunk_is_refused_and_changes_nothing(events):
 
 def test_a_clock_that_jumps_by_years_is_an_error_where_it_would_flood():
     reference = map_of(np.zeros((50, 5)), tau_us=100)
-    localiser = Localiser(reference, every=Every(interval_us=10))
+    localiser = Localiser(reference, every=MatchSchedule(interval_us=10))
     with pytest.raises(UsageError, match="check the recording's clock"):
         localiser.update(make_events([2**60], [0], [0]))
 
@@ -353,8 +353,8 @@ def test_a_clock_that_jumps_by_years_is_an_error_where_it_would_flood():
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: Every(),
-        lambda: Every(events=-1),
+        lambda: MatchSchedule(),
+        lambda: MatchSchedule(events=-1),
         lambda: Localiser(map_of(np.zeros((3, 5)), sequence_length=5)),
         lambda: Localiser(map_of(np.zeros((5, 5)), sequence_length=5), recent=1),
     ],
@@ -374,7 +374,7 @@ def test_a_selected_event_earlier_than_the_stream_is_refused_wherever_it_stands_
 
 def test_time_that_has_passed_without_events_cannot_be_filled_later():
     reference = map_of(np.zeros((50, 5)), tau_us=2, sequence_length=1)
-    localiser = Localiser(reference, every=Every(interval_us=10))
+    localiser = Localiser(reference, every=MatchSchedule(interval_us=10))
     localiser.update(make_events([100], [0], [0]))
     assert localiser.advance(100).size == 0
     assert localiser.advance(120)["t"].tolist() == [110, 120]

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr import matches as matches_module
 from edge_vpr.errors import MapError, UsageError
-from edge_vpr.matches import CANDIDATES, Matches, match_descriptors
+from edge_vpr.matching import matches as matches_module
+from edge_vpr.matching.matches import CANDIDATES, Matches, match_descriptors
 from edge_vpr.settings import Settings
 
 

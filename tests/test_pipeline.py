@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import Drive, as_tuples, random_events
 
-from edge_vpr.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
+from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
+from edge_vpr.descriptors.saliency import SaliencyPass
+from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.pipeline import describe, map_traverse, match_traverse
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.saliency import SaliencyPass
 from edge_vpr.settings import Settings
-from edge_vpr.windows import WindowCounts
 
 SENSOR = Sensor(9, 7)
 SMALL = Settings(pixels=6, sigma=2.0, tau_us=100_000, sequence_length=2, events_per_pixel=2.0)

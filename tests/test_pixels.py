@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edge_vpr.descriptors.pixels import REJECTION_RADIUS, PixelMap, select_pixels
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.pixels import REJECTION_RADIUS, STRATEGIES, PixelMap, select_pixels
+from edge_vpr.settings import STRATEGIES
 
 
 def pairs(pixel_map):

@@ -10,12 +10,12 @@ import pytest
 from edge_vpr_tools.experiments import brisbane, speck_walks
 from edge_vpr_tools.experiments.trial import Kept, Variant, run_trial
 
+from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.errors import MapError
-from edge_vpr.ground_truth import from_tracks, load_nmea
-from edge_vpr.localiser import Localiser
+from edge_vpr.evaluation.ground_truth import from_tracks, load_nmea
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import map_traverse, match_traverse
-from edge_vpr.policy import Every
-from edge_vpr.published import PublishedWindows
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 
@@ -101,7 +101,7 @@ def test_the_online_matches_of_a_walk_are_the_offline_ones_and_never_drift(walks
     )
     reference = map_traverse(walks[0], settings)
     batch, _ = match_traverse(reference, walks[1])
-    online = Localiser(reference, every=Every.window(settings))
+    online = Localiser(reference, every=MatchSchedule.window(settings))
     found = np.concatenate([online.update(events) for events in walks[1]])
     for name in ("place", "distance_sum", "second", "second_sum"):
         assert np.array_equal(found[name], getattr(batch, name)), name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,52 @@ def test_a_room_imports_only_the_rooms_below_it(room):
     for module in modules:
         wrong = set(imported(module)) & OURS - allowed
         assert not wrong, f"{module.relative_to(ROOT)} imports {', '.join(wrong)}"
+
+
+#: stages of the pipeline; each imports only those before it
+STAGES = [
+    *("errors", "events", "archive", "settings", "recordings", "descriptors", "reference_map"),
+    *("matching", "pipeline", "evaluation", "simulate", "datasets", "online", "stream"),
+    "baselines",
+]
+
+
+def test_a_stage_imports_only_the_stages_before_it():
+    for path in (ROOT / "edge_vpr").rglob("*.py"):
+        stage = path.relative_to(ROOT / "edge_vpr").parts[0].removesuffix(".py")
+        if stage == "__init__":  # exports the names of all stages
+            continue
+        allowed = STAGES[: STAGES.index(stage) + 1]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("edge_vpr."):
+                target = node.module.split(".")[1]
+                assert target in allowed, f"{path.relative_to(ROOT)} imports edge_vpr.{target}"
+
+
+def test_no_circle_of_imports():
+    """What a module imports when it is loaded never leads back to it."""
+    roots = {"edge_vpr": ROOT, "firmware_model": ROOT, "fixedpoint": ROOT}
+    roots["edge_vpr_tools"] = ROOT / "tools"
+    files = {}
+    for package, parent in roots.items():
+        for path in (parent / package).rglob("*.py"):
+            name = ".".join(path.relative_to(parent).with_suffix("").parts)
+            files[name.removesuffix(".__init__")] = path
+    arrows = {name: set(_loads(path, files)) - {name} for name, path in files.items()}
+    with pytest.raises(graphlib.CycleError):
+        graphlib.TopologicalSorter({"a": {"b"}, "b": {"a"}}).prepare()
+    graphlib.TopologicalSorter(arrows).prepare()
+
+
+def _loads(path, files):
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom) and not node.level:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                if inner in files:
+                    yield inner
+                elif node.module in files:
+                    yield node.module
 
 
 def test_help_loads_neither_numba_nor_matplotlib():

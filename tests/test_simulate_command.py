@@ -12,9 +12,9 @@ import pytest
 from edge_vpr_tools import simulate as command
 
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.recordings import open_recording
 from edge_vpr.simulate import CAMERAS, simulate_pair
-from edge_vpr.track_files import load_track
 
 
 def run(*arguments):

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 from test_windows import PIXEL_MAP, PIXELS, SENSOR
 
+from edge_vpr.descriptors.windows import DescriptorStream, FixedCount, FixedTime, join
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import make_events
-from edge_vpr.policy import Every
-from edge_vpr.sliding_window import SlidingWindow
-from edge_vpr.windows import DescriptorStream, FixedCount, FixedTime, join
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.sliding_window import SlidingWindow
 
 WINDOWS = st.one_of(
     st.builds(FixedTime, st.sampled_from([7, 40, 500])),
@@ -32,7 +32,7 @@ WINDOWS = st.one_of(
 def test_after_every_event_the_window_is_what_the_oracle_counts(seed, n, window, polarity, pieces):
     rng = np.random.default_rng(seed)
     events = random_events(rng, n, SENSOR, 2_000)
-    sliding = SlidingWindow(PIXEL_MAP, window, every=Every(events=1), polarity=polarity)
+    sliding = SlidingWindow(PIXEL_MAP, window, every=MatchSchedule(events=1), polarity=polarity)
     found = join([sliding.update(chunk) for chunk in cut_up(rng, events, pieces)])
 
     slot_of = {pixel: slot for slot, pixel in enumerate(PIXELS)}
@@ -57,9 +57,9 @@ def test_one_descriptor_a_window_gives_the_windows_of_the_main_job(seed, window,
     rng = np.random.default_rng(seed)
     events = random_events(rng, 200, SENSOR, 2_000)
     if isinstance(window, FixedTime):
-        every = Every(interval_us=window.tau_us)
+        every = MatchSchedule(interval_us=window.tau_us)
     else:
-        every = Every(events=window.events)
+        every = MatchSchedule(events=window.events)
     sliding = SlidingWindow(PIXEL_MAP, window, every=every)
     found = join([sliding.update(chunk) for chunk in cut_up(rng, events, pieces)])
     apart = DescriptorStream(PIXEL_MAP, window).update(events)
@@ -69,13 +69,13 @@ def test_one_descriptor_a_window_gives_the_windows_of_the_main_job(seed, window,
 
 def test_a_window_may_hold_more_events_than_the_ring_begins_with():
     events = make_events(np.arange(10_000), np.zeros(10_000), np.zeros(10_000))
-    sliding = SlidingWindow(PIXEL_MAP, FixedTime(9_000), every=Every(interval_us=9_500))
+    sliding = SlidingWindow(PIXEL_MAP, FixedTime(9_000), every=MatchSchedule(interval_us=9_500))
     assert sliding.update(events).counts[:, 0].tolist() == [9_000]
     assert sliding.counts[0] == 9_000
 
 
 def test_time_that_runs_backwards_is_refused_and_changes_nothing():
-    sliding = SlidingWindow(PIXEL_MAP, FixedTime(10), every=Every(events=1))
+    sliding = SlidingWindow(PIXEL_MAP, FixedTime(10), every=MatchSchedule(events=1))
     sliding.update(make_events([5], [0], [0]))
     with pytest.raises(EventError, match="backwards"):
         sliding.update(make_events([3], [0], [0]))
@@ -84,4 +84,4 @@ def test_time_that_runs_backwards_is_refused_and_changes_nothing():
 
 def test_descriptors_name_no_place_so_that_a_change_of_it_is_wrong_use():
     with pytest.raises(UsageError, match="leave change out"):
-        SlidingWindow(PIXEL_MAP, FixedTime(9_000), every=Every(events=1, change=True))
+        SlidingWindow(PIXEL_MAP, FixedTime(9_000), every=MatchSchedule(events=1, change=True))

@@ -23,9 +23,9 @@ from streams import Drive, random_events
 
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.localiser import MATCH_DTYPE, Localiser
+from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import cleaned, map_traverse
-from edge_vpr.policy import Every
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -115,7 +115,7 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     thread.join(timeout=5)
     assert not thread.is_alive()
     assert bridge.sent_events == 40_000
-    expected = offline(drive, Every(events=1), from_first=not protocol.startswith("evpr"))
+    expected = offline(drive, MatchSchedule(events=1), from_first=not protocol.startswith("evpr"))
     assert expected.size > 100
     found = rows_of(log, "match")
     assert not any(row["incomplete"] for row in found)
@@ -176,7 +176,7 @@ def test_a_real_walk_of_nine_million_events_is_matched_live_as_offline(
     assert main([str(word) for word in words]) == 0
     thread.join(timeout=5)
     reference = ReferenceMap.load(walks / "map.npz")
-    localiser = Localiser(reference, every=Every(interval_us=100_000))
+    localiser = Localiser(reference, every=MatchSchedule(interval_us=100_000))
     recording = open_recording(walks / "query.npz")
     expected = np.concatenate(
         [localiser.update(part) for part in cleaned(recording, reference.settings)]
@@ -263,7 +263,7 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
     reference = ReferenceMap.load(drive / "map.npz")
     events = np.concatenate(list(open_recording(drive / "query.npz")))
     sent = open_encoder("evpr:frame=256", SENSOR).encode(events)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, Every(interval_us=10_000))
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
     third = len(sent) // 3
     assert not live.feed(sent[:third], 0).incomplete
     cut = third + 2_000
@@ -291,7 +291,7 @@ def test_the_first_matches_after_a_loss_are_flagged_however_much_comes_at_once(w
     before, after = (
         b"".join(frame + b"\0" for frame in part) for part in (frames[:third], frames[third + 9 :])
     )
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, Every(interval_us=10_000))
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
     assert not live.feed(before, 0).incomplete
     step = live.feed(after, 0)
     assert step.matches.size > 50  # the windows of the first of them lack what was lost
@@ -355,7 +355,7 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
 def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
     reference = ReferenceMap.load(drive / "map.npz")
     events = np.concatenate(list(open_recording(drive / "query.npz")))
-    every = Every(interval_us=10_000)
+    every = MatchSchedule(interval_us=10_000)
     encoder = open_encoder("evpr", SENSOR)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
     steps = [live.feed(encoder.start() + encoder.encode(events), 0)]
@@ -716,7 +716,7 @@ def test_nothing_is_left_to_compile_when_the_bytes_come(drive, sent):
 import dataclasses, gc, sys
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from edge_vpr.policy import Every
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.live import LiveLocaliser
 from edge_vpr.events import make_events
@@ -732,9 +732,8 @@ for window in ("time", "count"):
     settings = reference.settings.replaced(given, "a test")
     decoder = open_decoder("evpr", reference.pixel_map.sensor)
     decoder.warm_up()
-    live = LiveLocaliser(
-        decoder, dataclasses.replace(reference, settings=settings), Every(interval_us=10_000)
-    )
+    reference = dataclasses.replace(reference, settings=settings)
+    live = LiveLocaliser(decoder, reference, MatchSchedule(interval_us=10_000))
     before, matches = compiled(), 0
     for at in range(0, len(sent), 20_000):
         matches += live.feed(sent[at : at + 20_000], 0, lost=int(at == 60_000)).matches.size
@@ -742,7 +741,7 @@ for window in ("time", "count"):
     # events that come one by one are arrays of another kind
     live = LiveLocaliser(
         open_decoder("evpr", reference.pixel_map.sensor),
-        dataclasses.replace(reference, settings=settings), Every(interval_us=10_000),
+        dataclasses.replace(reference, settings=settings), MatchSchedule(interval_us=10_000),
     )
     encoder = open_encoder("evpr", reference.pixel_map.sensor)
     for i in range(40):
@@ -801,7 +800,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
 
     monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
     live = LiveLocaliser(
-        open_decoder("evpr", SENSOR), ReferenceMap.load(drive / "map.npz"), Every(events=1)
+        open_decoder("evpr", SENSOR), ReferenceMap.load(drive / "map.npz"), MatchSchedule(events=1)
     )
     view = live_view.View(False, None, 29, Terminal())
     data = sent.read_bytes()

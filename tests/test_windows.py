@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import DescriptorStream, FixedCount, FixedTime, collect, join
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.pixels import PixelMap
-from edge_vpr.windows import DescriptorStream, FixedCount, FixedTime, collect, join
 from fixedpoint.codes import CounterCode
 
 SENSOR = Sensor(7, 5)

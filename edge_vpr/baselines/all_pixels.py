@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.pipeline import EventSource, code_places, describe
-from edge_vpr.pixels import PixelMap
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

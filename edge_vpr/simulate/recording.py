@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.faults import Faults
 from edge_vpr.simulate.camera import CAMERAS, Camera
@@ -18,7 +19,6 @@ from edge_vpr.simulate.surface import COLUMN_M
 from edge_vpr.simulate.traffic import paint_traffic, traffic
 from edge_vpr.simulate.view import View, cut
 from edge_vpr.simulate.world import Scene, World, paint, park_cars
-from edge_vpr.tracks import Track
 
 STEP_M = 0.8 * COLUMN_M  # way between two looks: no texel of the street is passed over
 STEP_US = 20_000  # time between two looks while the camera stands

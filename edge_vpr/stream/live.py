@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.cleaning import BurstFilter
-from edge_vpr.counters import select_events
+from edge_vpr.descriptors.cleaning import BurstFilter
+from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
 from edge_vpr.events import Events, join_events
-from edge_vpr.localiser import MATCH_DTYPE, Localiser
-from edge_vpr.policy import Every
+from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.protocols.protocol import Decoder, made_up_events
 
@@ -42,7 +42,7 @@ class LiveLocaliser:
     decoder : Decoder
     reference : ReferenceMap, optional
         Without one, events are decoded and nothing is matched.
-    every : Every, optional
+    every : MatchSchedule, optional
         When to give a match.
 
     Raises
@@ -52,7 +52,10 @@ class LiveLocaliser:
     """
 
     def __init__(
-        self, decoder: Decoder, reference: ReferenceMap | None = None, every: Every | None = None
+        self,
+        decoder: Decoder,
+        reference: ReferenceMap | None = None,
+        every: MatchSchedule | None = None,
     ) -> None:
         self.decoder = decoder
         self._localiser: Localiser | None = None
@@ -170,7 +173,7 @@ class LiveLocaliser:
         return int(select_events(self._table, events["x"], events["y"], p)[0].size)
 
 
-def _rehearse(reference: ReferenceMap, every: Every | None) -> None:
+def _rehearse(reference: ReferenceMap, every: MatchSchedule | None) -> None:
     """Compile what matching needs, which takes up to seconds, before the first bytes come."""
     events = made_up_events()
     localiser = Localiser(reference, every=every)

@@ -9,15 +9,15 @@ import pytest
 from numba import njit
 from table import OURS
 
-from edge_vpr.counters import count_events
+from edge_vpr.descriptors.counters import count_events
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.localiser import Localiser
-from edge_vpr.matcher import ReferenceIndex, best_match
-from edge_vpr.pixels import PixelMap
-from edge_vpr.policy import Every
+from edge_vpr.matching.distances import ReferenceIndex, best_match
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
-from edge_vpr.windows import Descriptors
 
 SENSOR = Sensor(346, 260)
 J, N = 150, 450  # N: the released code's 3 J events in a window
@@ -64,8 +64,8 @@ def timed(race, s, what, library, update, expected, **how):
 @pytest.mark.parametrize(
     ("what", "every"),
     [
-        ("best place after each", Every(events=1, change=True)),
-        ("match with runner-up after each", Every(events=1)),
+        ("best place after each", MatchSchedule(events=1, change=True)),
+        ("match with runner-up after each", MatchSchedule(events=1)),
     ],
     ids=["best", "match"],
 )

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from table import OURS
 
-from edge_vpr.matcher import ReferenceIndex, distance_matrix
+from edge_vpr.matching.distances import ReferenceIndex, distance_matrix
 
 J, ALL_PIXELS = 150, 346 * 260
 

@@ -14,7 +14,7 @@ from bench_localiser import SENSOR, scene
 from table import machine
 
 from edge_vpr.events import Events, make_events
-from edge_vpr.localiser import Localiser
+from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 
 EVENTS_PER_SECOND, SECONDS, PLACES = 1_000_000, 6, 1_000

@@ -59,11 +59,11 @@ def run(args: argparse.Namespace) -> None:
     import json
 
     from edge_vpr.archive import read_archive
+    from edge_vpr.descriptors.windows import Descriptors
     from edge_vpr.errors import MapError
-    from edge_vpr.evaluation import evaluate
-    from edge_vpr.matches import Matches
+    from edge_vpr.evaluation.metrics import evaluate
+    from edge_vpr.matching.matches import Matches
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.windows import Descriptors
     from edge_vpr_tools import results
     from edge_vpr_tools.online import ONLINE
     from edge_vpr_tools.provenance import run_record, write_json

@@ -132,8 +132,8 @@ def _from_map(args: argparse.Namespace) -> tuple[Design, list[Case]]:
     """Design of a map, and the case of its recording, if one is given."""
     import numpy as np
 
+    from edge_vpr.descriptors.windows import narrow
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.windows import narrow
     from edge_vpr_tools.estimate.of_map import design_of, device_codes
     from firmware_model import Event, Memories
     from firmware_model.vectors import Case

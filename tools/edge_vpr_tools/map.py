@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
     """
     import time
 
-    from edge_vpr.cleaning import load_hot_pixels
+    from edge_vpr.descriptors.cleaning import load_hot_pixels
     from edge_vpr.errors import UsageError
     from edge_vpr.pipeline import map_traverse
     from edge_vpr_tools.progress import tracked

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
 
     from edge_vpr.archive import write_archive
     from edge_vpr.errors import UsageError
-    from edge_vpr.matches import match_descriptors
+    from edge_vpr.matching.matches import match_descriptors
     from edge_vpr.pipeline import describe
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools import results

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from edge_vpr.policy import Every
+    from edge_vpr.online.schedule import MatchSchedule
     from edge_vpr.reference_map import ReferenceMap
 
 ONLINE, ONLINE_CSV, ONLINE_FIGURE = "online.npz", "online.csv", "online.png"
 KIND = "set of online matches"
 
 
-def parse_every(text: str, reference: ReferenceMap) -> Every:
+def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
     """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
 
     Raises
@@ -23,19 +23,19 @@ def parse_every(text: str, reference: ReferenceMap) -> Every:
         If it is none of these.
     """
     from edge_vpr.errors import UsageError
-    from edge_vpr.policy import Every
+    from edge_vpr.online.schedule import MatchSchedule
     from edge_vpr_tools.setting_flags import duration_us
 
     if text == "event":
-        return Every(events=1)
+        return MatchSchedule(events=1)
     if text == "change":
-        return Every(events=1, change=True)
+        return MatchSchedule(events=1, change=True)
     if text == "window":
-        return Every.window(reference.settings)
+        return MatchSchedule.window(reference.settings)
     if text.isascii() and text.isdigit() and int(text) > 0:
-        return Every(events=int(text))
+        return MatchSchedule(events=int(text))
     try:
-        return Every(interval_us=duration_us(text))
+        return MatchSchedule(interval_us=duration_us(text))
     except UsageError:
         raise UsageError(
             f"--every {text!r}: expected event, a number of events, a time such as 10ms, window, "
@@ -66,7 +66,7 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
 
     from edge_vpr.archive import replacing, write_archive
     from edge_vpr.errors import UsageError
-    from edge_vpr.localiser import Localiser
+    from edge_vpr.online.localiser import Localiser
     from edge_vpr.pipeline import check_sensor, cleaned
     from edge_vpr_tools import results
     from edge_vpr_tools.progress import tracked

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from edge_vpr.published import PublishedWindows
+    from edge_vpr.descriptors.precounted import PublishedWindows
     from edge_vpr.recordings import Recording
 
 
@@ -90,8 +90,8 @@ def open_source(args: argparse.Namespace, path: str | Path) -> Recording | Publi
     """
     if not args.frames_as_windows:
         return open_from(args, path)
+    from edge_vpr.descriptors.precounted import PublishedWindows
     from edge_vpr.events import Sensor
-    from edge_vpr.published import PublishedWindows
     from edge_vpr.recordings import parse_period
 
     return PublishedWindows(

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.ground_truth import (
+from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
     from_alignment,
     from_matrix,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from edge_vpr.ground_truth import GroundTruth
+    from edge_vpr.evaluation.ground_truth import GroundTruth
     from edge_vpr_tools.estimate.accuracy import Drives
     from edge_vpr_tools.estimate.fit import Budget
     from edge_vpr_tools.estimate.pareto import Evaluated

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation import evaluate
-from edge_vpr.matches import match_descriptors
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import match_descriptors
 from edge_vpr.pipeline import EventSource, code_places, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings

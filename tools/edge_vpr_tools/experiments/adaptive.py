@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.counters import select_events
+from edge_vpr.descriptors.counters import select_events
 from edge_vpr.pipeline import cleaned, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulate import SimulatedRecording, simulate_pair

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.evaluation import RECALL_AT, Evaluation, evaluate
-from edge_vpr.ground_truth import from_tracks, load_nmea
+from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.evaluation.ground_truth import from_tracks, load_nmea
+from edge_vpr.evaluation.metrics import RECALL_AT, Evaluation, evaluate
 from edge_vpr.pipeline import map_traverse, match_traverse
-from edge_vpr.published import PublishedWindows
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.trial import markdown_table
 

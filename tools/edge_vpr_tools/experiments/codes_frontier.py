@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr.evaluation import evaluate
-from edge_vpr.ground_truth import GroundTruth, from_alignment, from_tracks, load_nmea
-from edge_vpr.matches import match_descriptors
+from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, from_tracks, load_nmea
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import match_descriptors
 from edge_vpr.pipeline import EventSource, WindowSource, code_places, describe, map_traverse
-from edge_vpr.published import PublishedWindows
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.experiments import brisbane, speck_walks

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.localiser import Localiser
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import EventSource, cleaned
-from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.tracks import Track
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ def measure_latency(
     query: EventSource,
     reference_track: Track,
     query_track: Track,
-    every: Every,
+    every: MatchSchedule,
     reach_m: float,
 ) -> Latency:
     """Drive the query online and time each place's first right match.
@@ -58,7 +58,7 @@ def measure_latency(
     query : EventSource
     reference_track, query_track : Track
         Metric, one coordinate: the way along the route, which does not decrease.
-    every : Every
+    every : MatchSchedule
         When matches are given.
     reach_m : float
         In metres.

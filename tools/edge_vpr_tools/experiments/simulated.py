@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from edge_vpr.ground_truth import GroundTruth, from_tracks
-from edge_vpr.policy import Every
+from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
 from edge_vpr_tools.experiments.latency import Latency, measure_latency
@@ -83,8 +83,8 @@ def compare_latencies(
 ) -> dict[str, Latency]:
     """Time the recognition of places with a match after every event, and after every window."""
     policies = {
-        "event by event": Every(events=1),
-        "window by window": Every.window(trial.reference.settings),
+        "event by event": MatchSchedule(events=1),
+        "window by window": MatchSchedule.window(trial.reference.settings),
     }
     return {
         name: measure_latency(

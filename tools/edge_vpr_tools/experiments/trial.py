@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.baselines import map_all_pixels
-from edge_vpr.evaluation import Evaluation, evaluate
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.events import Events, Sensor
-from edge_vpr.ground_truth import GroundTruth
-from edge_vpr.matches import Matches, match_descriptors
+from edge_vpr.matching.matches import Matches, match_descriptors
 from edge_vpr.pipeline import EventSource, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
-from edge_vpr.windows import Descriptors
 
 Times = npt.NDArray[np.int64]
 #: ground truth of the windows centred at these times: (places, queries) -> truth

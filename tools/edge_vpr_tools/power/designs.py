@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from edge_vpr.baselines import map_all_pixels
-from edge_vpr.evaluation import evaluate
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events
-from edge_vpr.matches import match_descriptors
+from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import EventSource, describe, map_traverse
-from edge_vpr.pixels import PixelMap
-from edge_vpr.policy import Every
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.experiments.trial import TruthOf
 from edge_vpr_tools.power.protocol import Plan, measure
@@ -126,7 +126,7 @@ def compare(
         queries = describe(query, reference.pixel_map, settings, reference.full_scale)
         matches = match_descriptors(reference.places, queries, settings)
         truth = truth_of(reference.places.centre_us, queries.centre_us)
-        load = Workload(reference, events, Every.window(settings))
+        load = Workload(reference, events, MatchSchedule.window(settings))
         cpu = _cpu_s_per_match(load, plan)
         energy = None
         if sensor is not None:

@@ -13,10 +13,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import DescriptorStream, FixedTime, collect
 from edge_vpr.events import Events, Sensor
-from edge_vpr.matcher import ReferenceIndex
-from edge_vpr.pixels import PixelMap
-from edge_vpr.windows import DescriptorStream, FixedTime, collect
+from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr_tools.power.statistics import Estimate, interval_of_times
 
 #: DAVIS346 of Brisbane-Event-VPR, J of the paper; the number of places and the counts are made up

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.localiser import Localiser
-from edge_vpr.policy import Every
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 
 #: between two rounds of a recording, in microseconds
@@ -26,7 +26,7 @@ class Workload:
     reference : ReferenceMap
     events : iterable of ndarray
         Of the recording, cleaned; held in memory.
-    every : Every
+    every : MatchSchedule
         When a match is given.
     packet : int
         Events handed over in one call, as a camera's driver does.
@@ -50,7 +50,11 @@ class Workload:
     """
 
     def __init__(
-        self, reference: ReferenceMap, events: Iterable[Events], every: Every, packet: int = 512
+        self,
+        reference: ReferenceMap,
+        events: Iterable[Events],
+        every: MatchSchedule,
+        packet: int = 512,
     ) -> None:
         if packet < 1:
             raise UsageError(f"packets of {packet} events: expected 1 or more")

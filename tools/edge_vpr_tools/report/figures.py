@@ -9,11 +9,11 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from edge_vpr.evaluation import Evaluation
-from edge_vpr.ground_truth import GroundTruth
-from edge_vpr.matches import Matches
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.windows import Descriptors
 from edge_vpr_tools.report.style import BLUE, CYCLE, DASHES, ORANGE, RED, SKY, figure
 
 

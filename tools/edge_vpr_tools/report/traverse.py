@@ -10,13 +10,13 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from edge_vpr.archive import read_archive
-from edge_vpr.evaluation import Evaluation
-from edge_vpr.ground_truth import GroundTruth
-from edge_vpr.matcher import ReferenceIndex
-from edge_vpr.matches import Matches
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.sequence import sequence_sums
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.sequence import sequence_sums
-from edge_vpr.windows import Descriptors
 from edge_vpr_tools import results
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from streams import descriptors
 
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation import evaluate, precision_recall
-from edge_vpr.ground_truth import GroundTruth
-from edge_vpr.matches import match_descriptors
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import evaluate, precision_recall
+from edge_vpr.matching.matches import match_descriptors
 from edge_vpr.settings import Settings
 
 DENOMINATORS = ("rejected-correct", "all-with-place")

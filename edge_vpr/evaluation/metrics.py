@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.ground_truth import GroundTruth
-from edge_vpr.matches import Matches
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.matching.matches import Matches
 
 RecallDenominator = Literal["rejected-correct", "all-with-place"]
 Score = Literal["distance", "ratio"]

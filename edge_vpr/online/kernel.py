@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from edge_vpr.incremental import least_in
-from edge_vpr.sliding import BASE, MOVES, age, take_moves
+from edge_vpr.online.state import BASE, MOVES, age, take_moves
+from edge_vpr.online.vector_kernels import least_in
 
 # why the kernel returned
 DONE, MATCHES_FULL, RING_FULL = range(3)
@@ -27,7 +27,7 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
     until : int
         Time of the last event, selected or not, in microseconds.
     every, interval, change : int, int, bool
-        The policy, see `edge_vpr.policy.Every`.
+        The policy, see `edge_vpr.online.schedule.MatchSchedule`.
     exclusion, places : int
         Width of the zone around the best place; number of sums to search.
     policy : ndarray of int64, shape (2,)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.errors import UsageError
-from edge_vpr.sad import PAD, add_sad
+from edge_vpr.matching.sad_kernel import PAD, add_sad
 
 Integers = npt.NDArray[np.integer[Any]]
 Packed = npt.NDArray[np.unsignedinteger[Any]]

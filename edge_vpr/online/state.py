@@ -8,7 +8,7 @@ adds one to another. At time T, lag i of windows of tau microseconds holds the e
 events holds the i N-th to (i+1) N-th newest event at the selected pixels.
 
 At the end of every non-overlapping window, T = k tau or the k N-th selected event, the lags are
-exactly the last L windows of `edge_vpr.windows`.
+exactly the last L windows of `edge_vpr.descriptors.windows`.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from edge_vpr.codes import PixelCodes
+from edge_vpr.descriptors.codes import PixelCodes
+from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import UsageError
-from edge_vpr.incremental import BLOCK, LANES, MAX_STEPS, update_blocks
-from edge_vpr.matcher import ReferenceIndex
-from edge_vpr.windows import FixedTime, Window
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.online.vector_kernels import BLOCK, LANES, MAX_STEPS, update_blocks
 
 _CACHE_LINE = 64
 #: events that the ring holds before it first grows

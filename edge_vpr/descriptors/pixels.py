@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-
-Strategy = Literal["variance", "seed-code", "random", "random-upper", "top"]
-STRATEGIES: tuple[str, ...] = get_args(Strategy)
+from edge_vpr.settings import STRATEGIES, Strategy
 
 #: radius within which the released code rejects a second pixel (Euclidean, in pixels)
 REJECTION_RADIUS = 7

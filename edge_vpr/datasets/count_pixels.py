@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.counters import count_events
+from edge_vpr.descriptors.counters import count_events
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import DescriptorStream, Window
 from edge_vpr.errors import EventError
 from edge_vpr.events import EVENT_DTYPE, Events, check_events
-from edge_vpr.pixels import PixelMap
-from edge_vpr.windows import DescriptorStream, Window
 
 
 @dataclass(frozen=True)

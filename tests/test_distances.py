@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from edge_vpr import sad
 from edge_vpr.errors import UsageError
-from edge_vpr.matcher import ReferenceIndex, best_match, best_matches, distance_matrix
+from edge_vpr.matching import sad_kernel as sad
+from edge_vpr.matching.distances import ReferenceIndex, best_match, best_matches, distance_matrix
 
 SEEDS = st.integers(0, 2**32)
 # the ends of each width, and steps over them

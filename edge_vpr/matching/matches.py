@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import read_archive, replacing, write_archive
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
-from edge_vpr.matcher import ReferenceIndex, best_matches
-from edge_vpr.sequence import anchor_offset, check_length, sequence_sums
+from edge_vpr.matching.distances import ReferenceIndex, best_matches
+from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
 from edge_vpr.settings import Settings
-from edge_vpr.windows import Descriptors
 
 KIND = "set of matches"
 #: so many of the nearest places are kept for Recall@N

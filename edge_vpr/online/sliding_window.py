@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.counters import select_events
+from edge_vpr.descriptors.counters import select_events
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, FixedTime, Window, WindowCounts, collect
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import Events
-from edge_vpr.pixels import PixelMap
-from edge_vpr.policy import Every
-from edge_vpr.sliding import advance, grown, push, settle, start
-from edge_vpr.windows import Descriptors, FixedTime, Window, WindowCounts, collect
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import advance, grown, push, settle, start
 
 _EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
 _LATEST_US = 1 << 60
@@ -21,15 +21,15 @@ class SlidingWindow:
     """The newest `tau` microseconds, or the newest N events at the selected pixels.
 
     A ring of (slot, time) holds the events of the window; each arriving one expires the old ones.
-    With a policy of one descriptor a window (`Every.window`) the windows do not overlap, and are
-    those of `DescriptorStream`.
+    With a policy of one descriptor a window (`MatchSchedule.window`) the windows do not overlap,
+    and are those of `DescriptorStream`.
 
     Parameters
     ----------
     pixel_map : PixelMap
     window : FixedTime or FixedCount
         Its length.
-    every : Every
+    every : MatchSchedule
         When to give a descriptor, without `change`. None is given before the window is full.
     polarity : bool
         Count ON and OFF events apart.
@@ -42,16 +42,16 @@ class SlidingWindow:
     Examples
     --------
     >>> from edge_vpr.events import Sensor, make_events
-    >>> from edge_vpr.windows import FixedTime
+    >>> from edge_vpr.descriptors.windows import FixedTime
     >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
-    >>> window = SlidingWindow(two, FixedTime(tau_us=10), every=Every(interval_us=5))
+    >>> window = SlidingWindow(two, FixedTime(tau_us=10), every=MatchSchedule(interval_us=5))
     >>> window.update(make_events(t=[0, 4, 9, 16], x=[1, 2, 1, 1], y=[0, 0, 0, 0])).counts
     array([[2, 1],
            [1, 0]], dtype=uint8)
     """
 
     def __init__(
-        self, pixel_map: PixelMap, window: Window, *, every: Every, polarity: bool = False
+        self, pixel_map: PixelMap, window: Window, *, every: MatchSchedule, polarity: bool = False
     ) -> None:
         if every.change:
             raise UsageError("descriptors name no place that could change: leave change out")

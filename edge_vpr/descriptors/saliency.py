@@ -7,10 +7,10 @@ import tempfile
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.pixels import PixelMap
-from edge_vpr.windows import Descriptors, WindowCounts, collect, narrow
 
 
 class SaliencyPass:

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.tracks import Floats, Track
+from edge_vpr.evaluation.tracks import Floats, Track
 
 #: Between two fixes further apart than this the position counts as unknown. A car at 50 km/h drives
 #: 70 m, the tolerance of Brisbane-Event-VPR, in 5 s; the logs of that data set have gaps of 4 s.

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.track_files import load_nmea, load_track, read_table
-from edge_vpr.tracks import Floats, Track, interpolate
+from edge_vpr.evaluation.track_files import load_nmea, load_track, read_table
+from edge_vpr.evaluation.tracks import Floats, Track, interpolate
 
 __all__ = [
     "Alignment",
@@ -62,7 +62,7 @@ class GroundTruth:
         if correct.dtype != np.bool_ or known.dtype != np.bool_ or correct.ndim != 2:
             raise GroundTruthError(
                 f"ground truth is {correct.dtype} {correct.shape} with known {known.dtype}: "
-                "give bool arrays (K, Q) and (Q,), or call edge_vpr.ground_truth.from_matrix"
+                "give bool arrays (K, Q) and (Q,), or call edge_vpr.from_matrix"
             )
         if known.shape != correct.shape[1:]:
             raise GroundTruthError(

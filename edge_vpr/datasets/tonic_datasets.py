@@ -1,7 +1,7 @@
 """The method's two data sets as `tonic.Dataset`s, with ground truth; needs the extra ``tonic``.
 
 Nothing is downloaded: the files are gigabytes, and their licences are for the user to accept.
-`edge_vpr.traverses` states the pages and the files' names.
+`edge_vpr.datasets.catalogue` states the pages and the files' names.
 """
 
 from __future__ import annotations
@@ -12,12 +12,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Events
-from edge_vpr.recordings import open_recording
-from edge_vpr.tracks import Track
-from edge_vpr.transforms import CountPixels
-from edge_vpr.traverses import (
+from edge_vpr.datasets.catalogue import (
     BRISBANE_BAGS_PAGE,
     BRISBANE_PAGE,
     BRISBANE_TRAVERSES,
@@ -29,6 +24,11 @@ from edge_vpr.traverses import (
     Landmarks,
     QCRTraverse,
 )
+from edge_vpr.datasets.count_pixels import CountPixels
+from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.events import EVENT_DTYPE, Events
+from edge_vpr.recordings import open_recording
 
 try:
     from tonic import Dataset
@@ -182,13 +182,13 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
     """Brisbane-Event-VPR: six drives of an 8 km route, with GPS.
 
     Fischer and Milford, "Event-Based Visual Place Recognition With Ensembles of Temporal Windows",
-    RA-L 5(4), 2020. Right within 70 m (see `edge_vpr.ground_truth.from_tracks`).
+    RA-L 5(4), 2020. Right within 70 m (see `edge_vpr.evaluation.ground_truth.from_tracks`).
 
     Parameters
     ----------
     folder : str or Path
-        Holds recordings and GPS logs under their published names (`edge_vpr.traverses`): parquet
-        files and logs from Hugging Face, or bags and logs from Zenodo.
+        Holds recordings and GPS logs under their published names (`edge_vpr.datasets.catalogue`):
+        parquet files and logs from Hugging Face, or bags and logs from Zenodo.
     traverses : sequence of str, optional
         Of sunset1, sunset2, daytime, night, morning, sunrise; all that the folder holds if absent.
     files : {"parquet", "bag"}
@@ -244,7 +244,7 @@ class QCREventVPR(_Traverses[QCRTraverse]):
     Parameters
     ----------
     folder : str or Path
-        Holds recordings under their published names (`edge_vpr.traverses`).
+        Holds recordings under their published names (`edge_vpr.datasets.catalogue`).
     traverses : sequence of str, optional
         Of normal1 to normal4, fast1, fast2, slow1; all that the folder holds if absent.
     files : {"parquet", "bag"}
@@ -252,7 +252,7 @@ class QCREventVPR(_Traverses[QCRTraverse]):
     on_fault : {"error", "drop"}
         What to do about faulty events, see `edge_vpr.open_recording`.
     landmarks : {"common", "released-code"}
-        What makes the ground truth, see `edge_vpr.traverses.QCRTraverse.track`.
+        What makes the ground truth, see `edge_vpr.datasets.catalogue.QCRTraverse.track`.
     transform, target_transform, transforms : callable, optional
         As of every tonic dataset.
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import Settings
-from edge_vpr.windows import MAX_WINDOWS
 
 
 @dataclass(frozen=True)
-class Every:
+class MatchSchedule:
     """When to take a match, or a descriptor; by events, by time, or by both.
 
     Parameters
@@ -35,7 +35,7 @@ class Every:
             )
 
     @classmethod
-    def window(cls, settings: Settings) -> Every:
+    def window(cls, settings: Settings) -> MatchSchedule:
         """At the end of every window of the main job, which makes the windows not overlap."""
         if settings.window == "time":
             return cls(interval_us=settings.tau_us)

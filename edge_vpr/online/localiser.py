@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, read_archive, write_archive
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.follow import DONE, NEXT_TICK, RING_FULL, follow
-from edge_vpr.pipeline import window_of
-from edge_vpr.pixels import PixelMap
-from edge_vpr.policy import Every
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
-from edge_vpr.sliding import (
+from edge_vpr.online.kernel import DONE, NEXT_TICK, RING_FULL, follow
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.sliding_window import selected_in_order
+from edge_vpr.online.state import (
     BASE,
     advance,
     grown,
@@ -28,8 +27,9 @@ from edge_vpr.sliding import (
     start,
     with_distances,
 )
-from edge_vpr.sliding_window import selected_in_order
-from edge_vpr.windows import Descriptors, FixedTime, narrow
+from edge_vpr.pipeline import window_of
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
 
 #: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
 #: exclusion zone (-1: none); their distances, summed over the L windows of the sequence; best over
@@ -53,16 +53,16 @@ _MATCHES_AT_ONCE = 4_096
 class Localiser:
     """Follows a stream of events and says where it is on the map.
 
-    It keeps the counters of the newest L windows, one behind the other (`edge_vpr.sliding`), and
-    the distance of that sequence to every place. An event changes each distance by a few times +-1,
-    so that the best place is known after it without a new comparison.
+    It keeps the counters of the newest L windows, one behind the other (`edge_vpr.online.state`),
+    and the distance of that sequence to every place. An event changes each distance by a few times
+    +-1, so that the best place is known after it without a new comparison.
 
     Parameters
     ----------
     reference : ReferenceMap
         Its settings say the window, the sequence length, the exclusion zone, and the code of
         its counts.
-    every : Every
+    every : MatchSchedule
         When to give a match. None is given before the L windows are complete.
     recent : int
         So many of the map's newest places are left out of the search; for a rover that appends
@@ -72,7 +72,7 @@ class Localiser:
 
     Examples
     --------
-    >>> localiser = Localiser(reference, every=Every(events=1))       # doctest: +SKIP
+    >>> localiser = Localiser(reference, every=MatchSchedule(events=1))       # doctest: +SKIP
     >>> for events in recording:                                      # doctest: +SKIP
     ...     for match in localiser.update(events):
     ...         print(match["t"], match["place"], match["ratio"])
@@ -82,13 +82,13 @@ class Localiser:
         self,
         reference: ReferenceMap,
         *,
-        every: Every | None = None,
+        every: MatchSchedule | None = None,
         recent: int = 0,
         check_every: int = 0,
     ) -> None:
         settings = reference.settings
         self.settings = settings
-        self.every = Every(events=1) if every is None else every
+        self.every = MatchSchedule(events=1) if every is None else every
         self._recent = recent
         self._check_every = check_every
         self._pixel_map = reference.pixel_map
@@ -282,7 +282,7 @@ class Localiser:
         try:
             found = cls(
                 _bare_map(arrays, meta, str(path)),
-                every=Every(**meta["every"]),
+                every=MatchSchedule(**meta["every"]),
                 recent=meta["recent"],
                 check_every=check_every,
             )

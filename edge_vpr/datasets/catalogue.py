@@ -18,9 +18,9 @@ from typing import Literal
 import numpy as np
 
 from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.evaluation.track_files import load_nmea
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
-from edge_vpr.track_files import load_nmea
-from edge_vpr.tracks import Track
 
 #: DAVIS346, in both data sets.
 SENSOR = Sensor(346, 260)

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.counters import count_events, count_frame, count_until
+from edge_vpr.descriptors.counters import count_events, count_frame, count_until
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.pixels import PixelMap
 from fixedpoint.codes import CounterCode, PixelCodes
 
 #: more windows than this in one recording, or ticks in one jump of time, are a fault: of a clock

@@ -10,11 +10,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Faults, read_count_frames
 from edge_vpr.recordings.frames import MOST_PIXELS
-from edge_vpr.windows import WindowCounts
 
 T = TypeVar("T")
 

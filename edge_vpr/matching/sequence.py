@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
-
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-
-Anchor = Literal["middle", "end"]
-ANCHORS: tuple[str, ...] = get_args(Anchor)
+from edge_vpr.settings import Anchor
 
 
 def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArray[np.integer]:

@@ -1,0 +1,1 @@
+"""From events to descriptors: cleaning, pixel selection, windows, counters and counter codes."""
