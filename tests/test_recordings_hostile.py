@@ -20,8 +20,7 @@ import recording_files as files
 
 from edge_vpr.errors import EdgeVprError, RecordingError, one_line
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
-from edge_vpr.recordings import frames as frames_module
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import frame_expansion, open_recording, write_recording
 from edge_vpr.recordings.decompression import DecompressionError, bzip2, expand
 from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.parquet_pages import read_pages
@@ -178,7 +177,7 @@ def test_a_frame_of_many_events_is_expanded_in_pieces_that_change_nothing(tmp_pa
     np.savez(tmp_path / "a.npz", frames=rng.integers(0, 90, (3, 7, 9)))
     whole = np.concatenate(list(open_recording(tmp_path / "a.npz", frame_period=1)))
     for most in (50, 1000):
-        monkeypatch.setattr(frames_module, "_MOST_EXPANDED", most)
+        monkeypatch.setattr(frame_expansion, "_MOST_EXPANDED", most)
         pieces = open_recording(tmp_path / "a.npz", frame_period=1)
         assert np.array_equal(np.concatenate(list(pieces)), whole)
 

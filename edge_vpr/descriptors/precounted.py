@@ -14,7 +14,7 @@ from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Faults, read_count_frames
-from edge_vpr.recordings.frames import MOST_PIXELS
+from edge_vpr.recordings.count_images import MOST_PIXELS
 
 T = TypeVar("T")
 

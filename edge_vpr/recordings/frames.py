@@ -1,50 +1,29 @@
 """Count frames: how many events each pixel had in each frame; as events, or as windows.
 
-Expansion to events, with whole numbers only. Frame f lasts from ``lo = floor(f * period)`` to
-``hi = floor((f + 1) * period)`` microseconds, with the period a fraction. Event i of the n that
-pixel j had in it is placed at::
-
-    t = lo + floor((i + phase_j) * (hi - lo) / n),   phase_j = (40503 * (j + 1) mod 65536) / 65536
-
-so that each pixel's events are evenly spread over the frame, each pixel with a phase of its own
-(multiples of the golden ratio, so that neither the pixels that fired once share a moment, which
-would be a burst, nor the rows follow one another). Events at one time are in the order of j. The
-count is kept exactly, and ``lo <= t < hi``. Frames know no polarity: all events are ON.
+The expansion to events is in :mod:`edge_vpr.recordings.frame_expansion`.
 """
 
 from __future__ import annotations
 
-import io
 import math
-import re
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import LONGEST_SIDE, Sensor
+from edge_vpr.recordings.count_images import MOST_PIXELS, number_key, read_image
 from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.frame_expansion import Counts, Placed, expand, join
 from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.npz import Archive
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
-_PHASE_BITS = 16
-_GOLDEN = 40503  # 2**16 over the golden ratio, made odd
 _BLOCK_BYTES = 1 << 20
-
-#: Most pixels of a frame, four times as many as the largest event camera has.
-MOST_PIXELS = 1 << 22
-#: Events that are expanded at a time, and most events that a microsecond may have.
-_MOST_EXPANDED, _MOST_AT_ONCE = 1 << 20, 1 << 16
-_LARGEST_IMAGE = 1 << 26
-
-Counts = npt.NDArray[Any]
 
 
 class CountFrames:
@@ -86,7 +65,7 @@ class CountFrames:
         """
         if self._images:
             for image in self._images:
-                yield _image(image, self.sensor).reshape(1, -1)
+                yield read_image(image, self.sensor).reshape(1, -1)
             return
         frame = 0
         with (
@@ -127,10 +106,10 @@ class CountFrames:
         return block.astype(np.int64)
 
     def _find_images(self) -> None:
-        self._images = sorted(self.path.glob("*.png"), key=_number_key)
+        self._images = sorted(self.path.glob("*.png"), key=number_key)
         if not self._images:
             raise RecordingError(f"{self.path} holds no *.png: name a folder of count frames")
-        first = _image(self._images[0], None)
+        first = read_image(self._images[0], None)
         self._grid(*first.shape)
         self.n_frames = len(self._images)
 
@@ -233,7 +212,7 @@ def parse_period(text: str) -> Fraction:
 
 
 class FrameSource(Source):
-    """Count frames, expanded to events by the rule at the head of this module."""
+    """Count frames, expanded to events by the rule of `frame_expansion`."""
 
     relative = True
     start_us = 0
@@ -267,110 +246,20 @@ class FrameSource(Source):
         x, y = self.frames.pixel_x, self.frames.pixel_y
         assert x is not None and y is not None
         frame = 0
-        waiting: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]] = []
+        waiting: list[Placed] = []
         for block in self.frames.blocks(log):
             for counts in block:
                 lo = math.floor(frame * self.period_us)
                 hi = math.floor((frame + 1) * self.period_us)
-                for part in _expand(counts, lo, hi, self.path):
+                for part in expand(counts, lo, hi, self.path):
                     waiting.append(part)
                     if sum(t.size for t, _ in waiting) >= self.options.chunk_events:
-                        yield _join(waiting, x, y)
+                        yield join(waiting, x, y)
                         waiting = []
                 frame += 1
             self.position = frame / self.frames.n_frames
         if waiting:
-            yield _join(waiting, x, y)
-
-
-def _expand(
-    counts: Counts, lo: int, hi: int, path: Path
-) -> Iterator[tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]]:
-    """Place one frame's events in time: their times, in order, and pixel numbers.
-
-    Where they are many, the frame is cut into equal times, and each is expanded on its own.
-    """
-    active = np.flatnonzero(counts)
-    n = counts[active].astype(np.int64)
-    length, total = hi - lo, float(n.sum(dtype=np.float64))
-    most = int(n.max(initial=0))
-    if total > length * _MOST_AT_ONCE or (most << _PHASE_BITS) * length >= 1 << 62:
-        raise RecordingError(
-            f"{path}: {total:,.0f} events, up to {most:,} of one pixel, do not fit a frame of "
-            f"{length} us: check the frame period (in seconds)"
-        )
-    phases = (active + 1) * _GOLDEN & ((1 << _PHASE_BITS) - 1)
-    pieces = min(length, math.ceil(total / _MOST_EXPANDED))
-    begin = np.zeros_like(n)
-    for piece in range(1, pieces + 1):
-        # the first event of each pixel that lies at or after the piece's end
-        bound = -(-((n << _PHASE_BITS) * (length * piece // pieces)) // length)
-        end = np.clip(-(-(bound - phases) // (1 << _PHASE_BITS)), 0, n)
-        some = end - begin
-        pixel = np.repeat(active, some)
-        index = np.arange(pixel.size) + np.repeat(begin - (np.cumsum(some) - some), some)
-        shifted = (index << _PHASE_BITS) + np.repeat(phases, some)
-        offset = shifted * length // (np.repeat(n, some) << _PHASE_BITS)
-        # a radix sort, where the offsets fit 16 bits
-        key = offset.astype(np.uint16) if length <= 1 << 16 else offset
-        order = np.argsort(key, kind="stable")
-        yield lo + offset[order], pixel[order]
-        begin = end
-
-
-def _join(
-    frames: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]],
-    x: npt.NDArray[np.uint16],
-    y: npt.NDArray[np.uint16],
-) -> Columns:
-    t = np.concatenate([times for times, _ in frames])
-    pixel = np.concatenate([pixels for _, pixels in frames])
-    return Columns(t, x[pixel], y[pixel], np.ones(t.size, dtype=bool))
-
-
-def _image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
-    """One 8- or 16-bit grey PNG; its values are counts."""
-    from PIL import Image
-
-    if path.stat().st_size > _LARGEST_IMAGE:
-        raise RecordingError(f"{path} has more than {_LARGEST_IMAGE:,} bytes: write it again")
-    # out of memory: from a file, Pillow asks for as many bytes as a damaged chunk claims
-    content = io.BytesIO(path.read_bytes())
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the size is checked here
-            with Image.open(content, formats=("PNG",)) as image:
-                mode, size = image.mode, Sensor(*image.size)
-                fits = size.possible and size.pixels <= MOST_PIXELS
-                pixels = np.asarray(image) if fits else np.empty(0)
-    except MemoryError:
-        raise
-    except Exception as error:  # Pillow raises what its parser comes across
-        raise RecordingError(f"{path} is damaged or no PNG ({error}): write it again") from error
-    if not fits:
-        raise RecordingError(
-            f"{path} claims {size} pixels; there is one at least, and the most is "
-            f"{MOST_PIXELS:,}: write it again"
-        )
-    if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
-        raise RecordingError(
-            f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
-        )
-    if sensor is not None and pixels.shape != (sensor.height, sensor.width):
-        raise RecordingError(
-            f"{path} has {pixels.shape[1]}x{pixels.shape[0]} pixels and the first frame {sensor}: "
-            "all frames need one size"
-        )
-    if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
-        raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
-    return pixels.astype(np.uint16)
-
-
-def _number_key(path: Path) -> list[tuple[int, str]]:
-    """Sort ``frame_2`` before ``frame_10``."""
-    return [
-        (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)
-    ]
+            yield join(waiting, x, y)
 
 
 def _simplest(seconds: float, path: Path) -> Fraction:
