@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -18,6 +19,11 @@ Events = npt.NDArray[Any]
 """A structured array of :data:`EVENT_DTYPE`, shape ``(n,)``."""
 _PLAIN = np.dtype(f"V{EVENT_DTYPE.itemsize}")
 
+#: Longest side of a sensor in pixels: columns and rows are 16 bits.
+LONGEST_SIDE = 1 << 16
+#: Times lie between minus and plus this, in microseconds: differences of two cannot overflow.
+TIME_LIMIT_US = 1 << 60
+
 
 class Sensor(NamedTuple):
     """Size in pixels; a pixel is ``(x, y)``, ``0 <= x < width``, ``0 <= y < height``."""
@@ -30,6 +36,11 @@ class Sensor(NamedTuple):
         """Number of pixels."""
         return self.width * self.height
 
+    @property
+    def possible(self) -> bool:
+        """Whether both sides are 1 to 65,536 pixels, which an event can address."""
+        return 0 < self.width <= LONGEST_SIDE and 0 < self.height <= LONGEST_SIDE
+
     @classmethod
     def parse(cls, text: str) -> Sensor:
         """Read ``"346x260"``.
@@ -39,11 +50,11 @@ class Sensor(NamedTuple):
         UsageError
             If the text is not two positive integers joined by ``x``.
         """
-        width, cross, height = text.lower().partition("x")
-        if not (cross and width.strip().isdigit() and height.strip().isdigit()):
+        sides = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX]\s*([0-9]{1,9})\s*", text)
+        if sides is None:
             raise UsageError(f"sensor {text!r} is not WIDTHxHEIGHT: write for example 346x260")
-        sensor = cls(int(width), int(height))
-        if not (0 < sensor.width <= 65536 and 0 < sensor.height <= 65536):
+        sensor = cls(int(sides[1]), int(sides[2]))
+        if not sensor.possible:
             raise UsageError(f"sensor {text!r} has a side outside 1 to 65536: check the numbers")
         return sensor
 

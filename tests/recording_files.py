@@ -123,12 +123,74 @@ def event_array(events: list[Event], width: int, height: int, ros: int) -> bytes
     return (b"\0\1\0\0" if ros == 2 else b"") + bytes(out)
 
 
-def event_packet(encoding: str, payload: bytes, width: int, height: int) -> bytes:
+def event_packet(encoding: str, payload: bytes, width: int, height: int, base_ns: int = 0) -> bytes:
     """`event_camera_msgs/EventPacket` of ROS 2, serialised."""
     head = struct.pack("<III", 1_600_000_000, 123_456_000, 4) + b"cam\0"
     head += struct.pack("<II", height, width)
-    head += bytes(-len(head) % 8) + struct.pack("<QQ", 1, 0)
+    head += bytes(-len(head) % 8) + struct.pack("<QQ", 1, base_ns)
     name = encoding.encode() + b"\0"
     head += struct.pack("<I", len(name)) + name + b"\0"
     head += bytes(-len(head) % 4) + struct.pack("<I", len(payload)) + payload
     return b"\0\1\0\0" + head
+
+
+def encode_libcaer_cmp(events: list[Event]) -> bytes:
+    """Words of `libcaer_cmp`, times modulo 2**24 us; each second event is a vector of one row."""
+    words, high, low = [], 0, 0
+    for i, (t, x, y, p) in enumerate(events):
+        if t >> 12 & 4095 != high:
+            high = t >> 12 & 4095
+            words.append(0 << 12 | high)
+        if t & 4095 != low:
+            low = t & 4095
+            words.append(1 << 12 | low)
+        words.append(2 << 12 | x)
+        words += [4 << 12 | p << 11 | y, 5 << 12 | 1] if i % 2 else [3 << 12 | p << 11 | y]
+    return struct.pack(f"<{len(words)}H", *words)
+
+
+def encode_mono(events: list[Event]) -> bytes:
+    """Words of `mono`: times in nanoseconds from the packet's time base, below 4.2 s."""
+    return b"".join(
+        struct.pack("<Q", p << 63 | y << 48 | x << 32 | t * 1000) for t, x, y, p in events
+    )
+
+
+def aedat4_header(*streams: tuple[int, str, int, int], compression: int = 0) -> bytes:
+    """Header of AEDAT 4 with streams (number, name, width, height) and no table of packets."""
+    nodes = "".join(
+        f'<node name="{n}"><attr key="originalOutputName">{name}</attr>'
+        '<attr key="typeIdentifier">EVTS</attr><node name="info">'
+        f'<attr key="sizeX">{w}</attr><attr key="sizeY">{h}</attr></node></node>'
+        for n, name, w, h in streams
+    )
+    text = f'<dv version="2.0"><node name="outInfo">{nodes}</node></dv>'.encode()
+    # a FlatBuffer: root offset, vtable (size, table size, 3 fields), table, string
+    vtable = struct.pack("<5H2x", 10, 12, 8, 0, 4)
+    table = struct.pack("<iIi", len(vtable), 8, compression)
+    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
+    buffer += struct.pack("<I", len(text)) + text
+    return b"#!AER-DAT4.0\r\n" + struct.pack("<I", len(buffer)) + buffer
+
+
+def aedat4_packet(stream: int, events: list[Event], compression: int = 0) -> bytes:
+    """Packet of events, compressed by nothing (0), LZ4 (1) or ZSTD (3)."""
+    vtable = struct.pack("<3H2x", 6, 8, 4)
+    table = struct.pack("<iI", len(vtable), 4)
+    rows = b"".join(struct.pack("<qhh?3x", *event) for event in events)
+    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
+    buffer += struct.pack("<I", len(events)) + rows
+    buffer = struct.pack("<I", len(buffer)) + buffer
+    if compression == 1:
+        import lz4.frame
+
+        buffer = lz4.frame.compress(buffer)
+    elif compression == 3:
+        import sys
+
+        if sys.version_info >= (3, 14):
+            from compression import zstd
+        else:
+            from backports import zstd
+        buffer = zstd.compress(buffer)
+    return struct.pack("<ii", stream, len(buffer)) + buffer

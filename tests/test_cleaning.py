@@ -103,7 +103,14 @@ def test_a_list_of_hot_pixels_is_read_as_the_data_set_writes_it(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("9, 0", r"line 1 .* the pixel \(9, 0\), off the 4x3"), ("1, 2\nx", "line 2 .* expected the")],
+    [
+        ("9, 0", r"line 1 .* the pixel \(9, 0\), off the 4x3"),
+        ("1e300, 0", "off the 4x3"),
+        ("1, 2\nx", "line 2 .* expected the"),
+        ("1.0, 2\n1.5, 2", "line 2 .* expected the"),
+        ("1, 2\ninf, 2", "line 2 .* expected the"),
+        ("1, 2\nnan, 2", "line 2 .* expected the"),
+    ],
 )
 def test_a_wrong_list_of_hot_pixels_names_its_line(tmp_path, text, message):
     path = tmp_path / "hot.csv"

@@ -266,7 +266,8 @@ def test_what_we_write_other_readers_read(tmp_path):
     assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["on"]), events)
 
 
-def test_aedat2_of_a_davis_is_what_eventcv_reads(tmp_path):
+def test_aedat2_of_a_davis_is_what_eventcv_reads_with_its_columns_turned(tmp_path):
+    """jAER computes sizeX - 1 - column when it reads its own files; eventcv leaves that out."""
     eventcv = pytest.importorskip("eventcv")
     rng = np.random.default_rng(0)
     pairs = []
@@ -280,56 +281,29 @@ def test_aedat2_of_a_davis_is_what_eventcv_reads(tmp_path):
     x, y, t, p = eventcv.load(str(path)).numpy().T
     events, recording = absolute(path)
     assert events.size == 3000
-    assert np.array_equal(make_events(t, x, y, p), events)
+    assert np.array_equal(make_events(t, 239 - x, y, p), events)
     assert recording.sensor == Sensor(240, 180)
 
 
-def test_aedat2_of_a_dvs128_is_read_beyond_the_wrap_with_its_rows_turned(tmp_path):
+def test_aedat2_of_a_dvs128_is_read_beyond_the_wrap_as_jaer_turns_it(tmp_path):
+    """Column 127 - raw, an ON event has polarity bit 0, and row 0 is the lowest."""
     pairs = [(20 << 8 | 10 << 1 | 1, (1 << 32) - 5), (127 << 8 | 127 << 1, 3), (1 << 15, 4)]
     path = tmp_path / "a.aedat"
     path.write_bytes(files.aedat2("ch.unizh.ini.jaer.chip.retina.DVS128", pairs))
     recording = open_recording(path)
-    assert np.concatenate(list(recording)).tolist() == [(0, 10, 107, True), (8, 127, 0, False)]
+    assert np.concatenate(list(recording)).tolist() == [(0, 117, 107, False), (8, 0, 0, True)]
     assert recording.sensor == Sensor(128, 128)
-
-
-def aedat4_streams(*streams):
-    """A header of AEDAT 4 with uncompressed streams (number, name, sizes) and no packets."""
-    nodes = "".join(
-        f'<node name="{n}"><attr key="originalOutputName">{name}</attr>'
-        '<attr key="typeIdentifier">EVTS</attr><node name="info">'
-        f'<attr key="sizeX">{w}</attr><attr key="sizeY">{h}</attr></node></node>'
-        for n, name, w, h in streams
-    )
-    text = f'<dv version="2.0"><node name="outInfo">{nodes}</node></dv>'.encode()
-    # a FlatBuffer: root offset, vtable (size, table size, 3 fields), table, string
-    vtable = struct.pack("<5H2x", 10, 8, 0, 0, 4)
-    table = struct.pack("<iI", len(vtable), 4)
-    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
-    buffer += struct.pack("<I", len(text)) + text
-    return b"#!AER-DAT4.0\r\n" + struct.pack("<I", len(buffer)) + buffer
-
-
-def aedat4_packet(stream, events):
-    """An uncompressed packet of events."""
-    vtable = struct.pack("<3H2x", 6, 8, 4)
-    table = struct.pack("<iI", len(vtable), 4)
-    rows = b"".join(struct.pack("<qhh?3x", *event) for event in events)
-    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
-    buffer += struct.pack("<I", len(events)) + rows
-    buffer = struct.pack("<I", len(buffer)) + buffer
-    return struct.pack("<ii", stream, len(buffer)) + buffer
 
 
 def test_aedat4_with_two_cameras_asks_which(tmp_path):
     left, right = (0, "left", 346, 260), (3, "right", 640, 480)
     path = tmp_path / "a.aedat4"
     path.write_bytes(
-        aedat4_streams(left, right)
-        + aedat4_packet(0, [(5, 1, 2, True)])
-        + aedat4_packet(3, [(6, 600, 400, False), (9, 1, 1, True)])
-        + aedat4_packet(3, [])
-        + aedat4_packet(0, [(7, 3, 4, True)])
+        files.aedat4_header(left, right)
+        + files.aedat4_packet(0, [(5, 1, 2, True)])
+        + files.aedat4_packet(3, [(6, 600, 400, False), (9, 1, 1, True)])
+        + files.aedat4_packet(3, [])
+        + files.aedat4_packet(0, [(7, 3, 4, True)])
     )
     with pytest.raises(UsageError, match=r"0 \(left\), 3 \(right\): choose with --topic"):
         open_recording(path)

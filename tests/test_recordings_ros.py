@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import open_recording
+from edge_vpr.recordings import decompression, open_recording
 from edge_vpr.recordings.event_packet import Cursor, read_event_array, read_preamble
+from edge_vpr.recordings.libcaer_cmp import LibcaerCmpDecoder
 
 rosbags = pytest.importorskip("rosbags")
 
@@ -156,10 +157,40 @@ def test_packets_of_evt3_go_on_from_one_to_the_next(tmp_path):
 
 def test_packets_of_unknown_encoding_say_so(tmp_path):
     kind = {"/events": "event_camera_msgs/msg/EventPacket"}
-    data = files.event_packet("mono", bytes(16), *SENSOR)
+    data = files.event_packet("trigger", bytes(16), *SENSOR)
     write_bag(tmp_path / "a", 2, [("/events", data)], kind)
-    with pytest.raises(RecordingError, match="encoding 'mono' are not decoded: known are evt3"):
+    with pytest.raises(RecordingError, match="encoding 'trigger' are not decoded: known are evt3"):
         open_recording(tmp_path / "a")
+
+
+@pytest.mark.parametrize("chunk", [7, 1 << 16])
+@pytest.mark.parametrize("encoding", ["libcaer_cmp", "mono"])
+def test_packets_that_count_from_their_time_base_are_read(encoding, chunk, tmp_path):
+    """A packet each 10 ms with the same words: their times go on by the time bases alone."""
+    events = [(9 * i, 3 * i % 346, 5 * i % 260, i % 3 == 0) for i in range(900)]
+    encode = {"libcaer_cmp": files.encode_libcaer_cmp, "mono": files.encode_mono}[encoding]
+    packets = [
+        files.event_packet(encoding, encode(events), *SENSOR, base_ns=base * 10**7 + 999)
+        for base in range(3)
+    ]
+    kind = {"/events": "event_camera_msgs/msg/EventPacket"}
+    write_bag(tmp_path / "a", 2, [("/events", data) for data in packets], kind)
+    recording = open_recording(tmp_path / "a", chunk_events=chunk)
+    again = np.concatenate(list(recording)).tolist()
+    assert again == [(t + 10_000 * base, x, y, p) for base in range(3) for t, x, y, p in events]
+
+
+def test_libcaer_cmp_vectors_give_an_event_for_each_bit_from_the_row_on():
+    """The words as event_camera_codecs decodes them: the next vector starts 8 rows further."""
+    words = [1 << 12 | 5, 2 << 12 | 77, 4 << 12 | 1 << 11 | 20, 5 << 12 | 0x81, 5 << 12 | 0x01]
+    decoder = LibcaerCmpDecoder()
+    columns = decoder.decode(np.array(words, np.uint16), 1000)
+    assert [c.tolist() for c in columns] == [[1005] * 3, [77] * 3, [20, 27, 28], [True] * 3]
+    # column and polarity go on in the next packet, times do not
+    columns = decoder.decode(np.array([5 << 12 | 2, 0 << 12 | 1, 3 << 12 | 9], np.uint16), 0)
+    assert [c.tolist() for c in columns] == [[0, 4096], [77, 77], [37, 9], [True, False]]
+    with pytest.raises(RecordingError, match="word 1 of a libcaer_cmp packet is of the unknown"):
+        decoder.decode(np.array([0, 9 << 12], np.uint16), 0)
 
 
 def test_a_message_that_is_cut_off_says_which(tmp_path):
@@ -201,6 +232,58 @@ def test_a_bag_that_is_cut_off_is_one_line_with_the_remedy(ros, tmp_path):
 def test_one_file_of_a_ros2_bag_opens_the_bag(tmp_path):
     write_bag(tmp_path / "a", 2, [("/e", data) for data in arrays(EVENTS, 2)])
     assert absolute(next((tmp_path / "a").glob("*.db3")))[0].tolist() == EVENTS
+
+
+@pytest.mark.parametrize("plugin", ["MCAP", "SQLITE3"])
+@pytest.mark.parametrize("metadata", ["absent", "empty", "no storage", "other storage", "no YAML"])
+def test_a_ros2_bag_of_one_file_is_read_whatever_its_metadata_says(plugin, metadata, tmp_path):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    with Writer(tmp_path / "a", version=9, storage_plugin=StoragePlugin[plugin]) as writer:
+        topic = writer.add_connection(
+            "/e", "dvs_msgs/msg/EventArray", msgdef="uint8 x\n", rihs01="RIHS01_" + "0" * 64
+        )
+        for i, data in enumerate(arrays(EVENTS, 2)):
+            writer.write(topic, 10**18 + i, data)
+    listing = tmp_path / "a" / "metadata.yaml"
+    name, other = plugin.lower(), "sqlite3" if plugin == "MCAP" else "mcap"
+    text = listing.read_text()
+    assert f"storage_identifier: {name}" in text
+    if metadata == "absent":
+        listing.unlink()
+    elif metadata == "empty":
+        listing.write_text("")
+    elif metadata == "no YAML":
+        listing.write_text("{[")
+    else:
+        storage = other if metadata == "other storage" else "''"
+        identifier = f"storage_identifier: {name}"
+        listing.write_text(text.replace(identifier, f"storage_identifier: {storage}"))
+    file = next(f for f in (tmp_path / "a").iterdir() if f.suffix in (".mcap", ".db3"))
+    assert absolute(file)[0].tolist() == EVENTS
+    if metadata != "absent":  # without it, a folder is of no known kind
+        assert absolute(tmp_path / "a")[0].tolist() == EVENTS
+        # with two files, nothing says in which order they are
+        (tmp_path / "a" / f"second{file.suffix}").write_bytes(file.read_bytes())
+        with pytest.raises(RecordingError, match=r"metadata\.yaml (is damaged|has the storage)"):
+            open_recording(tmp_path / "a")
+
+
+def test_a_compressed_chunk_of_a_bag_has_a_limit(tmp_path, monkeypatch):
+    from rosbags.rosbag1 import Writer
+
+    monkeypatch.setattr(decompression, "LIMIT_BYTES", 1000)
+    for name in ("BZ2", "LZ4"):
+        writer = Writer(tmp_path / f"{name}.bag")
+        writer.set_compression(Writer.CompressionFormat[name])
+        with writer:
+            topic = writer.add_connection(
+                "/e", "dvs_msgs/msg/EventArray", msgdef="uint8 x\n", md5sum="0" * 32
+            )
+            for i, data in enumerate(arrays(EVENTS, 1)):
+                writer.write(topic, 10**18 + i, data)
+        with pytest.raises(RecordingError, match="expands to more than 1,000 bytes"):
+            absolute(tmp_path / f"{name}.bag")
 
 
 # --- real bags --------------------------------------------------------------------------------

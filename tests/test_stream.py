@@ -619,6 +619,39 @@ def test_a_full_disk_ends_its_file_and_not_the_run(drive, sent, tmp_path, capsys
     assert sum(part.size for part in open_recording(events)) == 40_000
 
 
+FULL_DISK = """
+import resource, signal, sys
+from edge_vpr_tools.cli import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("suffix", "library"), [(".h5", "h5py"), (".es", "faery"), (".parquet", "pyarrow")]
+)
+def test_a_disk_that_fills_under_a_recording_ends_it_and_not_the_run(
+    suffix, library, drive, sent, tmp_path
+):
+    """In a process of its own: HDF5 used to end it by a segmentation fault."""
+    pytest.importorskip(library)
+    target = tmp_path / f"events{suffix}"
+    words = ["stream", "--protocol", "evpr", "--port", sent, "--map", drive / "map.npz"]
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, *map(str, words), "--record", target],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert f"{target} cannot be written: " in done.stdout
+    assert "File too large" in done.stdout
+    assert "going on without it" in done.stdout
+    assert "40,000 events in" in done.stdout
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_events_that_cannot_be_recorded_are_matched_all_the_same(
     drive, sent, tmp_path, capsys, monkeypatch
 ):

@@ -17,6 +17,8 @@ HOT_FACTOR = 5
 #: a burst: more than half of all pixels fire within two neighbouring slots of this length
 BURST_SLOT_US = 2_000
 BURST_SHARE = (1, 2)
+#: most bytes of a list of hot pixels
+_LONGEST_LIST = 1 << 26
 
 
 def find_hot_pixels(
@@ -87,9 +89,14 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
     Raises
     ------
     RecordingError
-        If the file cannot be read, or a line is not a pixel of the sensor.
+        If the file cannot be read or is larger than 64 MiB, or a line is not a pixel of the sensor.
     """
     try:
+        if Path(path).stat().st_size > _LONGEST_LIST:
+            raise RecordingError(
+                f"{path} has more than {_LONGEST_LIST:,} bytes: name a file with a line x, y for "
+                "each hot pixel"
+            )
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(
@@ -101,7 +108,7 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
         if not fields or fields[0].startswith("#") or (number == 1 and fields[0].isalpha()):
             continue
         try:
-            x, y = (int(float(field)) for field in fields)
+            x, y = (_whole(field) for field in fields)
         except ValueError as error:
             raise RecordingError(
                 f"line {number} of {path} is {line!r}: expected the column and row of a hot pixel"
@@ -113,6 +120,13 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
             )
         hot[y, x] = True
     return hot
+
+
+def _whole(text: str) -> int:
+    number = float(text)
+    if not number.is_integer():  # infinity too
+        raise ValueError(text)
+    return int(number)
 
 
 class BurstFilter:

@@ -14,6 +14,7 @@ from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Faults, read_count_frames
+from edge_vpr.recordings.count_images import MOST_PIXELS
 
 T = TypeVar("T")
 
@@ -68,6 +69,11 @@ class PublishedWindows:
             raise UsageError(
                 f"{path} counts pixels up to column {x.max()} and row {y.max()}, off the "
                 f"{self.sensor} sensor: name the right sensor"
+            )
+        if self.sensor.pixels > MOST_PIXELS:
+            raise UsageError(
+                f"{path} is of a sensor of {self.sensor}, and windows take at most "
+                f"{MOST_PIXELS:,} pixels: name the right sensor"
             )
         self._flat = y.astype(np.int64) * self.sensor.width + x
         self.counted = np.zeros((self.sensor.height, self.sensor.width), dtype=np.bool_)

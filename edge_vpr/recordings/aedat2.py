@@ -1,7 +1,13 @@
 """AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
 
-The address layout depends on the chip (docs.inivation.com, "AEDAT 2.0"). An own decoder: eventcv
-loads these files whole, refuses DVS128, and reads it as a DAVIS if it is told a sensor size.
+The address layout depends on the chip (docs.inivation.com, "AEDAT 2.0"). jAER stores columns
+mirrored and rows from the lowest up, and turns the columns when it reads: its extractors
+(``DavisBaseCamera.DavisEventExtractor``, ``DVS128.Extractor``) compute ``sizeX - 1 - column``. For
+the DVS128 an ON event has the polarity bit 0. The cameras' drivers (libcaer, rpg_dvs_ros) undo
+the same, so that events come out here as AEDAT 4 or a ROS bag of the same camera has them.
+
+An own decoder: eventcv loads these files whole, leaves the columns mirrored, refuses DVS128, and
+reads it as a DAVIS if it is told a sensor size.
 """
 
 from __future__ import annotations
@@ -23,19 +29,23 @@ _EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
 
 
 class _Layout(NamedTuple):
-    """Where column, row and polarity stand in the address, and which bits mark other events."""
+    """Where column, row and polarity stand in the address.
+
+    `on` is the value of the polarity bit of an ON event; `other` the bits of all other events.
+    """
 
     x_shift: int
     x_mask: int
     y_shift: int
     y_mask: int
     p_bit: int
+    on: int
     other: int
 
 
 # bit 31 marks frames and IMU samples, bit 10 external edges; DVS128 has bit 15 for those
-_DAVIS = _Layout(12, 0x3FF, 22, 0x1FF, 11, 1 << 31 | 1 << 10)
-_DVS128 = _Layout(1, 0x7F, 8, 0x7F, 0, 1 << 15)
+_DAVIS = _Layout(12, 0x3FF, 22, 0x1FF, 11, 1, 1 << 31 | 1 << 10)
+_DVS128 = _Layout(1, 0x7F, 8, 0x7F, 0, 0, 1 << 15)
 
 _CHIPS = (
     (r"dvs128", Sensor(128, 128), _DVS128),
@@ -50,7 +60,7 @@ _CHIPS = (
 class Aedat2Source(Source):
     """Header lines that begin with ``#``, then pairs.
 
-    jAER's row 0 is the lowest; rows are turned so that row 0 is the highest, as everywhere else.
+    Columns and rows are turned so that pixel (0, 0) is the upper left one, as everywhere else.
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -70,7 +80,7 @@ class Aedat2Source(Source):
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         layout = self._layout
-        top = self._sensor.height - 1
+        right, top = self._sensor.width - 1, self._sensor.height - 1
         size = max(1, self.path.stat().st_size)
         clock = Unwrapper(32)
         with self.path.open("rb") as file:
@@ -84,9 +94,9 @@ class Aedat2Source(Source):
                 address, t = address[change], t[change]
                 yield Columns(
                     t,
-                    address >> layout.x_shift & layout.x_mask,
+                    right - (address >> layout.x_shift & layout.x_mask),
                     top - (address >> layout.y_shift & layout.y_mask),
-                    (address >> layout.p_bit & 1) == 1,
+                    (address >> layout.p_bit & 1) == layout.on,
                 )
                 if leftover := len(data) % _EVENT.itemsize:
                     log.truncated(leftover, f"byte {size - leftover:,}, within an event")

@@ -9,23 +9,24 @@ from __future__ import annotations
 import struct
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.recordings.decompression import LIMIT_BYTES, lz4, zstd
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
 _MAGIC = b"#!AER-DAT4.0\r\n"
+_LONGEST_HEADER = 1 << 22
 _EVENT = np.dtype(
     {
         "names": ["t", "x", "y", "p"],
-        "formats": ["<i8", "<i2", "<i2", "?"],
+        "formats": ["<i8", "<i2", "<i2", "u1"],
         "offsets": [0, 8, 10, 12],
         "itemsize": 16,
     }
@@ -40,7 +41,12 @@ class Aedat4Source(Source):
             if file.read(len(_MAGIC)) != _MAGIC:
                 raise RecordingError(f"{path} is not AEDAT 4.0: check what recorded it")
             size = file.read(4)
-            header = size + file.read(int.from_bytes(size, "little"))
+            length = int.from_bytes(size, "little")
+            if length > min(path.stat().st_size, _LONGEST_HEADER):
+                raise RecordingError(
+                    f"{path} is damaged: its header claims {length:,} bytes: copy it again"
+                )
+            header = size + file.read(length)
             self._begin = file.tell()
         try:
             self._compression, table, info = _io_header(header)
@@ -71,7 +77,7 @@ class Aedat4Source(Source):
                     ) from error
                 for i in range(0, len(events), self.options.chunk_events):
                     part = events[i : i + self.options.chunk_events]
-                    yield Columns(part["t"], part["x"], part["y"], part["p"])
+                    yield Columns(part["t"], part["x"], part["y"], part["p"] != 0)
 
     def _packets(self, file: IO[bytes], log: FaultLog) -> Iterator[tuple[int, bytes]]:
         at = self._begin
@@ -82,6 +88,11 @@ class Aedat4Source(Source):
                 log.truncated(self._end - at, f"byte {at:,}, within a packet")
                 return
             if stream == self._stream:
+                if size > LIMIT_BYTES:
+                    raise RecordingError(
+                        f"{self.path} is damaged: the packet at byte {at:,} claims {size:,} bytes, "
+                        f"and the most is {LIMIT_BYTES:,}: copy it again"
+                    )
                 yield at, file.read(size)
             else:
                 file.seek(size, 1)
@@ -127,6 +138,8 @@ def _field(data: bytes, table: int, index: int) -> int:
 
 def _event_streams(info: str) -> dict[int, tuple[str, Sensor | None]]:
     """Name and sensor of each stream of events."""
+    if "<!" in info:  # entities, which may expand without end; DV writes none
+        raise ValueError("its XML has declarations")
     streams = {}
     for node in ElementTree.fromstring(info).iterfind("./node[@name='outInfo']/node"):
         facts = {attr.get("key"): attr.text or "" for attr in node.iterfind("attr")}
@@ -160,38 +173,14 @@ def _choose(
 
 
 def _decompressor(kind: int, path: Path) -> Callable[[bytes], bytes]:
+    what = f"{path} (AEDAT 4)"
     if kind == 0:
         return bytes
     if kind in (1, 2):
-        try:
-            frame = import_module("lz4.frame")
-        except ImportError as error:
-            raise MissingExtraError(f"{path} (AEDAT 4, LZ4)", "lz4", "aedat4") from error
-        decompress: Callable[[bytes], bytes] = frame.decompress
-        return decompress
+        return lz4(what, "aedat4")
     if kind in (3, 4):
-        return _zstd(path)
+        return zstd(what, "aedat4")
     raise RecordingError(f"{path} has the unknown compression {kind}: record with LZ4 or ZSTD")
-
-
-def _zstd(path: Path) -> Callable[[bytes], bytes]:
-    import sys
-
-    try:
-        if sys.version_info >= (3, 14):
-            from compression import zstd
-        else:
-            from backports import zstd
-    except ImportError as error:
-        raise MissingExtraError(f"{path} (AEDAT 4, ZSTD)", "backports.zstd", "aedat4") from error
-
-    def decompress(data: bytes) -> bytes:
-        try:
-            return bytes(zstd.decompress(data))
-        except zstd.ZstdError as error:
-            raise ValueError(str(error)) from error
-
-    return decompress
 
 
 def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:

@@ -5,7 +5,11 @@ The format's row 0 is the lowest: rows are turned, as faery's own streams turn t
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -81,12 +85,25 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
     return EsSource(path, options)
 
 
+@contextmanager
+def _disk_errors() -> Iterator[None]:
+    """Turn the encoder's exceptions into what Python's own files raise."""
+    try:
+        yield
+    except RuntimeError as error:
+        match = re.search(r"\(os error (\d+)\)", str(error))
+        number = int(match[1]) if match else errno.EIO
+        raise OSError(number, os.strerror(number)) from error
+
+
 class EsSink:
     """Write DVS events; the start is not kept, the times are."""
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
-        self._encoder = _es().Encoder(path, "dvs", False, tuple(sensor))
-        self._encoder.__enter__()
+        es = _es()
+        with _disk_errors():
+            self._encoder = es.Encoder(path, "dvs", False, tuple(sensor))
+            self._encoder.__enter__()
         self._top = sensor.height - 1
 
     def write(self, events: Events) -> None:
@@ -99,11 +116,13 @@ class EsSink:
         packet["t"], packet["x"] = events["t"], events["x"]
         packet["y"] = self._top - events["y"]
         packet["on"] = events["p"]
-        self._encoder.write(packet)
+        with _disk_errors():
+            self._encoder.write(packet)
 
     def close(self) -> None:
         """End the file."""
-        self._encoder.__exit__(None, None, None)
+        with _disk_errors():
+            self._encoder.__exit__(None, None, None)
 
 
 open_sink = EsSink

@@ -1,8 +1,9 @@
 """The ROS messages that carry events, decoded from their serialised bytes.
 
 ``dvs_msgs/EventArray`` (ROS 1 and 2): one structure an event. ``event_camera_msgs/EventPacket``:
-the camera's own words, of which the encodings ``evt3`` (Prophesee) and ``libcaer`` (iniVation)
-are decoded. Neither eventcv nor rosbags decodes those.
+the camera's own words, in the encodings ``evt3`` (Prophesee), ``libcaer``, ``libcaer_cmp``
+(iniVation) and ``mono`` (an event a word, made by event_camera_tools). Neither eventcv nor rosbags
+decodes those.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from edge_vpr.errors import RecordingError
 from edge_vpr.recordings.clock import Unwrapper
 from edge_vpr.recordings.evt import Decoder
+from edge_vpr.recordings.libcaer_cmp import LibcaerCmpDecoder
 from edge_vpr.recordings.source import Columns
 
 
@@ -119,6 +121,7 @@ class PacketDecoder:
     def __init__(self) -> None:
         self._evt3 = Decoder("evt3", 1 << 14)
         self._clock = Unwrapper(31)
+        self._compressed = LibcaerCmpDecoder()
 
     @property
     def undated(self) -> int:
@@ -128,13 +131,15 @@ class PacketDecoder:
     def read(self, cursor: Cursor) -> Columns:
         """Read the rest of ``event_camera_msgs/EventPacket``; times are the camera's clock.
 
+        ``libcaer_cmp`` and ``mono`` count from the packet's time base.
+
         Raises
         ------
         RecordingError
             If its encoding is not decoded here.
         """
         cursor.number("Q")  # sequence number
-        cursor.number("Q")  # time base, ROS time of the sensor's time 0
+        base_ns = cursor.number("Q")  # the sensor's time 0
         encoding = cursor.text()
         big = bool(cursor.number("B"))
         payload = cursor.octets()
@@ -142,9 +147,15 @@ class PacketDecoder:
             return self._evt3.decode(np.frombuffer(payload, "<u2", len(payload) // 2))
         if encoding == "libcaer" and not big:
             return self._libcaer(np.frombuffer(payload, "<u4", len(payload) // 8 * 2))
+        if encoding == "libcaer_cmp" and not big:
+            words = np.frombuffer(payload, "<u2", len(payload) // 2)
+            return self._compressed.decode(words, base_ns // 1_000)
+        if encoding == "mono" and not big:
+            return _mono(np.frombuffer(payload, "<u8", len(payload) // 8), base_ns)
         raise RecordingError(
             f"event packets of encoding {encoding!r}{' (big endian)' if big else ''} are not "
-            "decoded: known are evt3 and libcaer; convert the bag with event_camera_tools"
+            "decoded: known are evt3, libcaer, libcaer_cmp and mono; convert the bag with "
+            "event_camera_tools"
         )
 
     def _libcaer(self, words: npt.NDArray[np.uint32]) -> Columns:
@@ -155,3 +166,13 @@ class PacketDecoder:
         valid = (data & 1) == 1
         data, t = data[valid], t[valid]
         return Columns(t, data >> 17, data >> 2 & 0x7FFF, (data & 2) == 2)
+
+
+def _mono(words: npt.NDArray[np.uint64], base_ns: int) -> Columns:
+    """Decode nanoseconds from the time base, column, row, polarity in 32, 16, 15, 1 bits."""
+    # a base beyond 2**62 ns (the year 2116) is no time; the sum below must not wrap
+    since = (words & np.uint64(0xFFFFFFFF)).astype(np.int64)
+    t = (since + min(base_ns, 1 << 62)) // 1_000
+    x = (words >> np.uint64(32) & np.uint64(0xFFFF)).astype(np.uint16)
+    y = (words >> np.uint64(48) & np.uint64(0x7FFF)).astype(np.uint16)
+    return Columns(t, x, y, words >> np.uint64(63) == 1)

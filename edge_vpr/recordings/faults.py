@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor
 from edge_vpr.recordings.source import Columns
 
 _REMEDY = "read with --on-fault drop (on_fault='drop') to leave {them} out and count {them}"
@@ -25,7 +25,8 @@ class Faults:
     off_sensor : int
         Events whose pixel does not exist.
     unreadable : int
-        Entries that are no event: a line without four numbers, a time that is not a number.
+        Entries that are no event: a line without four numbers, a time that is not a number or
+        that lies beyond 2**60 us.
     undated : int
         Events before the stream's first time word (a camera that was already running when the
         recording began). They have no time, so that they are dropped and counted even when
@@ -143,17 +144,20 @@ class FaultLog:
             and y.max() < height
             and (x.dtype.kind == "u" or x.min() >= 0)
             and (y.dtype.kind == "u" or y.min() >= 0)
-            and (self._last_us is None or t[0] >= self._last_us)
+            and t[0] >= (-TIME_LIMIT_US if self._last_us is None else self._last_us)
             and (t[1:] >= t[:-1]).all()
+            and t[-1] <= TIME_LIMIT_US
         )
 
     def _sift(self, columns: Columns) -> Columns:
         t, x, y, _ = columns
         width, height = self.sensor
-        on = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        known = (t >= -TIME_LIMIT_US) & (t <= TIME_LIMIT_US)
+        on = (x >= 0) & (x < width) & (y >= 0) & (y < height) & known
         # the latest good time before each event: events off the sensor do not move it
         floor = np.iinfo(np.int64).min
-        times = np.where(on, t, floor).astype(np.int64, copy=False)
+        times = np.full(t.shape, floor, np.int64)
+        times[on] = t[on]
         latest = np.empty_like(times)
         latest[0] = floor if self._last_us is None else self._last_us
         latest[1:] = np.maximum(np.maximum.accumulate(times)[:-1], latest[0])
@@ -161,16 +165,18 @@ class FaultLog:
         good = on & ~late
         if not self.drop:
             i = int(np.flatnonzero(~good)[0])
-            what = (
-                f"time runs backwards, from {latest[i]} to {t[i]} us"
-                if on[i]
-                else f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor"
-            )
+            if on[i]:
+                what = f"time runs backwards, from {latest[i]} to {t[i]} us"
+            elif known[i]:
+                what = f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor"
+            else:
+                what = f"time {t[i]} us lies beyond 2**60 us; if it is in ns, pass --time-unit ns"
             raise RecordingError(
                 f"{self.path}: event {self.entries + i:,}: {what}: "
                 + _REMEDY.format(them="such events")
             )
-        self.faults.off_sensor += int(np.count_nonzero(~on))
+        self.faults.unreadable += int(np.count_nonzero(~known))
+        self.faults.off_sensor += int(np.count_nonzero(~on & known))
         self.faults.backwards += int(np.count_nonzero(late))
         return Columns(*(column[good] for column in columns))
 

@@ -1,43 +1,29 @@
 """Count frames: how many events each pixel had in each frame; as events, or as windows.
 
-Expansion to events, with whole numbers only. Frame f lasts from ``lo = floor(f * period)`` to
-``hi = floor((f + 1) * period)`` microseconds, with the period a fraction. Event i of the n that
-pixel j had in it is placed at::
-
-    t = lo + floor((i + phase_j) * (hi - lo) / n),   phase_j = (40503 * (j + 1) mod 65536) / 65536
-
-so that each pixel's events are evenly spread over the frame, each pixel with a phase of its own
-(multiples of the golden ratio, so that neither the pixels that fired once share a moment, which
-would be a burst, nor the rows follow one another). Events at one time are in the order of j. The
-count is kept exactly, and ``lo <= t < hi``. Frames know no polarity: all events are ON.
+The expansion to events is in :mod:`edge_vpr.recordings.frame_expansion`.
 """
 
 from __future__ import annotations
 
 import math
-import re
-import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.events import LONGEST_SIDE, Sensor
+from edge_vpr.recordings.count_images import MOST_PIXELS, number_key, read_image
 from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.frame_expansion import Counts, Placed, expand, join
+from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.npz import Archive
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
-_PHASE_BITS = 16
-_GOLDEN = 40503  # 2**16 over the golden ratio, made odd
 _BLOCK_BYTES = 1 << 20
-
-Counts = npt.NDArray[Any]
 
 
 class CountFrames:
@@ -79,27 +65,25 @@ class CountFrames:
         """
         if self._images:
             for image in self._images:
-                yield _image(image, self.sensor).reshape(1, -1)
+                yield read_image(image, self.sensor).reshape(1, -1)
             return
-        with Archive(self.path) as archive, ExitStack() as stack:
+        frame = 0
+        with (
+            foreign_errors(self.path, lambda: f" after frame {frame:,}"),
+            Archive(self.path) as archive,
+            ExitStack() as stack,
+        ):
             stream = archive.stream(self._name, stack)
             rows = max(1, _BLOCK_BYTES // max(1, stream.row_bytes))
-            try:
-                while stream.rows_read < self.n_frames:
-                    begin = stream.rows_read
-                    block, leftover = stream.read(rows)
-                    yield self._whole(block.reshape(len(block), -1), begin)
-                    if leftover or not len(block):
-                        missing = self.n_frames - stream.rows_read
-                        lost = missing * stream.row_bytes - leftover
-                        where = f"frame {stream.rows_read} of {self.n_frames}"
-                        (log or FaultLog(self.path, Sensor(1, 1))).truncated(lost, where)
-                        return
-            except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-                raise RecordingError(
-                    f"{self.path} is damaged after frame {stream.rows_read} ({error}): "
-                    "copy it again"
-                ) from error
+            while frame < self.n_frames:
+                block, leftover = stream.read(rows)
+                yield self._whole(block.reshape(len(block), -1), frame)
+                frame += len(block)
+                if leftover or not len(block):
+                    lost = (self.n_frames - frame) * stream.row_bytes - leftover
+                    where = f"frame {frame} of {self.n_frames}"
+                    (log or FaultLog(self.path, Sensor(1, 1))).truncated(lost, where)
+                    return
 
     def load(self) -> Counts:
         """All frames, shape ``(F, J)``: the windows themselves."""
@@ -111,7 +95,7 @@ class CountFrames:
             return block
         if block.dtype.kind == "b":
             return block.view(np.uint8)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             bad = ~((block >= 0) & (block == np.floor(block)) & (block < 2.0**53))
         if bad.any():
             frame, pixel = (int(i) for i in np.argwhere(bad)[0])
@@ -122,10 +106,10 @@ class CountFrames:
         return block.astype(np.int64)
 
     def _find_images(self) -> None:
-        self._images = sorted(self.path.glob("*.png"), key=_number_key)
+        self._images = sorted(self.path.glob("*.png"), key=number_key)
         if not self._images:
             raise RecordingError(f"{self.path} holds no *.png: name a folder of count frames")
-        first = _image(self._images[0], None)
+        first = read_image(self._images[0], None)
         self._grid(*first.shape)
         self.n_frames = len(self._images)
 
@@ -155,6 +139,11 @@ class CountFrames:
                 self._grid(*stream.shape[1:])
             else:
                 self.n_pixels = stream.shape[1]
+                if self.n_pixels > MOST_PIXELS:
+                    raise RecordingError(
+                        f"{self.path} counts {self.n_pixels:,} pixels, and the most is "
+                        f"{MOST_PIXELS:,}: leave some out"
+                    )
                 self.sensor = archive.sensor()
                 self._pixels(archive)
             seconds = archive.scalar("window_s", "frame_period_s", "period_s")
@@ -163,6 +152,11 @@ class CountFrames:
 
     def _grid(self, height: int, width: int) -> None:
         self.sensor = Sensor(width, height)
+        if not self.sensor.possible or self.sensor.pixels > MOST_PIXELS:
+            raise RecordingError(
+                f"{self.path} has frames of {self.sensor} pixels: sides are 1 to {LONGEST_SIDE:,}, "
+                f"and the most is {MOST_PIXELS:,} pixels"
+            )
         rows, columns = np.indices((height, width), dtype=np.uint16)
         self.pixel_y, self.pixel_x = rows.ravel(), columns.ravel()
         self.n_pixels = height * width
@@ -196,10 +190,8 @@ def read_count_frames(path: str | Path) -> CountFrames:
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"{path} does not exist: check the path")
-    try:
+    with foreign_errors(path):
         return CountFrames(path)
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
 def parse_period(text: str) -> Fraction:
@@ -220,7 +212,7 @@ def parse_period(text: str) -> Fraction:
 
 
 class FrameSource(Source):
-    """Count frames, expanded to events by the rule at the head of this module."""
+    """Count frames, expanded to events by the rule of `frame_expansion`."""
 
     relative = True
     start_us = 0
@@ -254,80 +246,20 @@ class FrameSource(Source):
         x, y = self.frames.pixel_x, self.frames.pixel_y
         assert x is not None and y is not None
         frame = 0
-        waiting: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]] = []
+        waiting: list[Placed] = []
         for block in self.frames.blocks(log):
             for counts in block:
                 lo = math.floor(frame * self.period_us)
                 hi = math.floor((frame + 1) * self.period_us)
-                waiting.append(_expand(counts, lo, hi, self.path))
+                for part in expand(counts, lo, hi, self.path):
+                    waiting.append(part)
+                    if sum(t.size for t, _ in waiting) >= self.options.chunk_events:
+                        yield join(waiting, x, y)
+                        waiting = []
                 frame += 1
-                if sum(t.size for t, _ in waiting) >= self.options.chunk_events:
-                    yield _join(waiting, x, y)
-                    waiting = []
             self.position = frame / self.frames.n_frames
         if waiting:
-            yield _join(waiting, x, y)
-
-
-def _expand(
-    counts: Counts, lo: int, hi: int, path: Path
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """Place one frame's events in time: their times, in order, and pixel numbers."""
-    active = np.flatnonzero(counts)
-    n = counts[active].astype(np.int64)
-    length = hi - lo
-    if n.size and (length < 1 or (int(n.max()) << _PHASE_BITS) * length >= 1 << 62):
-        raise RecordingError(
-            f"{path}: {n.max()} events of one pixel do not fit a frame of {length} us: "
-            "check the frame period (in seconds)"
-        )
-    pixel = np.repeat(active, n)
-    first = np.repeat(np.cumsum(n) - n, n)
-    phase = (pixel + 1) * _GOLDEN & ((1 << _PHASE_BITS) - 1)
-    index = np.arange(pixel.size) - first
-    offset = ((index << _PHASE_BITS) + phase) * length // (np.repeat(n, n) << _PHASE_BITS)
-    # a radix sort, where the offsets fit 16 bits
-    key = offset.astype(np.uint16) if length <= 1 << 16 else offset
-    order = np.argsort(key, kind="stable")
-    return lo + offset[order], pixel[order]
-
-
-def _join(
-    frames: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]],
-    x: npt.NDArray[np.uint16],
-    y: npt.NDArray[np.uint16],
-) -> Columns:
-    t = np.concatenate([times for times, _ in frames])
-    pixel = np.concatenate([pixels for _, pixels in frames])
-    return Columns(t, x[pixel], y[pixel], np.ones(t.size, dtype=bool))
-
-
-def _image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
-    """One 8- or 16-bit grey PNG; its values are counts."""
-    from PIL import Image, UnidentifiedImageError
-
-    try:
-        with Image.open(path) as image:
-            mode, pixels = image.mode, np.asarray(image)
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
-        raise RecordingError(f"{path} is damaged or no PNG ({error}): write it again") from error
-    if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
-        raise RecordingError(
-            f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
-        )
-    if sensor is not None and pixels.shape != (sensor.height, sensor.width):
-        raise RecordingError(
-            f"{path} has {pixels.shape[1]}x{pixels.shape[0]} pixels and the first frame {sensor}: "
-            "all frames need one size"
-        )
-    return pixels.astype(np.uint16)
-
-
-def _number_key(path: Path) -> list[tuple[int, str]]:
-    """Sort ``frame_2`` before ``frame_10``."""
-    return [
-        (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)
-    ]
+            yield join(waiting, x, y)
 
 
 def _simplest(seconds: float, path: Path) -> Fraction:

@@ -6,23 +6,27 @@ sensor where none is stated, and takes three times as long.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import TIME_LIMIT_US, Sensor
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
-_CHUNK_ROWS = 1 << 14
-_START = "edge_vpr_start_us"
+#: Attribute by which our writer keeps the start.
+START = "edge_vpr_start_us"
+#: Most bytes of one compressed chunk when expanded; several are kept, so that none is read twice.
+_LARGEST_CHUNK = 1 << 25
+#: Most that a column may claim for a byte that the file holds of it: Deflate reaches 1,032.
+_MOST_EXPANSION = 1_100
 
 
-def _h5py() -> Any:
+def load_h5py() -> Any:
+    """Import h5py, or name the extra that has it."""
     try:
         import h5py
     except ImportError as error:
@@ -34,7 +38,8 @@ class Hdf5Source(Source):
     """A group of columns, a compound dataset, or a dataset of columns, wherever it lies."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._h5py = _h5py()
+        self._h5py = load_h5py()
+        self.path = path
         with self._open(path) as file:
             places = self._places(file, options)
             if options.topic is not None:
@@ -53,16 +58,21 @@ class Hdf5Source(Source):
                 )
             ((self._place, self._fields),) = places.items()
             sensor = _sensor(file, file[self._place])
-            self._offset_us = _offset(file, file[self._place].parent)
-            start = file.attrs.get(_START)
+            self._offset_us = self._offset(file, file[self._place].parent)
+            if abs(self._offset_us) > TIME_LIMIT_US:
+                raise RecordingError(
+                    f"{path} has a t_offset of {self._offset_us}, beyond 2**60 us: record it again"
+                )
+            start = file.attrs.get(START)
         super().__init__(path, options, sensor)
         if start is not None:
             self.start_us, self.relative = int(start), True
+        self.unit_assumed = start is None and options.time_unit is None
         self.position = 0.0
 
     def _open(self, path: Path) -> Any:
         try:
-            return self._h5py.File(path, "r")
+            return self._h5py.File(path, "r", rdcc_nbytes=_LARGEST_CHUNK, locking=False)
         except OSError as error:
             raise RecordingError(
                 f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
@@ -74,12 +84,11 @@ class Hdf5Source(Source):
 
         def visit(name: str, item: Any) -> None:
             if isinstance(item, self._h5py.Group):
-                columns = {
-                    key: item[key] for key in item if isinstance(item[key], self._h5py.Dataset)
-                }
-                flat = [key for key, column in columns.items() if column.ndim == 1]
+                flat = [key for key in item if (c := self._dataset(item, key)) and c.ndim == 1]
                 if fields := match_columns(flat):
                     places[name] = fields
+            elif not isinstance(item, self._h5py.Dataset):
+                return
             elif item.dtype.names is not None and item.ndim == 1:
                 if fields := match_columns(item.dtype.names):
                     places[name] = fields
@@ -87,13 +96,51 @@ class Hdf5Source(Source):
                 places[name] = {c: i for i, c in enumerate(options.columns) if c != "-"}
 
         visit("/", file)
-        file.visititems(visit)
+        file.visititems(visit)  # which does not follow links
         return places
+
+    def _dataset(self, group: Any, name: str) -> Any:
+        """Return the dataset `name` if it lies in the group itself, and not behind a link."""
+        if isinstance(group.get(name, getlink=True), self._h5py.HardLink):
+            item = group[name]
+            if isinstance(item, self._h5py.Dataset):
+                return item
+        return None
+
+    def _check(self, dataset: Any) -> None:
+        """Refuse data outside the file, and claims that the file is too small for.
+
+        Raises
+        ------
+        RecordingError
+        """
+        name = f"{self.path}: {dataset.name}"
+        if dataset.external or dataset.is_virtual:
+            raise RecordingError(
+                f"{name} lies in other files, which are not read: copy it into one file"
+            )
+        pipeline = dataset.id.get_create_plist()
+        filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+        chunk = math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize
+        if chunk > _LARGEST_CHUNK or len(set(filters)) < len(filters):
+            raise RecordingError(
+                f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
+                f"the most is {_LARGEST_CHUNK:,} bytes, and each filter once; write it again"
+            )
+        claimed = dataset.size * dataset.dtype.itemsize
+        held = min(dataset.id.get_storage_size(), self.path.stat().st_size)
+        if claimed > (held * _MOST_EXPANSION if dataset.chunks and filters else held):
+            raise RecordingError(
+                f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
+                "not closed when it was written, or is damaged; copy or record it again"
+            )
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with self._open(self.path) as file:
             place = file[self._place]
+            for dataset in self._datasets(place):
+                self._check(dataset)
             total = self._rows(place)
             for begin in range(0, total, self.options.chunk_events):
                 rows = slice(begin, min(begin + self.options.chunk_events, total))
@@ -106,7 +153,22 @@ class Hdf5Source(Source):
                         "or compressed by a filter (Metavision's ECF) that is not installed"
                     ) from error
                 t, x, y, p = tidy(columns, self.options.time_unit, log, begin)
+                # both are below 2**60, so that the sum does not overflow
                 yield Columns(t + self._offset_us if self._offset_us else t, x, y, p)
+
+    def _offset(self, *groups: Any) -> int:
+        """Read DSEC's ``t_offset``: what its times are to be raised by, in microseconds."""
+        for group in groups:
+            offset = self._dataset(group, "t_offset")
+            if offset is not None and not offset.shape:
+                self._check(offset)
+                return int(offset[()])
+        return 0
+
+    def _datasets(self, place: Any) -> list[Any]:
+        if isinstance(place, self._h5py.Dataset):
+            return [place]
+        return [place[field] for field in self._fields.values()]
 
     def _rows(self, place: Any) -> int:
         if isinstance(place, self._h5py.Dataset):
@@ -141,46 +203,13 @@ def _sensor(file: Any, place: Any) -> Sensor | None:
     return None
 
 
-def _offset(*groups: Any) -> int:
-    """Read DSEC's ``t_offset``: what its times are to be raised by, in microseconds."""
-    for group in groups:
-        if "t_offset" in group and not group["t_offset"].shape:
-            return int(group["t_offset"][()])
-    return 0
-
-
 def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
     """Open an HDF5 file of events."""
     return Hdf5Source(path, options)
 
 
-class Hdf5Sink:
-    """Write Metavision's layout, uncompressed: ``CD/events`` with fields x, y, p, t."""
+def open_sink(path: Path, sensor: Sensor, start_us: int) -> Any:
+    """Open a file to write; see :class:`edge_vpr.recordings.hdf5_writing.Hdf5Sink`."""
+    from edge_vpr.recordings.hdf5_writing import Hdf5Sink
 
-    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
-        self._file = _h5py().File(path, "w")
-        self._file.attrs["geometry"] = str(sensor)
-        self._file.attrs[_START] = start_us
-        self._rows = self._file.create_dataset(
-            "CD/events",
-            (0,),
-            np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")]),
-            maxshape=(None,),
-            chunks=(_CHUNK_ROWS,),
-        )
-
-    def write(self, events: Events) -> None:
-        """Append events."""
-        rows = np.empty(events.size, self._rows.dtype)
-        for name in "xypt":
-            rows[name] = events[name]
-        n = self._rows.shape[0]
-        self._rows.resize(n + events.size, axis=0)
-        self._rows[n:] = rows
-
-    def close(self) -> None:
-        """Finish the file."""
-        self._file.close()
-
-
-open_sink = Hdf5Sink
+    return Hdf5Sink(path, sensor, start_us)

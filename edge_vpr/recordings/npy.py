@@ -2,79 +2,26 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.recordings.array_stream import ArrayStream
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
-
-class ArrayStream:
-    """Rows of an array in NumPy's file format, from any binary stream, a few at a time.
-
-    Parameters
-    ----------
-    stream : binary file
-        At the start of the array.
-    name : str
-        Named in messages.
-
-    Attributes
-    ----------
-    dtype : dtype
-    shape : tuple of int
-    """
-
-    def __init__(self, stream: IO[bytes], name: str) -> None:
-        self._stream = stream
-        self.name = name
-        try:
-            version = np.lib.format.read_magic(stream)
-            read = {
-                (1, 0): np.lib.format.read_array_header_1_0,
-                (2, 0): np.lib.format.read_array_header_2_0,
-            }[version]
-            self.shape, fortran, self.dtype = read(stream)
-        except (ValueError, KeyError) as error:
-            raise RecordingError(
-                f"{name} is no readable NumPy array ({error}): save it again with numpy.save"
-            ) from error
-        if self.dtype.hasobject:
-            raise RecordingError(
-                f"{name} holds Python objects, which are never unpickled: save numbers"
-            )
-        if fortran and sum(side > 1 for side in self.shape) > 1:
-            raise RecordingError(
-                f"{name} is stored column by column (Fortran order) and cannot be read in "
-                "pieces: save numpy.ascontiguousarray of it"
-            )
-        self.row_bytes = self.dtype.itemsize * math.prod(self.shape[1:])
-        self.rows_read = 0
-
-    def read(self, rows: int) -> tuple[npt.NDArray[Any], int]:
-        """Read the next rows.
-
-        Returns
-        -------
-        array : ndarray, shape (n, ...)
-            ``n`` is less than `rows` at the end only.
-        leftover : int
-            Bytes of a last incomplete row, where the stream is cut off.
-        """
-        rows = min(rows, self.shape[0] - self.rows_read)
-        data = self._stream.read(rows * self.row_bytes) if self.row_bytes else b""
-        whole = len(data) // self.row_bytes if self.row_bytes else 0
-        self.rows_read += whole
-        array = np.frombuffer(data, self.dtype, whole * math.prod(self.shape[1:]))
-        return array.reshape(whole, *self.shape[1:]), len(data) - whole * self.row_bytes
+#: What this package writes behind the last row, where NumPy does not look.
+_TRAILER = "\n# edge-vpr sensor={sensor} start_us={start_us}\n"
+_TRAILER_PATTERN = re.compile(
+    rb"\n# edge-vpr sensor=([0-9]{1,5})x([0-9]{1,5}) start_us=(-?[0-9]{1,19})\n"
+)
+_LONGEST_TRAILER = 80
 
 
 class NpySource(Source):
@@ -134,19 +81,40 @@ def column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]
 
 def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
     """Open a ``.npy`` file of events."""
-    source = NpySource(path, options)
     with path.open("rb") as file:
-        column_names(ArrayStream(file, str(path)), options.columns)
+        stream = ArrayStream(file, str(path))
+        column_names(stream, options.columns)
+        sensor, start_us = _read_trailer(file, stream)
+    source = NpySource(path, options, sensor)
+    if start_us is not None:
+        source.start_us, source.relative = start_us, True
+    source.unit_assumed = sensor is None and options.time_unit is None
     source.position = 0.0
     return source
 
 
-class NpySink:
-    """Write events as one structured array of :data:`EVENT_DTYPE`; the sensor is not stored."""
+def _read_trailer(file: IO[bytes], stream: ArrayStream) -> tuple[Sensor | None, int | None]:
+    """Read sensor and start, if the file ends with them right behind the last row."""
+    end = stream.header_bytes + stream.shape[0] * stream.row_bytes if stream.shape else 0
+    file.seek(0, 2)
+    if 0 < file.tell() - end <= _LONGEST_TRAILER:
+        file.seek(end)
+        if match := _TRAILER_PATTERN.fullmatch(file.read()):
+            return Sensor(int(match[1]), int(match[2])), int(match[3])
+    return None, None
 
-    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
+
+class NpySink:
+    """Write events as one structured array of :data:`EVENT_DTYPE`.
+
+    Sensor and start follow the last row as a line of text. NumPy reads as much as the header says
+    and does not mind.
+    """
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int, *, trailer: bool = True) -> None:
         self._file = path.open("wb")
         self._rows = 0
+        self._trailer = _TRAILER.format(sensor=sensor, start_us=start_us) if trailer else ""
         self._write_header()
 
     def _write_header(self) -> None:
@@ -166,8 +134,9 @@ class NpySink:
         self._rows += events.size
 
     def close(self) -> None:
-        """Write the final row count."""
+        """Write the trailer and the final row count."""
         with self._file as file:
+            file.write(self._trailer.encode("ascii"))
             file.seek(0)
             self._write_header()
 

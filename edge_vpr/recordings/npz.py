@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.array_stream import ArrayStream
 from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.npy import ArrayStream, NpySink, array_chunks, column_names
+from edge_vpr.recordings.npy import NpySink, array_chunks, column_names
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
@@ -22,17 +23,45 @@ from edge_vpr.recordings.table import match_columns, tidy
 SCHEMA = 1
 
 
+_STORED_OR_DEFLATED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+#: Most bytes of the list of members, and of an array that is loaded whole.
+_LONGEST_LIST, _LARGEST = 1 << 20, 1 << 26
+
+
+class _Bounded(io.BufferedReader):
+    """A file that refuses single reads above a limit, such as of a list of members."""
+
+    limit = _LONGEST_LIST
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is None or size < 0:
+            size = self.limit
+        if size > self.limit:
+            raise zipfile.BadZipFile(f"a list of {size:,} bytes")
+        return super().read(size)
+
+
 class Archive:
-    """A ``.npz`` file whose arrays are read as streams, never whole."""
+    """A ``.npz`` file whose arrays are read as streams, never whole.
+
+    Raises
+    ------
+    RecordingError
+        If the archive is damaged, lists more than a megabyte of members, or is compressed by
+        another method than Deflate, which NumPy does not write.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._file = _Bounded(path.open("rb", buffering=0))
         try:
-            self._zip = zipfile.ZipFile(path)
-        except zipfile.BadZipFile as error:
+            self._zip = zipfile.ZipFile(self._file)
+        except Exception as error:
+            self._file.close()
             raise RecordingError(
                 f"{path} is a damaged or cut-off .npz archive ({error}): copy it again"
             ) from error
+        self._file.limit = _LARGEST
         self.names = {Path(name).stem: name for name in self._zip.namelist()}
 
     def __enter__(self) -> Archive:
@@ -40,10 +69,17 @@ class Archive:
 
     def __exit__(self, *_: object) -> None:
         self._zip.close()
+        self._file.close()
 
     def stream(self, name: str, stack: ExitStack) -> ArrayStream:
         """Open the array `name`; `stack` closes it."""
-        member = stack.enter_context(self._zip.open(self.names[name]))
+        info = self._zip.getinfo(self.names[name])
+        if info.compress_type not in _STORED_OR_DEFLATED or info.flag_bits & 1:
+            raise RecordingError(
+                f"{self.path}: {name} is encrypted, or compressed by method {info.compress_type}: "
+                "save it with numpy.savez or numpy.savez_compressed"
+            )
+        member = stack.enter_context(self._zip.open(info))
         return ArrayStream(member, f"{self.path}:{name}")
 
     def scalar(self, *names: str) -> float | int | None:
@@ -51,14 +87,14 @@ class Archive:
         for name in names:
             if name in self.names:
                 values = self.small(name)
-                if values.size == 1:
+                if values.size == 1 and values.dtype.kind in "iuf":
                     return values.item()
         return None
 
     def small(self, name: str) -> np.ndarray:
         """Load a whole array that is known to be small."""
-        with self._zip.open(self.names[name]) as member:
-            return _load(member, f"{self.path}:{name}")
+        with ExitStack() as stack:
+            return self.stream(name, stack).load(_LARGEST)
 
     def sensor(self) -> Sensor | None:
         """Size of the sensor, if the archive says it."""
@@ -70,12 +106,6 @@ class Archive:
         width = self.scalar("sensor_width", "width")
         height = self.scalar("sensor_height", "height")
         return Sensor(int(width), int(height)) if width and height else None
-
-
-def _load(member: IO[bytes], name: str) -> np.ndarray:
-    stream = ArrayStream(member, name)
-    data = member.read()
-    return np.frombuffer(data, stream.dtype).reshape(stream.shape)
 
 
 class NpzSource(Source):
@@ -105,12 +135,24 @@ class NpzSource(Source):
                 f"{self.path} has columns of shapes {sizes}: each event needs one of each"
             )
         (total,) = next(iter(shapes))
-        for entry in range(0, total, self.options.chunk_events):
-            rows = {
-                name: stream.read(self.options.chunk_events)[0] for name, stream in streams.items()
-            }
-            self.position = min(1.0, (entry + self.options.chunk_events) / total)
-            yield tidy(rows, self.options.time_unit, log, entry)
+        entry = 0
+        step = min(self.options.chunk_events, *(s.most_rows for s in streams.values()))
+        while entry < total:
+            read = {name: s.read(step) for name, s in streams.items()}
+            n = min(len(rows) for rows, _ in read.values())
+            if n:
+                self.position = min(1.0, (entry + n) / total)
+                columns = {name: rows[:n] for name, (rows, _) in read.items()}
+                yield tidy(columns, self.options.time_unit, log, entry)
+            expected = min(step, total - entry)
+            short = [name for name, (rows, _) in read.items() if len(rows) < expected]
+            entry += n
+            if short:
+                name = short[0]
+                begun = len(read[name][0]) * streams[name].row_bytes + read[name][1]
+                lost = (total - entry + n) * streams[name].row_bytes - begun
+                log.truncated(lost, f"event {entry:,} of {total:,} in column {name}")
+                return
 
 
 def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
@@ -129,6 +171,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
                 "(and p), or events"
             )
         source = NpzSource(path, options, archive.sensor())
+        source.unit_assumed = schema is None and options.time_unit is None
         start = archive.scalar("start_us")
         if schema is not None and start is not None:
             source.start_us, source.relative = int(start), True
@@ -151,7 +194,7 @@ class NpzSink:
         }
         # the archive wants the array's size before its first row
         self._rows = path.with_name(path.name + ".rows")
-        self._sink = NpySink(self._rows, sensor, start_us)
+        self._sink = NpySink(self._rows, sensor, start_us, trailer=False)
 
     def write(self, events: Events) -> None:
         """Append events."""

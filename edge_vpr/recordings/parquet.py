@@ -9,11 +9,14 @@ from typing import Any
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.parquet_pages import read_pages
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 _SENSOR, _START = b"edge_vpr.sensor", b"edge_vpr.start_us"
 _BUFFER_BYTES = 1 << 20
+#: Most bytes of a page; it comes into memory whole, and writers make pages of about 1 MB.
+_LARGEST_PAGE = 1 << 27
 
 
 def _pyarrow() -> Any:
@@ -36,18 +39,22 @@ class ParquetSource(Source):
         self._pyarrow = _pyarrow()
         with self._open(path) as file:
             schema = file.schema_arrow
-            self._rows = file.metadata.num_rows
+            metadata = file.metadata
+        self._rows = metadata.num_rows
         found = match_columns(schema.names)
         if found is None:
             raise RecordingError(
                 f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: rename them"
             )
         self._names = found
+        self._check_types(path, schema)
+        self._check_pages(path, metadata)
         facts = schema.metadata or {}
         sensor = Sensor.parse(facts[_SENSOR].decode()) if _SENSOR in facts else None
         super().__init__(path, options, sensor)
         if sensor is not None and _START in facts:
             self.start_us, self.relative = int(facts[_START]), True
+        self.unit_assumed = sensor is None and options.time_unit is None
         self.position = 0.0
 
     def _open(self, path: Path) -> Any:
@@ -59,6 +66,36 @@ class ParquetSource(Source):
             raise RecordingError(
                 f"{path} is damaged, cut off or no Parquet file ({error}): copy it again"
             ) from error
+
+    def _check_types(self, path: Path, schema: Any) -> None:
+        """Refuse columns of texts and lists, whose values are of any length."""
+        types = self._pyarrow.types
+        for name in self._names.values():
+            kind = schema.field(name).type
+            if not (types.is_primitive(kind) and (kind.bit_width or 0) <= 64):
+                raise RecordingError(f"{path}: column {name} has type {kind}: save numbers")
+
+    def _check_pages(self, path: Path, metadata: Any) -> None:
+        """Refuse pages that claim more than the limit, before Arrow reserves memory for them."""
+        wanted = set(self._names.values())
+        with path.open("rb") as file:
+            for group in range(metadata.num_row_groups):
+                row_group = metadata.row_group(group)
+                for i in range(row_group.num_columns):
+                    column = row_group.column(i)
+                    if column.path_in_schema not in wanted:
+                        continue
+                    # 0 and None both say that there is no dictionary
+                    begin = column.dictionary_page_offset or column.data_page_offset
+                    begin = min(begin, column.data_page_offset)
+                    for page in read_pages(file, begin, begin + column.total_compressed_size):
+                        if max(page.compressed, page.uncompressed) > _LARGEST_PAGE:
+                            raise RecordingError(
+                                f"{path}: the page at byte {page.at:,} claims "
+                                f"{page.compressed:,} bytes for {page.uncompressed:,}, and the "
+                                f"most is {_LARGEST_PAGE:,}: write it with smaller pages, or copy "
+                                "it again"
+                            )
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""

@@ -7,9 +7,13 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.faults import FaultLog, Faults, check_policy
+from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
+from edge_vpr.recordings.faults import FaultLog, Faults
+from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.source import Source
+
+#: Rates that no event camera has on the move, in events/s; and the fewest events to judge by.
+_SLOWEST, _FASTEST, _FEWEST = 1_000.0, 2e9, 1_000
 
 
 class Recording:
@@ -29,10 +33,11 @@ class Recording:
         has wall-clock time (ROS, AEDAT4), the camera's clock otherwise.
     faults : Faults
         What the newest pass has dropped so far.
+    remark : str
+        What is implausible about the unit of its times, where the file does not say it; else "".
     """
 
     def __init__(self, source: Source, format_name: str, on_fault: str = "error") -> None:
-        check_policy(on_fault)
         if source.sensor is None:
             raise UsageError(
                 f"{source.path} does not say how large its sensor is: "
@@ -44,6 +49,7 @@ class Recording:
         self.faults = Faults()
         self._source = source
         self._on_fault = on_fault
+        self.remark = ""
         self._origin_us, self.start_us = self._find_start()
 
     @property
@@ -60,15 +66,11 @@ class Recording:
         return f"<Recording {self.path} ({self.format}, {self.sensor})>"
 
     def _walk(self, log: FaultLog) -> Generator[Events, None, None]:
-        try:
+        with foreign_errors(self.path, lambda: f" after event {log.entries:,}"):
             for columns in self._source.chunks(log):
                 events = log.admit(columns)
                 if events.size:
                     yield events
-        except OSError as error:
-            raise RecordingError(
-                f"{self.path} cannot be read: {error.strerror or error}: check the disk"
-            ) from error
 
     def _find_start(self) -> tuple[int, int]:
         """Read up to the first good event, so that an empty file is known at once."""
@@ -76,8 +78,8 @@ class Recording:
             self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
         )
         with contextlib.closing(self._walk(log)) as chunks:
-            found = next(chunks, None) is not None
-        if not found:
+            first = next(chunks, None)
+        if first is None:
             lost = f" (dropped: {log.faults})" if log.faults.total else ""
             raise RecordingError(
                 f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
@@ -86,4 +88,25 @@ class Recording:
         self._source.position = 0.0 if self._source.position is not None else None
         assert log.origin_us is not None
         start = self._source.start_us
+        if start is not None and abs(start) > TIME_LIMIT_US:
+            raise RecordingError(
+                f"{self.path} begins at {start} us, beyond 2**60 us: copy or record it again"
+            )
+        if self._source.unit_assumed:
+            self.remark = _doubt(first)
         return log.origin_us, log.origin_us if start is None else start
+
+
+def _doubt(events: Events) -> str:
+    """Return what is implausible about the rate of the first events; "" if nothing is."""
+    n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
+    if n < _FEWEST or not duration_us:
+        return ""
+    rate = n * 1e6 / duration_us
+    if _SLOWEST <= rate <= _FASTEST:
+        return ""
+    return (
+        f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in microseconds, "
+        f"which is {rate:,.3g} events/s: if they are in another unit, pass --time-unit "
+        f"{'ns' if rate < _SLOWEST else 's or ms'}"
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
@@ -10,6 +9,8 @@ from pathlib import Path
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.recordings.faults import check_policy
+from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.recording import Recording
 from edge_vpr.recordings.source import CHUNK_EVENTS, ReadOptions, Source
 
@@ -111,6 +112,7 @@ def open_recording(
     ([[0, 50, 50]], 100)
     """
     path = Path(path)
+    check_policy(on_fault)
     if chunk_events < 1:
         raise UsageError(f"chunk_events {chunk_events} is not positive: give 1 or more")
     if time_unit not in (None, "s", "ms", "us", "ns"):
@@ -123,14 +125,12 @@ def open_recording(
         raise UsageError(f"format {format!r} is unknown: choose one of {', '.join(FORMATS)}")
     if not path.exists():
         raise RecordingError(f"{path} does not exist: check the path")
-    name = format or sniff(path)
     options = ReadOptions(sensor, frame_period, chunk_events, topic, time_unit, columns)
-    try:
+    with foreign_errors(path):
+        name = format or sniff(path)
         reader = import_module(f"edge_vpr.recordings.{FORMATS[name].module}")
         source: Source = reader.open_source(path, options, name)
         return Recording(source, name, on_fault)
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
 def sniff(path: Path) -> str:
@@ -143,11 +143,8 @@ def sniff(path: Path) -> str:
     """
     if path.is_dir():
         return _sniff_folder(path)
-    try:
-        with path.open("rb") as file:
-            head = file.read(4096)
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
+    with foreign_errors(path), path.open("rb") as file:
+        head = file.read(4096)
     if not head:
         raise RecordingError(f"{path} is empty (0 bytes): record or copy it again")
     name = _sniff_bytes(path, head)
@@ -199,13 +196,10 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
 
 
 def _sniff_zip(path: Path) -> str:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = {Path(name).stem for name in archive.namelist()}
-    except zipfile.BadZipFile as error:
-        raise RecordingError(
-            f"{path} is a damaged or cut-off .npz archive ({error}): copy it again"
-        ) from error
+    from edge_vpr.recordings.npz import Archive
+
+    with Archive(path) as archive:
+        members = set(archive.names)
     if "events" in members or {"t", "x", "y"} <= members:
         return "npz"
     if members & {"frames", "counts"}:

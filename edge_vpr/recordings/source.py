@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy.typing as npt
 
-from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import LONGEST_SIDE, Sensor
 
 if TYPE_CHECKING:
     from edge_vpr.recordings.faults import FaultLog
@@ -62,16 +62,24 @@ class Source(ABC):
         True if the times already count from the start.
     position : float or None
         Share of the file that has been read, 0 to 1; None where it is not known.
+    unit_assumed : bool
+        True if neither the file nor the caller says in which unit the times are.
     """
 
     start_us: int | None = None
     relative: bool = False
     position: float | None = None
+    unit_assumed: bool = False
 
     def __init__(self, path: Path, options: ReadOptions, sensor: Sensor | None = None) -> None:
         self.path = path
         self.options = options
         self.sensor = sensor if sensor is not None else options.sensor
+        if self.sensor is not None and not self.sensor.possible:
+            raise RecordingError(
+                f"{path} names a sensor of {self.sensor}: sides are 1 to {LONGEST_SIDE:,} pixels, "
+                "so copy or record it again"
+            )
         if sensor is not None and options.sensor not in (None, sensor):
             raise UsageError(
                 f"{path} was recorded by a {sensor} sensor, and {options.sensor} was named: "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -21,13 +22,22 @@ _DIGITS_TO_US = {"s": 6, "ms": 3, "us": 0, "ns": -3}
 _BYTES_A_LINE = 24  # typical; only sets how much is read at once
 _LONGEST_LINE = 1 << 16
 _FIELDS = "txyp"
+#: The first line that this package writes.
+_COMMENT = "# edge-vpr sensor={sensor} start_us={start_us}\n"
+_COMMENT_PATTERN = re.compile(
+    rb"# edge-vpr sensor=([0-9]{1,5})x([0-9]{1,5}) start_us=(-?[0-9]{1,19})"
+)
+_SIZES_PATTERN = re.compile(rb"(?:\xef\xbb\xbf)?\s*([0-9]{1,9})[\s,;]+([0-9]{1,9})\s*")
+#: Digits before the point, or zeros behind it, that no number of an event has.
+_MOST_DIGITS = 40
 _TRUTH = {"true": 1, "on": 1, "false": 0, "off": 0}
 
 
 class TextSource(Source):
     """Lines of numbers between commas, semicolons, tabs or spaces; ``#`` starts a comment.
 
-    A first line of two whole numbers is the sensor's size (the rpg data sets write it). Times
+    A first line of two whole numbers is the sensor's size (the rpg data sets write it); a comment
+    of this package says it, and the start. Times
     are read as decimal numbers, so that seconds become microseconds without passing a float.
     """
 
@@ -35,9 +45,12 @@ class TextSource(Source):
         head = _first_lines(path)
         self._skip, sensor = 0, None
         while head and (head[0].startswith(b"#") or not head[0].strip()):
+            if match := _COMMENT_PATTERN.fullmatch(head[0].strip()):
+                sensor = Sensor(int(match[1]), int(match[2]))
+                self.start_us, self.relative = int(match[3]), True
             self._skip += len(head.pop(0))
-        if head and len(sizes := _split(head[0])) == 2 and all(s.isdigit() for s in sizes):
-            sensor = Sensor(int(sizes[0]), int(sizes[1]))
+        if head and (match := _SIZES_PATTERN.fullmatch(head[0])):
+            sensor = Sensor(int(match[1]), int(match[2]))
             self._skip += len(head.pop(0))
         self._order = list(options.columns or "txyp")
         if head and any(
@@ -49,6 +62,7 @@ class TextSource(Source):
             self._order = list("txy")
         self.unit = options.time_unit or self._unit(head)
         super().__init__(path, options, sensor)
+        self.unit_assumed = options.time_unit is None and not self.relative
         self.position = 0.0
 
     @staticmethod
@@ -166,7 +180,12 @@ def _number(word: str) -> Decimal | None:
         value = Decimal(word)
     except InvalidOperation:
         return None
-    return value if value.is_finite() else None
+    if not value.is_finite():
+        return None
+    if not value:
+        return Decimal(0)
+    # 1e999999999 is a number too, and its digits would fill the memory
+    return value if abs(value.adjusted()) < _MOST_DIGITS else None
 
 
 _GOOD, _FRACTION, _BLANK, _STRANGE = range(4)
@@ -264,11 +283,11 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 
 class TextSink:
-    """Write ``t,x,y,p`` under that header, in microseconds; the sensor is not stored."""
+    """Write ``t,x,y,p`` under a comment with sensor and start, and that header; times in us."""
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         self._file = path.open("w", encoding="ascii", newline="\n")
-        self._file.write("t,x,y,p\n")
+        self._file.write(_COMMENT.format(sensor=sensor, start_us=start_us) + "t,x,y,p\n")
 
     def write(self, events: Events) -> None:
         """Append events."""

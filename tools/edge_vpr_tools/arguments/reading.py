@@ -9,6 +9,7 @@ from pathlib import Path
 from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, open_recording, parse_period
+from edge_vpr_tools.output.messages import warning
 
 
 def open_from(
@@ -16,12 +17,14 @@ def open_from(
 ) -> Recording:
     """Open `path` as the flags of :func:`add_reading_arguments` say.
 
+    What is implausible about it is printed as a warning.
+
     Raises
     ------
     EdgeVprError
         If a flag is wrong or the recording cannot be opened.
     """
-    return open_recording(
+    recording = open_recording(
         path,
         format=args.format,
         sensor=None if args.sensor is None else Sensor.parse(args.sensor),
@@ -31,6 +34,9 @@ def open_from(
         time_unit=args.time_unit,
         columns=args.columns,
     )
+    if recording.remark:
+        warning(f"{path}: {recording.remark}")
+    return recording
 
 
 def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:

@@ -1,0 +1,80 @@
+"""Grey PNG pictures as frames of counts."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.events import Sensor
+
+#: Most pixels of a frame, four times as many as the largest event camera has.
+MOST_PIXELS = 1 << 22
+_LARGEST_IMAGE = 1 << 26
+
+
+def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
+    """Read one 8- or 16-bit grey PNG; its values are counts.
+
+    Parameters
+    ----------
+    path : Path
+    sensor : Sensor or None
+        The size that it has to have, if that is known.
+
+    Returns
+    -------
+    ndarray of uint16, shape (height, width)
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, of another mode or size, or larger than :data:`MOST_PIXELS`.
+    """
+    from PIL import Image
+
+    if path.stat().st_size > _LARGEST_IMAGE:
+        raise RecordingError(f"{path} has more than {_LARGEST_IMAGE:,} bytes: write it again")
+    # out of memory: from a file, Pillow asks for as many bytes as a damaged chunk claims
+    content = io.BytesIO(path.read_bytes())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the size is checked here
+            with Image.open(content, formats=("PNG",)) as image:
+                mode, size = image.mode, Sensor(*image.size)
+                fits = size.possible and size.pixels <= MOST_PIXELS
+                pixels = np.asarray(image) if fits else np.empty(0)
+    except MemoryError:
+        raise
+    except Exception as error:  # Pillow raises what its parser comes across
+        raise RecordingError(f"{path} is damaged or no PNG ({error}): write it again") from error
+    if not fits:
+        raise RecordingError(
+            f"{path} claims {size} pixels; there is one at least, and the most is "
+            f"{MOST_PIXELS:,}: write it again"
+        )
+    if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
+        raise RecordingError(
+            f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
+        )
+    if sensor is not None and pixels.shape != (sensor.height, sensor.width):
+        raise RecordingError(
+            f"{path} has {pixels.shape[1]}x{pixels.shape[0]} pixels and the first frame {sensor}: "
+            "all frames need one size"
+        )
+    if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
+        raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
+    return pixels.astype(np.uint16)
+
+
+def number_key(path: Path) -> list[tuple[int, str]]:
+    """Sort ``frame_2`` before ``frame_10``."""
+    return [
+        (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)
+    ]

@@ -1,0 +1,98 @@
+"""Events out of counts, with whole numbers only.
+
+Frame f lasts from ``lo = floor(f * period)`` to
+``hi = floor((f + 1) * period)`` microseconds, with the period a fraction. Event i of the n that
+pixel j had in it is placed at::
+
+    t = lo + floor((i + phase_j) * (hi - lo) / n),   phase_j = (40503 * (j + 1) mod 65536) / 65536
+
+so that each pixel's events are evenly spread over the frame, each pixel with a phase of its own
+(multiples of the golden ratio, so that neither the pixels that fired once share a moment, which
+would be a burst, nor the rows follow one another). Events at one time are in the order of j. The
+count is kept exactly, and ``lo <= t < hi``. Frames know no polarity: all events are ON.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.recordings.source import Columns
+
+_PHASE_BITS = 16
+_GOLDEN = 40503  # 2**16 over the golden ratio, made odd
+#: Events that are expanded at a time, and most events that a microsecond may have.
+_MOST_EXPANDED, _MOST_AT_ONCE = 1 << 20, 1 << 16
+
+Counts = npt.NDArray[Any]
+Placed = tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]
+"""Times and pixel numbers of events, in order of time."""
+
+
+def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
+    """Place the events of one frame in time.
+
+    Where they are many, the frame is cut into equal times, and each is expanded on its own.
+
+    Parameters
+    ----------
+    counts : ndarray of integers, shape (J,)
+    lo, hi : int
+        Begin and end of the frame in microseconds.
+    path : Path
+        Named in messages.
+
+    Yields
+    ------
+    t : ndarray of int64, shape (n,)
+        In order, from `lo` to below `hi`.
+    pixel : ndarray of intp, shape (n,)
+
+    Raises
+    ------
+    RecordingError
+        If the counts are too many for the time.
+    """
+    active = np.flatnonzero(counts)
+    n = counts[active].astype(np.int64)
+    length, total = hi - lo, float(n.sum(dtype=np.float64))
+    most = int(n.max(initial=0))
+    if total > length * _MOST_AT_ONCE or (most << _PHASE_BITS) * length >= 1 << 62:
+        raise RecordingError(
+            f"{path}: {total:,.0f} events, up to {most:,} of one pixel, do not fit a frame of "
+            f"{length} us: check the frame period (in seconds)"
+        )
+    phases = (active + 1) * _GOLDEN & ((1 << _PHASE_BITS) - 1)
+    pieces = min(length, math.ceil(total / _MOST_EXPANDED))
+    begin = np.zeros_like(n)
+    for piece in range(1, pieces + 1):
+        # the first event of each pixel that lies at or after the piece's end
+        bound = -(-((n << _PHASE_BITS) * (length * piece // pieces)) // length)
+        end = np.clip(-(-(bound - phases) // (1 << _PHASE_BITS)), 0, n)
+        some = end - begin
+        pixel = np.repeat(active, some)
+        index = np.arange(pixel.size) + np.repeat(begin - (np.cumsum(some) - some), some)
+        shifted = (index << _PHASE_BITS) + np.repeat(phases, some)
+        offset = shifted * length // (np.repeat(n, some) << _PHASE_BITS)
+        # a radix sort, where the offsets fit 16 bits
+        key = offset.astype(np.uint16) if length <= 1 << 16 else offset
+        order = np.argsort(key, kind="stable")
+        yield lo + offset[order], pixel[order]
+        begin = end
+
+
+def join(
+    frames: list[Placed],
+    x: npt.NDArray[np.uint16],
+    y: npt.NDArray[np.uint16],
+) -> Columns:
+    """Join placed events to columns; pixel j lies at ``x[j]``, ``y[j]``."""
+    t = np.concatenate([times for times, _ in frames])
+    pixel = np.concatenate([pixels for _, pixels in frames])
+    return Columns(t, x[pixel], y[pixel], np.ones(t.size, dtype=bool))

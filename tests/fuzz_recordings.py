@@ -1,0 +1,505 @@
+"""Mutate recordings of every format and hold each reader to its promises.
+
+``python tests/fuzz_recordings.py --inputs 100_000`` runs for about an hour; `test_fuzz.py` runs a
+few hundred inputs. Input i of a seed is always the same: ``--only i`` repeats one alone.
+
+Each input is read in a child process with a limit of memory above what the imported libraries
+take, and a limit of time. These are failures: a signal, too much time or memory, an exception that
+is no `EdgeVprError`, a message that does not name the file or is no printable line, events that
+break a promise of `Recording`, and events that depend on the chunking.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import resource
+import select
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+import zipfile
+import zlib
+from collections import Counter
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import recording_files as files
+
+from edge_vpr.errors import EdgeVprError
+from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Sensor, make_events
+from edge_vpr.recordings import open_recording, write_recording
+
+SENSOR = Sensor(40, 30)
+MEMORY_BYTES, SECONDS, BATCH = 512 << 20, 20.0, 500
+MOST_EVENTS = 300_000  #: read of one input; enough to see memory grow
+NUMBERS = (0, 1, 2, 127, 128, 255, 256, 32767, 65535, 65536, 2**31 - 1, 2**31, 2**32 - 1, 2**40)
+NUMBERS += (2**60, 2**62, 2**63 - 1, 2**63, 2**64 - 1)
+
+
+# --- seeds ----------------------------------------------------------------------------------
+
+
+def write_seeds(folder: Path) -> None:
+    """One small good recording of each kind; a folder where a recording is one."""
+    rng = np.random.default_rng(0)
+    n = 400
+    columns = np.sort(rng.integers(0, 10**6, n)), rng.integers(0, 40, n), rng.integers(0, 30, n)
+    events = make_events(*columns, rng.integers(0, 2, n))
+    t, x, y, p = (events[name].copy() for name in "txyp")
+    for suffix in (".npz", ".npy", ".csv", ".parquet", ".raw", ".dat", ".h5", ".es"):
+        write_recording(folder / f"ours{suffix}", events, sensor=SENSOR)
+    np.savez_compressed(folder / "columns.npz", t=t / 1e6, x=x, y=y, p=p, width=40, height=30)
+    np.savez(folder / "datetime.npz", t=t.astype("M8[us]"), x=x, y=y, p=p, sensor=[40, 30])
+    np.save(folder / "columns.npy", np.stack([t, x, y, p], axis=1))
+    frames = rng.integers(0, 3, (5, 30, 40))
+    np.savez_compressed(folder / "frames.npz", frames=frames.astype(np.uint8), window_s=1 / 30)
+    pixels = {"pixel_x": np.arange(40), "pixel_y": np.arange(40) % 30}
+    facts = {"sensor_width": 40, "sensor_height": 30, "window_s": 1.0}
+    np.savez(folder / "counts.npz", counts=frames[:, 0].astype(float), **pixels, **facts)
+    lines = [f"{a / 1e6:.6f} {b} {c} {int(d)}\n" for a, b, c, d in events.tolist()]
+    (folder / "seconds.txt").write_text("40 30\n" + "".join(lines))
+    rows = events.tolist()
+    header = files.raw_header("3.0", *SENSOR)
+    (folder / "evt3.raw").write_bytes(header + files.encode_evt3(rows, vectors=True))
+    header = files.raw_header("2.1", *SENSOR)
+    (folder / "evt21.raw").write_bytes(header + files.encode_evt21(rows, "little"))
+    davis = [(c << 22 | b << 12 | d << 11, a) for a, b, c, d in rows]
+    (folder / "davis.aedat").write_bytes(files.aedat2("DAVIS240C", davis))
+    dvs = [(c << 8 | b << 1 | d, a) for a, b, c, d in rows]
+    (folder / "dvs128.aedat").write_bytes(files.aedat2("DVS128", dvs))
+    for kind, name in ((0, "plain"), (1, "lz4"), (3, "zstd")):
+        packets = [files.aedat4_packet(0, rows[i : i + 100], kind) for i in range(0, n, 100)]
+        data = files.aedat4_header((0, "events", *SENSOR), compression=kind) + b"".join(packets)
+        (folder / f"{name}.aedat4").write_bytes(data)
+    _images(folder / "images", frames)
+    _tables(folder, events)
+    _bags(folder, rows)
+
+
+def _images(folder: Path, frames: np.ndarray) -> None:
+    from PIL import Image
+
+    folder.mkdir()
+    for i, frame in enumerate(frames[:3]):
+        Image.fromarray(frame.astype(np.uint16 if i else np.uint8)).save(folder / f"{i}.png")
+
+
+def _tables(folder: Path, events: np.ndarray) -> None:
+    import h5py
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns = {name: events[name].copy() for name in "txyp"}
+    with h5py.File(folder / "groups.h5", "w") as file:
+        file.attrs["width"], file.attrs["height"] = SENSOR
+        for name, column in columns.items():
+            file.create_dataset(f"events/{name}", data=column, chunks=(64,), compression="gzip")
+        file["t_offset"] = 5
+    table = pa.table(columns)
+    parquet.write_table(table, folder / "snappy.parquet", row_group_size=150)
+    parquet.write_table(table, folder / "gzip.parquet", compression="gzip", use_dictionary=False)
+
+
+def _bags(folder: Path, rows: list[files.Event]) -> None:
+    from rosbags import rosbag1, rosbag2
+
+    for name, compression in (("plain", None), ("bz2", rosbag1.Writer.CompressionFormat.BZ2)):
+        writer = rosbag1.Writer(folder / f"{name}.bag")
+        if compression is not None:
+            writer.set_compression(compression)
+        _fill(writer, "dvs_msgs/msg/EventArray", _arrays(rows, 1), md5sum="0" * 32)
+    packets = [
+        *(files.event_packet("evt3", files.encode_evt3(rows), *SENSOR) for _ in range(2)),
+        files.event_packet("libcaer_cmp", files.encode_libcaer_cmp(rows), *SENSOR),
+        files.event_packet("mono", files.encode_mono(rows), *SENSOR),
+    ]
+    kind = "event_camera_msgs/msg/EventPacket"
+    digest = "RIHS01_" + "0" * 64
+    for name, plugin in (("sqlite", "SQLITE3"), ("mcap", "MCAP")):
+        storage = rosbag2.StoragePlugin[plugin]
+        writer = rosbag2.Writer(folder / name, version=9, storage_plugin=storage)
+        _fill(writer, kind, packets, rihs01=digest)
+        (stored,) = (f for f in (folder / name).iterdir() if f.suffix in (".db3", ".mcap"))
+        shutil.copy(stored, folder / f"packets{stored.suffix}")
+    shutil.rmtree(folder / "sqlite")  # read alone; of the other, metadata.yaml is mutated as well
+    writer = rosbag2.Writer(folder / "zstd", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+    writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    _fill(writer, "dvs_msgs/msg/EventArray", _arrays(rows, 2), rihs01=digest)
+
+
+def _arrays(rows: list[files.Event], ros: int) -> list[bytes]:
+    return [files.event_array(rows[i : i + 90], *SENSOR, ros) for i in range(0, len(rows), 90)]
+
+
+def _fill(writer, kind, messages, **digest):  # type: ignore[no-untyped-def]
+    with writer:
+        topic = writer.add_connection("/e", kind, msgdef="uint8 x\n", **digest)
+        for i, data in enumerate(messages):
+            writer.write(topic, 10**18 + i, data)
+
+
+# --- mutation -------------------------------------------------------------------------------
+
+
+def mutate(data: bytes, rng: np.random.Generator) -> bytes:
+    """Change a few things, most of them near the beginning or the end, where headers are."""
+    out = bytearray(data)
+    for _ in range(int(rng.integers(1, 5))):
+        if not out:
+            break
+        where = rng.integers(4)
+        span = len(out) if where > 1 else min(len(out), 400)
+        at = int(rng.integers(span))
+        at = len(out) - 1 - at if where == 1 else at
+        what = rng.integers(9)
+        if what == 0:
+            out[at] ^= 1 << int(rng.integers(8))
+        elif what == 1:
+            out[at] = int(rng.integers(256))
+        elif what in (2, 3):
+            number = NUMBERS[int(rng.integers(len(NUMBERS)))] - int(rng.integers(2))
+            size = int(rng.choice([1, 2, 4, 8]))
+            order = "little" if rng.integers(3) else "big"
+            number %= 1 << 8 * size
+            out[at : at + size] = number.to_bytes(size, order)
+        elif what == 4:
+            del out[at : at + int(rng.integers(1, 40))]
+        elif what == 5:
+            out[at:at] = out[at : at + int(rng.integers(1, 200))]
+        elif what == 6:
+            out[at:at] = rng.bytes(int(rng.integers(1, 20)))
+        elif what == 7:
+            _change_digits(out, at, rng)
+        elif rng.integers(4) == 0:
+            del out[at:]
+    return bytes(out)
+
+
+def _change_digits(out: bytearray, at: int, rng: np.random.Generator) -> None:
+    """Put another number, or a word, in place of the next one that is written in digits."""
+    while at < len(out) and not 48 <= out[at] <= 57:
+        at += 1
+    end = at
+    while end < len(out) and 48 <= out[end] <= 57:
+        end += 1
+    words = [str(number).encode() for number in NUMBERS]
+    words += [
+        b"-1",
+        b"1e9",
+        b"1e999999999",
+        b"nan",
+        b"inf",
+        b"((((((((((((",
+        b"\x1b[2J",
+        b"9" * 5000,
+    ]
+    out[at:end] = words[int(rng.integers(len(words)))]
+
+
+def mutate_zip(data: bytes, rng: np.random.Generator) -> bytes:
+    """Mutate a member and write an archive whose checksums are right."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = {info: archive.read(info) for info in archive.infolist()}
+    chosen = list(members)[int(rng.integers(len(members)))]
+    members[chosen] = mutate(members[chosen], rng)
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        for info, content in members.items():
+            archive.writestr(info.filename, content, info.compress_type)
+    return out.getvalue()
+
+
+def mend_png(data: bytes) -> bytes:
+    """Correct the checksums of a PNG's chunks."""
+    out, at = bytearray(data), 8
+    while at + 12 <= len(out):
+        end = at + 8 + int.from_bytes(out[at : at + 4], "big")
+        if end + 4 > len(out):
+            break
+        out[end : end + 4] = zlib.crc32(out[at + 4 : end]).to_bytes(4, "big")
+        at = end + 4
+    return bytes(out)
+
+
+class Mutants:
+    """Seeds with their mutations: input i is the same each time.
+
+    Parameters
+    ----------
+    seeds : Path
+        Folder of good recordings.
+    seed : int
+    """
+
+    def __init__(self, seeds: Path, seed: int) -> None:
+        self._seeds, self._seed = seeds, seed
+        self.names = sorted(path.name for path in seeds.iterdir())
+
+    def name(self, index: int) -> str:
+        """Name of the recording that input `index` is a mutation of."""
+        return self.names[index % len(self.names)]
+
+    def write(self, index: int, folder: Path) -> Path:
+        """Write input `index` into a folder, which is emptied first; its path."""
+        rng = np.random.default_rng([self._seed, index])
+        original = self._seeds / self.name(index)
+        recording = target = folder / original.name
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        if original.is_dir():
+            shutil.copytree(original, recording)
+            inside = sorted(recording.iterdir())
+            target = inside[int(rng.integers(len(inside)))]
+        else:
+            shutil.copy(original, recording)
+        data = target.read_bytes()
+        mutation = mutate_zip if target.suffix == ".npz" and rng.integers(2) else mutate
+        data = mutation(data, rng)
+        if target.suffix == ".png" and rng.integers(4):
+            data = mend_png(data)
+        target.write_bytes(data)
+        return recording
+
+
+class Given:
+    """Recordings as they are, in place of mutations."""
+
+    def __init__(self, paths: list[Path]) -> None:
+        self._paths = paths
+        self.names = [path.name for path in paths]
+
+    def name(self, index: int) -> str:
+        """Name of recording `index`."""
+        return self.names[index]
+
+    def write(self, index: int, folder: Path) -> Path:
+        """Path of recording `index`, where it lies."""
+        return self._paths[index]
+
+
+# --- the promises ---------------------------------------------------------------------------
+
+
+class BrokenPromise(Exception):  # noqa: N818
+    """A reader did what it promises not to do."""
+
+
+def check(path: Path) -> str:
+    """Read a recording twice, in chunks of two sizes; how it went."""
+    large, why = read(path, 1 << 16)
+    small, why_small = read(path, 61)
+    n = min(large.size, small.size)
+    if not np.array_equal(large[:n], small[:n]):
+        raise BrokenPromise("events depend on the chunking")
+    if why == why_small == "" and large.size != small.size and n < MOST_EVENTS // 4:
+        raise BrokenPromise(f"{large.size} events in large chunks and {small.size} in small ones")
+    return "refused" if why else "accepted"
+
+
+def read(path: Path, chunk: int) -> tuple[np.ndarray, str]:
+    """Events up to an error or to the most that are read, and the error's text."""
+    parts, n, last = [], 0, None
+    most = MOST_EVENTS if chunk > 1000 else MOST_EVENTS // 4
+    try:
+        with contextlib.closing(iter(_open(path, chunk))) as chunks:
+            for events in chunks:
+                last = _check_events(events, last)
+                parts.append(events[:most])
+                n += events.size
+                if n >= most:
+                    break
+    except EdgeVprError as error:
+        _check_error(error, path)
+        return np.concatenate(parts) if parts else np.empty(0, EVENT_DTYPE), str(error)
+    return np.concatenate(parts), ""
+
+
+def _open(path: Path, chunk: int):  # type: ignore[no-untyped-def]
+    options = {"on_fault": "drop", "chunk_events": chunk}
+    try:
+        recording = open_recording(path, **options)
+    except EdgeVprError as error:
+        if "--frame-period" in str(error):
+            recording = open_recording(path, frame_period=Fraction(1, 30), **options)
+        elif "pass --sensor" in str(error):
+            recording = open_recording(path, sensor=SENSOR, **options)
+        else:
+            raise
+    sensor = recording.sensor
+    if not sensor.possible or abs(recording.start_us) > TIME_LIMIT_US:
+        raise BrokenPromise(f"sensor {sensor}, start {recording.start_us}")
+    recording.remark.encode("ascii")
+    return recording
+
+
+def _check_events(events: np.ndarray, last: int | None) -> int:
+    t = events["t"]
+    if events.dtype != EVENT_DTYPE or not events.size:
+        raise BrokenPromise(f"{events.size} events of dtype {events.dtype}")
+    if (t[1:] < t[:-1]).any() or (last is not None and t[0] < last):
+        raise BrokenPromise("time runs backwards")
+    if abs(int(t[0])) > 2 * TIME_LIMIT_US or abs(int(t[-1])) > 2 * TIME_LIMIT_US:
+        raise BrokenPromise("a time beyond the limit")
+    if events["p"].copy().view(np.uint8).max() > 1:
+        raise BrokenPromise("a polarity that is neither 0 nor 1")
+    return int(t[-1])
+
+
+def _check_error(error: EdgeVprError, path: Path) -> None:
+    text, cause = str(error), error
+    if path.name not in text or not text.isprintable() or len(text) > 1000:
+        raise BrokenPromise(f"message {text!r}")
+    while cause is not None:
+        if isinstance(cause, MemoryError):
+            raise BrokenPromise("more memory than the limit")
+        cause = cause.__cause__ or cause.__context__
+
+
+# --- the run --------------------------------------------------------------------------------
+
+
+def run_child(inputs: Mutants | Given, folder: Path, indices: range, pipe: int) -> None:
+    """Check inputs in this process, and write a line before and after each."""
+    warnings.simplefilter("error")
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)  # libraries print what they dislike
+    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY_BYTES, size + MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for index in indices:
+        os.write(pipe, json.dumps([index, None]).encode() + b"\n")
+        try:
+            outcome = check(inputs.write(index, folder))
+        except Exception:
+            outcome = "failed: " + " | ".join(traceback.format_exc().split("\n"))[-1500:]
+        os.write(pipe, json.dumps([index, outcome]).encode() + b"\n")
+
+
+class Tally:
+    """How inputs went, in all and by name."""
+
+    def __init__(self, inputs: Mutants | Given, keep: Path | None) -> None:
+        self._inputs, self._keep = inputs, keep
+        self.counts: Counter[str] = Counter()
+
+    def add(self, index: int, outcome: str) -> None:
+        """Count one input; print and keep it if it failed."""
+        kind, name = outcome.split(":")[0], self._inputs.name(index)
+        self.counts.update((kind, f"{name} {kind}"))
+        if kind == "failed":
+            print(f"input {index} ({name}) {outcome}", flush=True)
+            if self._keep is not None:
+                self._inputs.write(index, self._keep / str(index))
+
+    def show(self) -> None:
+        """Print a line a name."""
+        for name in self._inputs.names:
+            print(f"{name:<16}", *(f"{self.counts[f'{name} {k}']:>7,} {k}" for k in KINDS))
+
+
+def run(inputs: Mutants | Given, work: Path, indices: range, tally: Tally) -> None:
+    """Check all inputs in one child after another."""
+    while indices:
+        batch = indices[:BATCH]
+        reader, writer = os.pipe()
+        child = os.fork()
+        if child == 0:
+            with contextlib.suppress(BaseException):
+                run_child(inputs, work, batch, writer)
+            os._exit(0)
+        os.close(writer)
+        done = _listen(reader, child, tally)
+        os.close(reader)
+        if not done:
+            raise RuntimeError("a child ended before its first input")
+        indices = indices[done:]
+
+
+def _listen(reader: int, child: int, tally: Tally) -> int:
+    """Count what a child tells until it ends; how many inputs it dealt with."""
+    done, begun, left, death = 0, None, b"", ""
+    while True:
+        ready, _, _ = select.select([reader], [], [], SECONDS)
+        data = os.read(reader, 1 << 16) if ready else b""
+        if not ready:
+            os.kill(child, signal.SIGKILL)
+            death = f"took more than {SECONDS:g} s"
+        if not data:
+            break
+        *lines, left = (left + data).split(b"\n")
+        for line in lines:
+            index, outcome = json.loads(line)
+            begun = index
+            if outcome is not None:
+                done, begun = done + 1, None
+                tally.add(index, outcome)
+    _, status = os.waitpid(child, 0)
+    if begun is not None:
+        if os.WIFSIGNALED(status) and not death:
+            death = f"died of {signal.Signals(os.WTERMSIG(status)).name}"
+        tally.add(begun, f"failed: {death or 'ended'}")
+        done += 1
+    return done
+
+
+def warm_up(seeds: Path) -> None:
+    """Import the libraries and load compiled kernels, which children then share."""
+    for module in ("pyarrow.parquet", "h5py", "rosbags.rosbag1", "rosbags.rosbag2", "PIL.Image"):
+        __import__(module)
+    with contextlib.suppress(ImportError):
+        __import__("faery.extension")
+    for name in ("ours.raw", "evt21.raw", "evt3.raw", "ours.csv", "packets.mcap"):
+        read(seeds / name, 1 << 16)
+
+
+def main() -> int:
+    """Run, print what happened by format, and return 1 if anything failed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inputs", type=int, default=1_000, metavar="N")
+    parser.add_argument("--first", type=int, default=0, metavar="I", help="first input's number")
+    parser.add_argument("--seed", type=int, default=0, metavar="S")
+    parser.add_argument("--only", type=int, metavar="I", help="read one input in this process")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep inputs that failed here")
+    parser.add_argument("--files", type=Path, nargs="+", help="read these, and no mutations")
+    args = parser.parse_args()
+    if args.keep is not None:
+        args.keep.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        seeds, work = Path(folder) / "seeds", Path(folder) / "input"
+        seeds.mkdir()
+        maker = os.fork()  # what writes the seeds starts threads, which a fork would not survive
+        if maker == 0:
+            write_seeds(seeds)
+            os._exit(0)
+        if os.waitpid(maker, 0)[1]:
+            return 1
+        inputs = Given(args.files) if args.files else Mutants(seeds, args.seed)
+        if args.only is not None:
+            print(check(inputs.write(args.only, work)))
+            return 0
+        warm_up(seeds)
+        begin = time.monotonic()
+        indices = range(args.first, args.first + args.inputs)
+        if args.files:
+            indices = range(len(args.files))
+        tally = Tally(inputs, args.keep)
+        run(inputs, work, indices, tally)
+        tally.show()
+        total = ", ".join(f"{tally.counts[kind]:,} {kind}" for kind in KINDS)
+        print(f"{len(indices):,} inputs in {time.monotonic() - begin:.0f} s: {total}")
+    return 1 if tally.counts["failed"] else 0
+
+
+KINDS = ("accepted", "refused", "failed")
+
+if __name__ == "__main__":
+    sys.exit(main())
