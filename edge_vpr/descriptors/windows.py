@@ -136,7 +136,7 @@ class Descriptors:
 
     def first(self, n: int) -> Descriptors:
         """Take the first n windows; views."""
-        return Descriptors(**{name: column[:n] for name, column in self.to_arrays().items()})
+        return Descriptors(self.counts[:n], self.start_us[:n], self.end_us[:n], self.events[:n])
 
     @property
     def centre_us(self) -> npt.NDArray[np.int64]:

@@ -111,7 +111,8 @@ class Localiser:
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
             reference.full_scale,
         )  # fmt: skip
-        check_extent(*self._places.shape, self._length, recent, self._window)
+        places, counters = self._places.shape
+        check_extent(places, counters, self._length, recent, self._window)
         self._policy = np.array([self.every.interval_us, -1], dtype=np.int64)
         self._now = 0  # T: all events before it have been taken
         self._floor = 0  # no event may be earlier

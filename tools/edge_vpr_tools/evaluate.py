@@ -64,7 +64,6 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If the folder or the ground truth cannot be used.
     """
-    import json
     import sys
 
     from edge_vpr.archive import read_archive
@@ -75,7 +74,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools import results
     from edge_vpr_tools.online import ONLINE
-    from edge_vpr_tools.provenance import run_record, write_json
+    from edge_vpr_tools.provenance import read_json, run_record, write_json
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.truth import load_truth
 
@@ -106,7 +105,7 @@ def run(args: argparse.Namespace) -> None:
         recall_denominator=args.recall_denominator,
         thresholds=args.thresholds,
     )
-    metrics = json.loads((folder / results.METRICS).read_text(encoding="utf-8"))
+    metrics = read_json(folder / results.METRICS, "match again")
     metrics["ground_truth"] = truth.description
     metrics["evaluation"] = found.to_dict()
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
