@@ -381,3 +381,10 @@ def test_a_damaged_record_of_metrics_is_named(drive, tmp_path, capsys):
     for text in ("{", "[1]", "[" * 100_000):
         (results / "metrics.json").write_text(text)
         refused(capsys, *evaluate, code=1, says="metrics.json")
+
+
+def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, capsys):
+    name = "drive\x1b[2J\x1b]0;owned\x07\n\u202ezpn.csv"
+    refused(capsys, "map", tmp_path / name, "-o", tmp_path / "m.npz", code=1, says="drive\\x1b[2J")
+    assert main(["match", str(tmp_path / name), "q.npz", "-o", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err.rstrip("\n").isprintable()

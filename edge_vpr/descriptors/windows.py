@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.array_checks import LATEST_US
 from edge_vpr.descriptors.counters import count_events, count_frame, count_until
 from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
@@ -40,8 +41,8 @@ class FixedTime:
         return f"{self.tau_us / 1e6:g} s"
 
     def __post_init__(self) -> None:
-        if self.tau_us < 1:
-            raise UsageError(f"window of {self.tau_us} us: expected 1 us or more")
+        if not 1 <= self.tau_us <= LATEST_US:
+            raise UsageError(f"window of {self.tau_us} us: expected 1 us or more, to {LATEST_US}")
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,10 @@ class FixedCount:
         return f"{self.events} events at the selected pixels"
 
     def __post_init__(self) -> None:
-        if self.events < 1:
-            raise UsageError(f"window of {self.events} events: expected 1 event or more")
+        if not 1 <= self.events <= LATEST_US:
+            raise UsageError(
+                f"window of {self.events} events: expected 1 event or more, to {LATEST_US}"
+            )
 
 
 Window = FixedTime | FixedCount

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
+from edge_vpr.array_checks import LATEST_US
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError
@@ -206,6 +207,8 @@ class Localiser:
             raise EventError(
                 f"time runs backwards, from {self._floor} to {until_us} us: name a later time"
             )
+        if until_us > LATEST_US:
+            raise EventError(f"time {until_us} us lies beyond {LATEST_US}: check the clock's unit")
         self.every.check_ticks(int(self._policy[NEXT_TICK]), until_us)
         nothing = np.empty(0, dtype=np.int64)
         matches = self._run(nothing.astype(np.int32), nothing, until_us)
