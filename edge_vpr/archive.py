@@ -192,7 +192,7 @@ def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
             f"array {name} announces {shape} of {dtype} and holds {size - stream.tell()} bytes"
         )
     flat = np.empty(count, dtype=dtype)
-    left = memoryview(flat.view(np.uint8).reshape(-1)) if count else memoryview(b"")
+    left = flat.view(np.uint8).data if count else memoryview(b"")
     while len(left):
         read_bytes = stream.readinto(left)  # type: ignore[attr-defined]
         if not read_bytes:

@@ -10,9 +10,6 @@ import numpy.typing as npt
 
 from edge_vpr.errors import MapError
 
-#: no time is later, in microseconds: a sum of two still fits 64 bits
-LATEST_US = 1 << 60
-
 
 def check_array(
     array: object, name: str, dtypes: Sequence[npt.DTypeLike], shape: tuple[int | None, ...]

@@ -23,7 +23,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.matches import Matches, match_descriptors
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.pipeline import code_places, window_of
+from edge_vpr.pipeline import coded_map, window_of
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, resolve_settings
 
@@ -50,9 +50,8 @@ def map_of(variant: dict[str, object], rng: np.random.Generator) -> ReferenceMap
     counters = 8 if settings.polarity else 4
     largest = int(rng.choice([3, 20, 300, 70_000]))
     places = descriptors(rng.integers(0, largest + 1, (int(rng.integers(3, 12)), counters)))
-    places, full_scale = code_places(places, settings)
     figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
-    return ReferenceMap(settings, PIXELS, places, figures, figures > 0, full_scale)
+    return coded_map(ReferenceMap(settings.uncoded, PIXELS, places, figures, figures > 0), settings)
 
 
 def write_originals(folder: Path) -> dict[str, list[Path]]:

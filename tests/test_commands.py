@@ -384,3 +384,43 @@ def test_a_map_of_the_wrong_width_is_an_error_and_not_a_crash(drive, tmp_path, c
         capsys, "match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "out", *more,
         code=1, says="counts is uint8 of shape",
     )  # fmt: skip
+
+
+def line_track(path, seconds, metres, begin=0.0):
+    """A table of a drive along a line."""
+    rows = [f"{begin + i / 10},{metres * i / (10 * seconds)}" for i in range(10 * seconds + 1)]
+    path.write_text("\n".join(["time_s,position_m", *rows]) + "\n")
+    return path
+
+
+def test_evaluate_says_what_is_doubtful_and_sets_clocks_right(drive, tmp_path, capsys):
+    results = tmp_path / "results"
+    shutil.copytree(drive / "results", results)
+    reference = line_track(tmp_path / "reference.csv", 2, 20)
+    late = line_track(tmp_path / "late.csv", 2, 20, begin=1.0)
+    evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth", str(reference)]
+    assert main([*evaluate, str(late)]) == 0
+    said = capsys.readouterr()
+    assert "the query log covers 1 to 3 s and its drive lasts until 2 s" in said.err
+    assert "100 % of the query's track along the reference's" in said.out
+    assert main([*evaluate, str(late), "--offset", "0", "-1"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    refused(capsys, *evaluate, "--offset", 0, 5, code=2, says="give two tracks")
+
+
+def test_a_damaged_record_of_metrics_is_named(drive, tmp_path, capsys):
+    results = tmp_path / "results"
+    shutil.copytree(drive / "results", results)
+    reference = line_track(tmp_path / "reference.csv", 2, 20)
+    evaluate = ["evaluate", results, "--tolerance", "2", "--ground-truth", reference, reference]
+    for text in ("{", "[1]", "[" * 100_000):
+        (results / "metrics.json").write_text(text)
+        refused(capsys, *evaluate, code=1, says="metrics.json")
+
+
+def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, capsys):
+    name = "drive\x1b[2J\x1b]0;owned\x07\n\u202ezpn.csv"
+    refused(capsys, "map", tmp_path / name, "-o", tmp_path / "m.npz", code=1, says="drive\\x1b[2J")
+    assert main(["match", str(tmp_path / name), "q.npz", "-o", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err.rstrip("\n").isprintable()

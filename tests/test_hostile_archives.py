@@ -12,15 +12,16 @@ from archive_mutants import PIXELS, SENSOR, map_of
 from streams import random_events
 
 from edge_vpr.archive import MEMORY_BYTES, read_archive, write_archive
+from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, FixedTime
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime
+from edge_vpr.errors import LONGEST_MESSAGE, EventError, MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches, match_descriptors
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.state_checks import check_extent
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
+from edge_vpr.settings import Settings, resolve_settings
 from fixedpoint.codes import PixelCodes
 from fixedpoint.errors import FixedPointError
 
@@ -242,6 +243,42 @@ def test_windows_and_sequences_that_no_integer_holds_are_wrong_use():
     with pytest.raises(UsageError, match="take a shorter sequence"):
         check_extent(10**6, 150, 10**5, 0, FixedTime(1))
     check_extent(100_000, 150, 100, 0, FixedTime(10**6))
+
+
+@pytest.mark.parametrize("window", [FixedTime, FixedCount])
+@pytest.mark.parametrize("length", [0, -1, 2**63, 10**30])
+def test_a_window_has_a_length_that_fits_the_kernels(window, length):
+    with pytest.raises(UsageError, match="expected 1"):
+        window(length)
+
+
+def test_time_cannot_be_let_pass_beyond_its_range():
+    localiser = Localiser(map_of({}, np.random.default_rng(0)))
+    with pytest.raises(EventError, match="lies beyond"):
+        localiser.advance(2**70)
+
+
+@pytest.mark.parametrize("line", ["inf,1", "1e400,1", "nan,0", "1", "1,2,3", "9,9"])
+def test_a_list_of_hot_pixels_that_names_none_is_an_error_of_ours(tmp_path, line):
+    (tmp_path / "hot.txt").write_text(f"x,y\n{line}\n")
+    with pytest.raises(RecordingError, match=r"hot\.txt"):
+        load_hot_pixels(tmp_path / "hot.txt", SENSOR)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["sigma = " + "[" * 50_000, "seed = 0x" + "f" * 5_000, "seed = " + "1" * 5_000, "sigma = nan",
+     "sigma = inf", "preset = 7", "preset = []", "a = 1979-13-45", "tau_us = true", "\x00",
+     "strategy = 3", "# " + "x" * (1 << 20)],
+)  # fmt: skip
+def test_settings_that_cannot_be_are_one_line_that_names_the_file(tmp_path, text):
+    (tmp_path / "odd.toml").write_text(text)
+    with pytest.raises(UsageError) as caught:
+        resolve_settings(config=tmp_path / "odd.toml")
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) <= LONGEST_MESSAGE
+    if "preset" not in text:
+        assert "odd.toml" in str(caught.value)
 
 
 def bomb(path, unpacked):

@@ -109,7 +109,7 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
             continue
         try:
             x, y = (_whole(field) for field in fields)
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise RecordingError(
                 f"line {number} of {path} is {line!r}: expected the column and row of a hot pixel"
             ) from error

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edge_vpr.array_checks import LATEST_US, check_array, check_range
+from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.errors import MapError
+from edge_vpr.events import TIME_LIMIT_US
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import Descriptors
@@ -41,10 +42,10 @@ def check_descriptors(descriptors: Descriptors, counters: int | None = None) -> 
     for name in ("start_us", "end_us", "events"):
         check_array(getattr(descriptors, name), name, (np.int64,), (n,))
     for name in ("start_us", "end_us"):
-        check_range(getattr(descriptors, name), name, -LATEST_US, LATEST_US)
-    check_range(descriptors.events, "events", 0, LATEST_US)
+        check_range(getattr(descriptors, name), name, -TIME_LIMIT_US, TIME_LIMIT_US)
+    check_range(descriptors.events, "events", 0, TIME_LIMIT_US)
     if descriptors.selected is not None:
         check_array(descriptors.selected, "selected", (np.int64,), (n,))
-        check_range(descriptors.selected, "selected", 0, LATEST_US // n)
+        check_range(descriptors.selected, "selected", 0, TIME_LIMIT_US // n)
     if (descriptors.end_us < descriptors.start_us).any():
         raise MapError("a window ends before it starts: expected end_us of start_us or later")

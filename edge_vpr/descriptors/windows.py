@@ -13,7 +13,7 @@ from edge_vpr.descriptors.counters import count_events, count_frame, count_until
 from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
-from edge_vpr.events import Events
+from edge_vpr.events import TIME_LIMIT_US, Events
 from fixedpoint.codes import CounterCode, PixelCodes
 
 #: more windows than this in one recording, or ticks in one jump of time, are a fault: of a clock
@@ -40,8 +40,10 @@ class FixedTime:
         return f"{self.tau_us / 1e6:g} s"
 
     def __post_init__(self) -> None:
-        if self.tau_us < 1:
-            raise UsageError(f"window of {self.tau_us} us: expected 1 us or more")
+        if not 1 <= self.tau_us <= TIME_LIMIT_US:
+            raise UsageError(
+                f"window of {self.tau_us} us: expected 1 us or more, to {TIME_LIMIT_US}"
+            )
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,10 @@ class FixedCount:
         return f"{self.events} events at the selected pixels"
 
     def __post_init__(self) -> None:
-        if self.events < 1:
-            raise UsageError(f"window of {self.events} events: expected 1 event or more")
+        if not 1 <= self.events <= TIME_LIMIT_US:
+            raise UsageError(
+                f"window of {self.events} events: expected 1 event or more, to {TIME_LIMIT_US}"
+            )
 
 
 Window = FixedTime | FixedCount
@@ -152,7 +156,7 @@ class Descriptors:
 
     def first(self, n: int) -> Descriptors:
         """Take the first n windows; views."""
-        return Descriptors(**{name: column[:n] for name, column in self.to_arrays().items()})
+        return Descriptors(self.counts[:n], self.start_us[:n], self.end_us[:n], self.events[:n])
 
     @property
     def centre_us(self) -> npt.NDArray[np.int64]:

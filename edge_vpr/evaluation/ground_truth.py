@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -367,6 +367,7 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
     suffix = path.suffix.lower()
     if suffix not in (".npz", ".npy", ".csv"):
         raise GroundTruthError(f"{path} is not a matrix: give a .npz, .npy or .csv file")
+    matrix: npt.NDArray[Any] | None
     try:
         if suffix == ".csv":
             with warnings.catch_warnings():

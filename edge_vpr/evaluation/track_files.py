@@ -13,11 +13,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from edge_vpr.array_checks import LATEST_US
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.gpx_files import load_gpx
 from edge_vpr.evaluation.text_files import read_text
 from edge_vpr.evaluation.tracks import Floats, Track
+from edge_vpr.events import TIME_LIMIT_US
 
 #: Between two fixes further apart than this the position counts as unknown. A car at 50 km/h drives
 #: 70 m, the tolerance of Brisbane-Event-VPR, in 5 s; the logs of that data set have gaps of 4 s.
@@ -58,7 +58,7 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
             f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
             "time_s,position_m or time_s,latitude,longitude"
         )
-    if np.abs(table[:, 0]).max() * 1e6 > LATEST_US:
+    if np.abs(table[:, 0]).max() * 1e6 > TIME_LIMIT_US:
         raise GroundTruthError(
             f"{path} has times up to {np.abs(table[:, 0]).max():g} s: give seconds from the "
             "recording's start"

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.array_checks import LATEST_US
 from edge_vpr.errors import GroundTruthError
+from edge_vpr.events import TIME_LIMIT_US
 
 Kind = Literal["geographic", "metric"]
 Floats = npt.NDArray[np.float64]
@@ -71,10 +71,10 @@ class Track:
                 f"a {self.kind} track of {time_us.size} times has positions of shape "
                 f"{position.shape}: expected ({time_us.size}, d) with d in {widths}"
             )
-        if max(abs(int(time_us.min())), abs(int(time_us.max()))) > LATEST_US:
+        if max(abs(int(time_us.min())), abs(int(time_us.max()))) > TIME_LIMIT_US:
             raise GroundTruthError(
-                f"track time runs from {time_us.min()} to {time_us.max()} us, beyond {LATEST_US}: "
-                "give seconds from the recording's start"
+                f"track time runs from {time_us.min()} to {time_us.max()} us, beyond "
+                f"{TIME_LIMIT_US}: give seconds from the recording's start"
             )
         back = np.flatnonzero(np.diff(time_us) <= 0)
         if back.size:
@@ -110,7 +110,7 @@ class Track:
         GroundTruthError
             If it is not a finite number, or moves the track out of the range of times.
         """
-        if not abs(seconds) * 1e6 <= LATEST_US:
+        if not abs(seconds) * 1e6 <= TIME_LIMIT_US:
             raise GroundTruthError(f"offset of {seconds} s: expected seconds such as 5 or -2.5")
         offset = round(seconds * 1e6)
         start = self.start_utc

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import damaged, read_archive, replacing, write_archive
-from edge_vpr.array_checks import LATEST_US, check_array, check_range, whole_number
+from edge_vpr.array_checks import check_array, check_range, whole_number
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
+from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.distances import ReferenceIndex, best_matches
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
@@ -151,7 +152,7 @@ class Matches:
         with damaged(path, "match again"):
             found = cls(
                 Settings.from_dict(meta["settings"]),
-                whole_number(meta, "places_in_map", 1, LATEST_US),
+                whole_number(meta, "places_in_map", 1, TIME_LIMIT_US),
                 **{name: arrays[name] for name in _COLUMNS if name != "trust"},
                 trust=arrays.get("trust", arrays["second_sum"] - arrays["distance_sum"]),
             )
@@ -208,9 +209,9 @@ def check_matches(matches: Matches) -> None:
     """
     n, last = len(matches.query), matches.places_in_map - 1
     limits = {
-        "query": (0, LATEST_US), "time_us": (-LATEST_US, LATEST_US), "place": (0, last),
-        "distance_sum": (0, LATEST_US), "second": (-1, last), "second_sum": (-1, LATEST_US),
-        "ties": (0, last), "candidates": (-1, last), "trust": (-LATEST_US, LATEST_US),
+        "query": (0, TIME_LIMIT_US), "time_us": (-TIME_LIMIT_US, TIME_LIMIT_US), "place": (0, last),
+        "distance_sum": (0, TIME_LIMIT_US), "second": (-1, last), "second_sum": (-1, TIME_LIMIT_US),
+        "ties": (0, last), "candidates": (-1, last), "trust": (-TIME_LIMIT_US, TIME_LIMIT_US),
     }  # fmt: skip
     for name, (least, most) in limits.items():
         column = getattr(matches, name)

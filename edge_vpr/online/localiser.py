@@ -14,7 +14,7 @@ from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
 from edge_vpr.map_checks import check_map
 from edge_vpr.online.filter_run import FilterRun
 from edge_vpr.online.kernel import DONE, NEXT_TICK, RING_FULL, follow
@@ -117,7 +117,8 @@ class Localiser:
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
             reference.full_scale, reference.mean,
         )  # fmt: skip
-        check_extent(*self._places.shape, self._length, recent, self._window)
+        places, counters = self._places.shape
+        check_extent(places, counters, self._length, recent, self._window)
         self._policy = np.array([self.every.interval_us, -1], dtype=np.int64)
         self._now = 0  # T: all events before it have been taken
         self._floor = 0  # no event may be earlier
@@ -223,6 +224,10 @@ class Localiser:
         if until_us < self._floor:
             raise EventError(
                 f"time runs backwards, from {self._floor} to {until_us} us: name a later time"
+            )
+        if until_us > TIME_LIMIT_US:
+            raise EventError(
+                f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
         self.every.check_ticks(self._next_tick, until_us)
         nothing = np.empty(0, dtype=np.int64)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from edge_vpr.array_checks import LATEST_US
 from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.errors import UsageError
+from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.settings import Settings
 
 
@@ -31,10 +31,10 @@ class MatchSchedule:
     def __post_init__(self) -> None:
         for name, kind in (("events", int), ("interval_us", int), ("change", bool)):
             value = getattr(self, name)
-            if type(value) is not kind or value > LATEST_US:
+            if type(value) is not kind or value > TIME_LIMIT_US:
                 raise UsageError(
                     f"matches with {name} = {value!r}: expected {kind.__name__}, at most "
-                    f"{LATEST_US}"
+                    f"{TIME_LIMIT_US}"
                 )
         if self.events < 0 or self.interval_us < 0 or not (self.events or self.interval_us):
             raise UsageError(

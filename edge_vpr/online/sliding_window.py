@@ -9,12 +9,11 @@ from edge_vpr.descriptors.counters import select_events
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, Window, WindowCounts, collect
 from edge_vpr.errors import EventError, UsageError
-from edge_vpr.events import Events
+from edge_vpr.events import TIME_LIMIT_US, Events
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.state import advance, grown, push, settle, start
 
 _EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
-_LATEST_US = 1 << 60
 
 
 class SlidingWindow:
@@ -161,9 +160,9 @@ def selected_in_order(
             f"time runs backwards, from {floor_us} to {min(t[0], t[-1])} us: sort the events, or "
             "drop the late ones"
         )
-    if t[-1] > _LATEST_US:
+    if t[-1] > TIME_LIMIT_US:
         raise EventError(
-            f"an event at {t[-1]} us lies beyond {_LATEST_US} us: check the unit of its clock"
+            f"an event at {t[-1]} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
         )
     slots, times = [], []
     for begin in range(0, events.size, _EVENTS_AT_ONCE):

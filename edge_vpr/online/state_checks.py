@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.array_checks import LATEST_US, check_array, check_range, whole_number
+from edge_vpr.array_checks import check_array, check_range, whole_number
 from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import MapError, UsageError
+from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.place_filter import METRIC_TOP, RECIPROCAL_BITS, TRUST_BITS
 from edge_vpr.online.schedule import MatchSchedule
 
@@ -61,10 +62,10 @@ def check_extent(places: int, counters: int, length: int, recent: int, window: W
             "much for matching after every event: take a shorter sequence"
         )
     span = window.tau_us if isinstance(window, FixedTime) else window.events
-    if length * span > LATEST_US:
+    if length * span > TIME_LIMIT_US:
         raise UsageError(
-            f"a sequence of {length} windows of {window} is longer than {LATEST_US} us or events: "
-            "take shorter windows"
+            f"a sequence of {length} windows of {window} is longer than {TIME_LIMIT_US} us or "
+            "events: take shorter windows"
         )
 
 
@@ -103,7 +104,7 @@ def check_state(
     MapError
         If an array is of another dtype or shape, or holds what no run leaves.
     """
-    floor_us = whole_number(meta, "floor_us", 0, LATEST_US)
+    floor_us = whole_number(meta, "floor_us", 0, TIME_LIMIT_US)
     now_us = whole_number(meta, "now_us", floor_us, floor_us + 1)
     check_array(arrays["slot"], "slot", (np.int32,), (None,))
     n = arrays["slot"].size
@@ -113,7 +114,7 @@ def check_state(
     if (np.diff(arrays["time"]) < 0).any():
         raise MapError("time of the events in the windows runs backwards: expected sorted times")
     check_array(arrays["bound"], "bound", (np.int64,), (length + 1,))
-    check_range(arrays["bound"], "bound", 0, LATEST_US)
+    check_range(arrays["bound"], "bound", 0, TIME_LIMIT_US)
     bound = arrays["bound"]
     expected = _bounds(arrays, window, length, now_us)
     if not np.array_equal(bound, expected) or bound[0] - bound[-1] != n:
@@ -168,7 +169,7 @@ def check_filter_state(
     )  # fmt: skip
     within = (
         0 <= reciprocal <= 1 << RECIPROCAL_BITS
-        and 0 <= usual <= LATEST_US
+        and 0 <= usual <= TIME_LIMIT_US
         and (0 <= place < places if windows else place == -1)
         and 0 <= trust <= METRIC_TOP << TRUST_BITS
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from edge_vpr.archive import read_archive
@@ -15,7 +14,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.truth import load_truth
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import note
-from edge_vpr_tools.output.provenance import run_record, write_json
+from edge_vpr_tools.output.provenance import read_json, run_record, write_json
 from edge_vpr_tools.report.traverse import write_report
 
 #: places times queries of the ground truth: 64 MB
@@ -59,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
         recall_denominator=args.recall_denominator,
         thresholds=args.thresholds,
     )
-    metrics = json.loads((folder / results.METRICS).read_text(encoding="utf-8"))
+    metrics = read_json(folder / results.METRICS, "match again")
     metrics["ground_truth"] = truth.description
     metrics["evaluation"] = found.to_dict()
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)

@@ -12,7 +12,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from edge_vpr.archive import replacing
+from edge_vpr.archive import damaged, replacing
+from edge_vpr.errors import MapError
 
 #: longer files are told by their size and beginning: hashing 3 GB takes longer than mapping them
 _HASHED_BYTES = 64 << 20
@@ -63,6 +64,21 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
     """Write values as indented JSON, atomically."""
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path, remedy: str) -> dict[str, Any]:
+    """Read values that `write_json` wrote.
+
+    Raises
+    ------
+    MapError
+        If the file is missing, or does not hold an object of JSON.
+    """
+    with damaged(path, remedy):
+        values = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(values, dict):
+            raise MapError(f"it holds a {type(values).__name__}: expected names and values")
+        return values
 
 
 def _files(path: Path) -> list[Path]:
