@@ -375,6 +375,54 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
     assert found.tolist() == np.concatenate(expected).tolist()
 
 
+@pytest.mark.parametrize("tells", ["event", "pause", "silence"])
+def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, drive):
+    """One undamaged frame may say anything: 599 s are 1.2 million ticks of 500 us."""
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    last, jump_us = int(events["t"][-1]), 599_000_000
+    encoder = open_encoder("evpr", SENSOR)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
+    assert not live.feed(encoder.start() + encoder.encode(events), 0).incomplete
+    later = events.copy()
+    later["t"] += last + jump_us
+    if tells == "silence":
+        sent = encoder.idle(last + jump_us)
+    elif tells == "event":
+        sent = encoder.encode(later[:1])
+    else:
+        sent = encoder.encode(np.concatenate([events[-1:], later[:1]]))
+    step = live.feed(sent, 0)
+    # ticks that the burst filter held back, and one of the jump
+    assert 1 <= step.matches.size <= 10
+    if tells == "silence":
+        assert step.matches["t"][-1] == (last + jump_us) // 500 * 500
+    step = live.feed(encoder.encode(later[1:10_000]), 0)
+    assert step.incomplete
+    assert live.decoder.health.clock_jumps == 1
+    assert "1 clock jump" in str(live.decoder.health)
+    step = live.feed(encoder.encode(later[10_000:]), 0)
+    # what follows is matched as if nothing had been, but for the flag
+    assert np.array_equal(np.diff(step.matches["t"]), np.full(step.matches.size - 1, 500))
+    localiser = Localiser(reference, every=MatchSchedule(interval_us=500))
+    localiser.update(events)
+    localiser.skip_ticks(int(later["t"][0]))
+    expected = localiser.update(later)
+    expected = expected[np.isin(expected["t"], step.matches["t"])]
+    assert step.matches.tolist() == expected.tolist()
+
+
+def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = make_events([0, 700_000, 1_400_000, 1_410_000], [1, 2, 5, 6], [3, 4, 6, 7])
+    every = MatchSchedule(interval_us=1)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    step = live.feed(open_encoder("evpr", SENSOR).encode(events), 0)
+    assert live.decoder.health.clock_jumps == 0
+    assert np.array_equal(np.diff(step.matches["t"]), np.ones(step.matches.size - 1))
+    assert step.matches.size > 1_000_000
+
+
 def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
     encoder = open_encoder("evpr", SENSOR)
     decoder = open_decoder("evpr", SENSOR)

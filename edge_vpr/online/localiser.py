@@ -203,6 +203,19 @@ class Localiser:
         self._floor, self._now = until_us, max(self._now, until_us)
         return matches
 
+    def skip_ticks(self, until_us: int) -> None:
+        """Leave out the ticks of the policy before `until_us`, but for the last of them.
+
+        Parameters
+        ----------
+        until_us : int
+            Time that `update` or `advance` reaches next.
+        """
+        interval = self.every.interval_us
+        if interval:
+            last = until_us // interval * interval
+            self._policy[NEXT_TICK] = max(int(self._policy[NEXT_TICK]), last)
+
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
 

@@ -16,6 +16,12 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.protocols.protocol import Decoder, made_up_events
 
+#: A step of the clock over more than this, and over more than so many ticks, is a jump.
+JUMP_US = 1_000_000
+MOST_TICKS = 10_000
+_NEVER_US = 1 << 62
+_NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
+
 
 class Step(NamedTuple):
     """What one piece of bytes brought.
@@ -76,6 +82,8 @@ class LiveLocaliser:
             self._table = reference.pixel_map.table()
             _rehearse(reference, every)
             self._localiser = Localiser(reference, every=every)
+            # of time, that is matched at once
+            self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
             if reference.settings.remove_bursts:
                 self._bursts = BurstFilter(sensor)
 
@@ -115,31 +123,61 @@ class LiveLocaliser:
 
     def _follow(self, events: Events, *, last: bool = False) -> Step:
         if self._localiser is None:
-            return Step(events, np.empty(0, dtype=MATCH_DTYPE), False)
+            return Step(events, _NO_MATCHES, False)
         before_us = self._time
         pieces = self._cleaned(events, last)
-        matches = [self._localiser.update(piece) for piece in pieces]
+        matches: list[npt.NDArray[np.void]] = []
+        for piece in pieces:
+            self._update(self._localiser, piece, matches)
         known = self.decoder.reached_us
         if self._bursts is not None:
             known = min(known, self._bursts.known_us)
         if known > self._time:
             # events held back are later than this, and a device that sees nothing may say so
+            self._near(self._localiser, known, matches)
             matches.append(self._localiser.advance(known))
             self._time = known
         some = [each for each in matches if each.size]
-        found = np.concatenate(some) if len(some) > 1 else (some or matches)[0]
+        found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]
         return Step(events, found, self._incomplete(pieces, before_us))
 
+    def _update(
+        self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
+    ) -> None:
+        """Match events, of as many as lie within `MOST_TICKS` at a time."""
+        while events.size:
+            taken, last = events.size, int(events["t"][-1])
+            if last - self._time > self._most_us:
+                self._near(localiser, int(events["t"][0]), matches)
+                taken = int(np.searchsorted(events["t"], self._time + self._most_us, "right"))
+                last = int(events["t"][taken - 1])
+            matches.append(localiser.update(events[:taken]))
+            self._time = last
+            events = events[taken:]
+
+    def _near(
+        self, localiser: Localiser, time_us: int, matches: list[npt.NDArray[np.void]]
+    ) -> None:
+        """Let time pass until `time_us` is less than `MOST_TICKS` ahead.
+
+        The ticks give matches, but for those of a jump: no clock and no silence may hold up the
+        run, so that only the last of its ticks does, and the jump is counted.
+        """
+        if time_us - self._time > max(self._most_us, JUMP_US):
+            self.decoder.health.clock_jumps += 1
+            localiser.skip_ticks(time_us)
+            self._time = time_us
+        while time_us - self._time > self._most_us:
+            self._time += self._most_us
+            matches.append(localiser.advance(self._time))
+
     def _cleaned(self, events: Events, last: bool) -> list[Events]:
-        pieces = [events]
-        if self._bursts is not None:
-            pieces = self._bursts.pieces(events)
-            reached = self.decoder.reached_us
-            pieces.append(self._bursts.finish() if last else self._bursts.advance(reached))
-        for piece in pieces:
-            if piece.size:
-                self._time = int(piece["t"][-1])
-        return pieces
+        if self._bursts is None:
+            return [events]
+        return [
+            *self._bursts.pieces(events),
+            self._bursts.finish() if last else self._bursts.advance(self.decoder.reached_us),
+        ]
 
     def _incomplete(self, pieces: list[Events], before_us: int) -> bool:
         """Tell whether a loss is younger than the windows that are compared.
