@@ -2,6 +2,45 @@
 
 from __future__ import annotations
 
+#: A text of others that is longer than this is cut.
+LONGEST_TEXT = 500
+
+
+def printable(text: object, longest: int = LONGEST_TEXT) -> str:
+    r"""Escape what a terminal or a table would obey, in text of a file, a device or the system.
+
+    Parameters
+    ----------
+    text : object
+        Its `str` is taken.
+    longest : int
+        Characters to keep; the rest becomes ``...``.
+
+    Returns
+    -------
+    str
+        One line without control characters, which become ``\xNN``, and without other characters
+        that have no shape of their own (marks of direction, line separators, bytes of file names
+        that are no text), which become ``\uNNNN``.
+
+    Examples
+    --------
+    >>> print(printable("a\x1b[2Jb"))
+    a\x1b[2Jb
+    """
+    plain = str(text)
+    cut = plain if len(plain) <= longest else plain[:longest] + "..."
+    if cut.isprintable():
+        return cut
+    return "".join(each if each.isprintable() else _escaped(each) for each in cut)
+
+
+def _escaped(character: str) -> str:
+    code = ord(character)
+    if code < 0x100:
+        return f"\\x{code:02x}"
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
 
 class EdgeVprError(Exception):
     """Base of every error that edge-vpr raises on purpose; its text fits one line."""

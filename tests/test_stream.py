@@ -803,21 +803,24 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, drive, capsys):
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
     from edge_vpr_tools import live_view
+    from edge_vpr_tools.live_panel import Panel
     from rich.console import Console
 
     shown = []
 
-    class Terminal:
-        def update(self, panel):
+    class Live:
+        console = Console(file=io.StringIO())
+
+        def update(self, drawn, *, refresh):
             console = Console(width=120, record=True, file=io.StringIO())
-            console.print(panel)
+            console.print(drawn)
             shown.append(console.export_text())
 
     monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
     live = LiveLocaliser(
         open_decoder("evpr", SENSOR), ReferenceMap.load(drive / "map.npz"), MatchSchedule(events=1)
     )
-    view = live_view.View(False, None, 29, Terminal())
+    view = live_view.View(False, None, 29, Panel(Live()))
     data = sent.read_bytes()
     for part in (data[:10_000], data[10_000:80_000], data[90_000:]):
         step = live.feed(part, 0)

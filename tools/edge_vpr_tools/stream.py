@@ -13,7 +13,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr_tools.stream_arguments import add_arguments, check_arguments  # noqa: F401, a command has it
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from edge_vpr_tools.rerun_view import RerunView
 
 HELP = "localise live from a camera on a serial line, TCP, UDP, a pipe or a file"
-STALLED_S = 1.0
 #: More than a protocol's beginning takes, and than a bad line puts together by chance.
 SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
 
@@ -86,10 +85,11 @@ def _learn(args: argparse.Namespace, settings: Settings) -> None:
             names = (output.with_name(f"{output.stem}_drive{n or ''}.npz") for n in count())
             kept = next(name for name in names if not name.exists())
             drive.replace(kept)
-            print(f"the drive is kept: edge-vpr map {kept} -o {output}", file=sys.stderr)
+            kept_as = f"edge-vpr map {printable(kept)} -o {printable(output)}"
+            print(f"the drive is kept: {kept_as}", file=sys.stderr)
         folder.rmdir()
     if not args.json:
-        print(f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels")
+        print(f"{printable(output)}: {len(reference)} places at {len(reference.pixel_map)} pixels")
 
 
 def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Path | None) -> None:
@@ -183,6 +183,8 @@ def _events(
     stopping: threading.Event,
 ) -> Iterator[Events]:
     """Yield the stream's events while it is matched and shown."""
+    from edge_vpr_tools.live_view import SILENT_S
+
     begin = heard = time.monotonic()
     silent = closed = False
     remark = senseless = ""
@@ -203,17 +205,18 @@ def _events(
             view.matches(step, time.monotonic() - piece.at_s)
         elif bool(intake.lost_link) != closed:
             closed = not closed
-            view.say("link", f"{intake.lost_link}; trying again" if closed else "open again")
-        elif not (silent or closed or intake.ended) and time.monotonic() - heard > STALLED_S:
+            said = f"{intake.lost_link}; trying again" if closed else "open again"
+            view.say("link", said, over=not closed)
+        elif not (silent or closed or intake.ended) and time.monotonic() - heard > SILENT_S:
             silent = True
             health.stalls += 1
-            view.say("stalled", f"no bytes for {STALLED_S:g} s from {intake.address}")
+            view.say("stalled", f"no bytes for {SILENT_S:g} s from {intake.address}")
         if not senseless and (senseless := _senseless(health)):
             view.say("senseless", senseless)
         intake.send(live.decoder.to_send(time.monotonic()))
         if live.decoder.remark != remark:
             remark = live.decoder.remark
-            view.say("device", remark or "the device answers")
+            view.say("device", remark or "the device answers", over=not remark)
         if step is not None:
             if rerun is not None:
                 rerun.show(step)
