@@ -16,6 +16,7 @@ import pytest
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.stream import network_links
 from edge_vpr.stream.bridge import Bridge
 from edge_vpr.stream.intake import Intake, Piece
 from edge_vpr.stream.link import Link, LinkClosed, LinkError
@@ -161,6 +162,47 @@ def test_udp_and_tcp_arrive_and_nothing_listens_beyond_loopback(name):
     assert server.write(b"events", 1) == 6
     assert client.read(1) == b"events"
     for link in (host, device, server, client):
+        link.close()
+
+
+def test_a_second_sender_is_left_out_and_told_until_the_first_is_silent(monkeypatch):
+    """Two streams in one would be garbage to any decoder."""
+    monkeypatch.setattr(network_links, "GIVES_WAY_S", 0.2)
+    host = open_link("udp://:0")
+    first, second = (open_device_link(host.address) for _ in range(2))
+    for number in range(20):
+        first.write(b"a%d" % number, 1)
+        second.write(b"b%d" % number, 1)
+    heard = [host.read(0.2) for _ in range(20)]
+    assert heard == [b"a%d" % number for number in range(20)]
+    assert host.read(0) == b""
+    assert host.strangers == 20
+    assert f"sends to {host.address} as well and is left out" in host.remark
+    assert not host.began_anew()
+    time.sleep(0.25)
+    second.write(b"mine", 1)
+    assert host.read(1) == b"mine"
+    assert host.began_anew()
+    assert host.remark == ""
+    for link in (host, first, second):
+        link.close()
+
+
+def test_a_sender_that_is_replaced_is_a_new_stream_to_the_decoder(monkeypatch):
+    monkeypatch.setattr(network_links, "GIVES_WAY_S", 0.1)
+    intake = Intake(lambda: open_link("udp://:0"))
+    first, second = (open_device_link(intake.address) for _ in range(2))
+    first.write(b"one", 1)
+    assert intake.take(2).data == b"one"
+    time.sleep(0.15)
+    second.write(b"two", 1)
+    piece = intake.take(2)
+    assert (piece.data, piece.reopened) == (b"two", True)
+    second.write(b"three", 1)
+    piece = intake.take(2)
+    assert (piece.data, piece.reopened) == (b"three", False)
+    intake.stop()
+    for link in (first, second):
         link.close()
 
 

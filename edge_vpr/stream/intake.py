@@ -125,6 +125,11 @@ class Intake:
                 self._send(self._link, data)
 
     @property
+    def remark(self) -> str:
+        """What the user should know of the link now, if anything."""
+        return self._link.remark
+
+    @property
     def ended(self) -> bool:
         """Whether nothing will come any more."""
         with self._changed:
@@ -177,7 +182,8 @@ class Intake:
                 look = time.monotonic() + _LOOK_S
                 self.line_errors = errors_before + link.line_errors()
             if data:
-                self._put(Piece(data, time.monotonic(), 0, reopened), drop)
+                anew = reopened or link.began_anew()
+                self._put(Piece(data, time.monotonic(), 0, anew), drop)
                 reopened = False
 
     def _put(self, piece: Piece, drop: bool) -> None:

@@ -31,10 +31,13 @@ class Link(ABC):
         Whether the other side goes on without waiting for us, so that a late reader must drop.
     two_way : bool
         Whether a host and a device hear each other, or only the host the device.
+    remark : str
+        What the user should know of the link now, if anything.
     """
 
     live = True
     two_way = True
+    remark = ""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -59,6 +62,10 @@ class Link(ABC):
     def line_errors(self) -> int:
         """Characters that the system says the line damaged or dropped since it was opened."""
         return 0
+
+    def began_anew(self) -> bool:
+        """Tell whether another stream began with the bytes that were read last."""
+        return False
 
     def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
         """Wait until the other side has taken what was sent."""

@@ -187,7 +187,7 @@ def _events(
 
     begin = heard = time.monotonic()
     silent = closed = False
-    remark = senseless = ""
+    remark = senseless = stranger = ""
     health = live.decoder.health
     while not (stopping.is_set() or intake.ended or view.unread):
         piece = intake.take(live.decoder.tick_s)
@@ -217,6 +217,9 @@ def _events(
         if live.decoder.remark != remark:
             remark = live.decoder.remark
             view.say("device", remark or "the device answers", over=not remark)
+        if intake.remark != stranger:
+            stranger = intake.remark
+            view.say("sender", stranger or "another sender is heard", over=not stranger)
         if step is not None:
             if rerun is not None:
                 rerun.show(step)
