@@ -48,6 +48,7 @@ MATCH_DTYPE = np.dtype(
 KIND = "localiser state"
 
 _MATCHES_AT_ONCE = 4_096
+_NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
 class Localiser:
@@ -115,7 +116,7 @@ class Localiser:
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Events in each window, newest first, shape (L, J); a copy."""
-        settle(self._s)
+        self._settle()
         return self._s.counts.copy()
 
     @property
@@ -124,7 +125,7 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        settle(self._s)
+        self._settle()
         sums = self._s.sums[: len(self._places) - self._length + 1].astype(np.int64)
         return sums + self._s.number[BASE]
 
@@ -171,13 +172,12 @@ class Localiser:
             If time jumps over more than a million ticks of the policy.
         """
         if events.size == 0:
-            return np.empty(0, dtype=MATCH_DTYPE)
+            return _NO_MATCHES
         last = int(events["t"][-1])
         slots, times = selected_in_order(self._table, events, self._floor, self.settings.polarity)
         self.every.check_ticks(int(self._policy[NEXT_TICK]), last)
         matches = self._run(slots, times, last)
         self._floor, self._now = last, last + 1
-        advance(self._s, self._now)
         return matches
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
@@ -199,7 +199,6 @@ class Localiser:
         self.every.check_ticks(int(self._policy[NEXT_TICK]), until_us)
         nothing = np.empty(0, dtype=np.int64)
         matches = self._run(nothing.astype(np.int32), nothing, until_us)
-        advance(self._s, until_us)
         self._floor, self._now = until_us, max(self._now, until_us)
         return matches
 
@@ -247,7 +246,7 @@ class Localiser:
             )
         wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
         self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
-        settle(self._s)
+        self._settle()
         self._s = with_distances(self._s, self._places, self._codes)
         return len(self._places) - 1
 
@@ -259,6 +258,7 @@ class Localiser:
         path : path
             An ``.npz`` file, written atomically.
         """
+        self._settle()
         first, last = int(self._s.bound[-1]), int(self._s.bound[0])
         alive = np.arange(first, last) & (self._s.slot.size - 1)
         arrays = {
@@ -318,6 +318,11 @@ class Localiser:
         self._policy[:] = arrays["policy"]
         self._s = with_distances(self._s, self._places, self._codes)
 
+    def _settle(self) -> None:
+        """Bring windows, counters and distances up to date; an update leaves that to the next."""
+        advance(self._s, self._now)
+        settle(self._s)
+
     def _run(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> npt.NDArray[np.void]:
@@ -332,6 +337,8 @@ class Localiser:
             )
             if self._check_every:
                 self.verify()
+        if not found:
+            return _NO_MATCHES
         return np.concatenate(found) if len(found) > 1 else found[0]
 
     def _run_piece(
@@ -353,7 +360,8 @@ class Localiser:
                 self._out,
             )
             consumed += read
-            found.append(_matches(self._out[:given]))
+            if given:
+                found.append(_matches(self._out[:given]))
             if why == RING_FULL:
                 self._s = grown(self._s)
             elif why == DONE:
@@ -367,7 +375,7 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        settle(self._s)
+        self._settle()
         fresh = with_distances(self._s, self._places, self._codes)
         same = (
             np.array_equal(recount(self._s), self._s.counts)
@@ -398,8 +406,6 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any], source: str) -> Reference
 def _matches(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
     """Name the columns of the kernel's rows, and add the ratio."""
     matches = np.empty(len(rows), dtype=MATCH_DTYPE)
-    if matches.size == 0:
-        return matches
     names = [name for name in MATCH_DTYPE.names or () if name != "ratio"]
     for name, column in zip(names, rows.T, strict=True):
         matches[name] = column
