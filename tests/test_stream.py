@@ -375,6 +375,75 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
     assert found.tolist() == np.concatenate(expected).tolist()
 
 
+@pytest.mark.parametrize("bursts", ["removed", "kept"])
+def test_single_events_give_the_matches_of_the_recording_and_few_calls(bursts, drive):
+    """Between two ticks events wait, so that most pieces cost no call of the localiser."""
+    reference = ReferenceMap.load(drive / "map.npz")
+    settings = dataclasses.replace(reference.settings, remove_bursts=bursts == "removed")
+    reference = dataclasses.replace(reference, settings=settings)
+    events = np.concatenate(list(open_recording(drive / "query.npz")))[:16_000]
+    every = MatchSchedule(interval_us=10_000)
+    encoder = open_encoder("evpr", SENSOR)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    calls = []
+    update = live._localiser.update
+    live._localiser.update = lambda some: calls.append(some.size) or update(some)
+    steps = [live.feed(encoder.start(), 0)]
+    pieces = np.split(events, np.arange(1, events.size))
+    steps += [live.feed(encoder.encode(piece), 0) for piece in pieces]
+    steps.append(live.finish())
+    found = np.concatenate([step.matches for step in steps])
+    localiser = Localiser(reference, every=every)
+    expected = [localiser.update(part) for part in cleaned(Drive(events, SENSOR), settings)]
+    assert found.size > 50
+    assert found.tolist() == np.concatenate(expected).tolist()
+    assert sum(calls) == events.size
+    assert len(calls) < events.size / 10
+
+
+def test_a_loss_between_two_ticks_flags_the_next_match(drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=50_000)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live.feed(encoder.start() + encoder.encode(events[:20_000]), 0)
+    live.feed(encoder.encode(events[20_000:20_010]), 0)
+    encoder.encode(events[20_010:20_020])  # lost
+    flags = {}
+    for piece in np.split(events[20_020:], np.arange(10, events.size - 20_020, 10)):
+        step = live.feed(encoder.encode(piece), 0)
+        flags.update(dict.fromkeys(step.matches["t"].tolist(), step.incomplete))
+    assert live.decoder.health.lost == 10
+    begun = int(events["t"][20_020])
+    span = reference.settings.sequence_length * reference.settings.tau_us
+    assert flags
+    for t, incomplete in flags.items():
+        # the flag may stay a piece too long, and is never lifted too early
+        assert incomplete or t >= begun + span
+        assert not incomplete or t < begun + span + 60_000
+
+
+def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=10_000)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every, causal_bursts=True)
+    exact = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live.feed(encoder.start(), 0)
+    exact.feed(encoder.start(), 0)
+    late = 0
+    for piece in np.split(events, np.arange(20, events.size, 20)):
+        sent = encoder.encode(piece)
+        last = int(piece["t"][-1])
+        for each in live.feed(sent, 0).matches:
+            assert last - 10_000 < each["t"] <= last
+            assert each["t"] >= piece["t"][0] - 10_000
+        assert live._localiser._policy[0] > last  # no tick is behind
+        late += exact._localiser._policy[0] <= last
+        exact.feed(sent, 0)
+    assert late > 100
+
+
 @pytest.mark.parametrize("tells", ["event", "pause", "silence"])
 def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, drive):
     """One undamaged frame may say anything: 599 s are 1.2 million ticks of 500 us."""

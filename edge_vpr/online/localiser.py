@@ -146,6 +146,11 @@ class Localiser:
         seen, whole = self._seen_and_whole()
         return min(1.0, seen / whole)
 
+    @property
+    def next_match_us(self) -> int:
+        """Time before which there is no match, where they are given by time alone; else 0."""
+        return 0 if self.every.events else int(self._policy[NEXT_TICK])
+
     def _seen_and_whole(self) -> tuple[int, int]:
         if isinstance(self._window, FixedTime):
             return self._now, self._length * self._window.tau_us

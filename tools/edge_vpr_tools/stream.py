@@ -112,7 +112,8 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
     decoder = open_decoder(args.protocol, sensor)
     max_lag_s = duration_us(args.max_lag) / 1e6
     every = None if reference is None else parse_every(args.every, reference)
-    live = LiveLocaliser(decoder, reference, every)
+    causal = args.burst_filter == "causal"
+    live = LiveLocaliser(decoder, reference, every, causal_bursts=causal)
     decoder.warm_up()
     with ExitStack() as stack:
         rerun = stack.enter_context(open_rerun(args.rerun, sensor))

@@ -24,6 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="when to match: a time, N events, event, window or change (default 50ms)",
     )  # fmt: skip
     parser.add_argument(
+        "--burst-filter", choices=("exact", "causal"), default="exact",
+        help="wait up to 4 ms to know a burst, as with a recording, or remove what is known of it "
+        "at once (default exact)",
+    )  # fmt: skip
+    parser.add_argument(
         "--once", action="store_true", help="end when the link ends, instead of opening it again"
     )
     parser.add_argument(
