@@ -78,6 +78,9 @@ class DescriptorLink(Link):
         super().__init__(address)
         self.live = live
         self._fd = descriptor
+        # read into again and again: bytes made for the most that can come, and then cut short,
+        # leave holes between those that other threads keep
+        self._room = bytearray(READ_BYTES)
         if live:
             # standard input is shared, on a terminal even with the output: it stays as it is
             os.set_blocking(descriptor, False)
@@ -88,12 +91,13 @@ class DescriptorLink(Link):
             if not select.select([self._fd], [], [], timeout)[0]:
                 return b""
             try:
-                data = os.read(self._fd, READ_BYTES)
+                size = os.readv(self._fd, [self._room])
             except BlockingIOError:
                 return b""
-        if not data:
+        if not size:
             raise LinkClosed(f"{self.address} has ended")
-        return data
+        with memoryview(self._room) as room:
+            return bytes(room[:size])
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""
