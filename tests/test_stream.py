@@ -31,7 +31,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.stream.bridge import Bridge, LineFaults
 from edge_vpr.stream.links import open_device_link
-from edge_vpr.stream.live import LiveLocaliser, Step
+from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder, open_encoder
 
 SENSOR = Sensor(64, 48)
@@ -219,8 +219,8 @@ def test_the_viewer_gets_each_picture_once_and_the_newest_match(drive):
     events = make_events([0, 10, PICTURE_US], [1, 2, 3], [4, 5, 6], [1, 0, 1])
     matches = np.zeros(2, dtype=MATCH_DTYPE)
     matches["t"], matches["place"], matches["ratio"] = [5, 9], [7, 8], [0.5, np.nan]
-    view.show(Step(events[:1], matches[:0], False))
-    view.show(Step(events[1:], matches, False))
+    view.show(LiveResult(events[:1], matches[:0], False))
+    view.show(LiveResult(events[1:], matches, False))
     assert [path for path, _ in told] == [
         "stream", "events", "stream", "match/place", "match/incomplete",
     ]  # fmt: skip

@@ -15,7 +15,7 @@ from edge_vpr.events import EVENT_DTYPE, Events, join_events
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.stream.protocols.protocol import Decoder, made_up_events
+from edge_vpr.stream.protocols.protocol import Decoder, synthetic_events
 
 #: A step of the clock over more than this, and over more than so many ticks, is a jump.
 JUMP_US = 1_000_000
@@ -26,8 +26,8 @@ _NEVER_US = 1 << 62
 _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
-class Step(NamedTuple):
-    """What one piece of bytes brought.
+class LiveResult(NamedTuple):
+    """Events and matches of one chunk of bytes.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Step(NamedTuple):
 
 
 class LiveLocaliser:
-    """Follows a stream of bytes and says where it is on the map.
+    """Decodes a stream of bytes and matches it with a map.
 
     Parameters
     ----------
@@ -106,7 +106,9 @@ class LiveLocaliser:
         """Events removed as bursts."""
         return 0 if self._bursts is None else self._bursts.removed
 
-    def feed(self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False) -> Step:
+    def feed(
+        self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False
+    ) -> LiveResult:
         """Take the next bytes.
 
         Parameters
@@ -126,7 +128,7 @@ class LiveLocaliser:
         events.append(self.decoder.feed(data, host_us))
         return self._follow(join_events(events))
 
-    def finish(self) -> Step:
+    def finish(self) -> LiveResult:
         """End the stream: what was held comes out."""
         return self._follow(self.decoder.finish(), last=True)
 
@@ -135,11 +137,11 @@ class LiveLocaliser:
         """Share of the first sequence that has been seen, 0 to 1; from 1 on there are matches."""
         return 0.0 if self._localiser is None else self._localiser.filled
 
-    def _follow(self, events: Events, *, last: bool = False) -> Step:
+    def _follow(self, events: Events, *, last: bool = False) -> LiveResult:
         if self._localiser is None:
-            return Step(events, _NO_MATCHES, False)
+            return LiveResult(events, _NO_MATCHES, False)
         if not last and self._may_wait(events):
-            return Step(events, _NO_MATCHES, False)
+            return LiveResult(events, _NO_MATCHES, False)
         before_us = self._time
         matches: list[npt.NDArray[np.void]] = []
         to_match = events
@@ -167,7 +169,7 @@ class LiveLocaliser:
         found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]
         self._next_us = self._localiser.next_match_us
         self._flagged = self._incomplete(pieces, before_us)
-        return Step(events, found, self._flagged)
+        return LiveResult(events, found, self._flagged)
 
     def _may_wait(self, events: Events) -> bool:
         """Keep events, if there is room and no match can depend on them yet.
@@ -265,7 +267,7 @@ def _rehearse(
     bursts: BurstFilter | CausalBurstFilter,
 ) -> None:
     """Compile what matching needs, which takes up to seconds, before the first bytes come."""
-    events = made_up_events()
+    events = synthetic_events()
     localiser = Localiser(reference, every=every)
     # to Numba one event alone is an array of another kind: without gaps, and aligned or not
     for some in (events[:1], events[1:2], events[2:]):

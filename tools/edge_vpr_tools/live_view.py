@@ -19,7 +19,7 @@ from edge_vpr.errors import printable
 
 if TYPE_CHECKING:
     from edge_vpr.stream.health import Health
-    from edge_vpr.stream.live import LiveLocaliser, Step
+    from edge_vpr.stream.live import LiveLocaliser, LiveResult
     from edge_vpr_tools.live_panel import Panel
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
@@ -80,23 +80,23 @@ class View:
         self._last: dict[str, Any] | None = None
         self.matched = 0
 
-    def matches(self, step: Step, lag_s: float) -> None:
-        """Take what a piece of bytes brought, `lag_s` after it came."""
+    def matches(self, result: LiveResult, lag_s: float) -> None:
+        """Count and write the matches of a chunk, `lag_s` after it came."""
         self._heard = time.monotonic()
         if self._panel is not None:
             self._panel.settle("stalled")
-        if step.events.size:
+        if result.events.size:
             self._lag_s = lag_s
             self._lags.add(lag_s)
-        names = step.matches.dtype.names or ()
-        for row in step.matches.tolist():
+        names = result.matches.dtype.names or ()
+        for row in result.matches.tolist():
             match = dict(zip(names, row, strict=True))
             # JSON has no not-a-number
             match["ratio"] = match["ratio"] if match["ratio"] == match["ratio"] else None
-            self._last = {"kind": "match", **match, "incomplete": step.incomplete}
+            self._last = {"kind": "match", **match, "incomplete": result.incomplete}
             self.matched += 1
             self._write(self._last)
-        if self._json and step.matches.size:
+        if self._json and result.matches.size:
             # a program at the other end of a pipe waits for this
             self._print()
 

@@ -13,10 +13,10 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock, no_columns
 from edge_vpr.stream.health import EXACT
 from edge_vpr.stream.protocols.cobs import Bytes, stuff, unstuff
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
+from edge_vpr.stream.timestamp_filter import Clock, no_columns
 
 #: Longest frame before stuffing, and with stuffing (without the zero at its end).
 MAX_FRAME = 8_192
@@ -51,7 +51,7 @@ class EvprDecoder(Decoder):
         self._reserve(1 << 12)
 
     def _samples(self) -> Iterable[bytes]:
-        yield EvprEncoder(Sensor(1, 1)).encode(made_up_events())
+        yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
 
     def setup(self) -> bytes:
         """Say that the host is there, by an empty frame."""
@@ -112,7 +112,7 @@ class EvprDecoder(Decoder):
         health.device_dropped += brought[_DROPS]
         health.device_resets += brought[_RESETS]
         if brought[_FRAMES]:
-            self._gate.start_at(brought[_BASE])
+            self._timestamps.start_at(brought[_BASE])
             self._idle_at = brought[_IDLE_AT]
 
 

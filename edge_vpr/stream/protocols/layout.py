@@ -12,9 +12,9 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import STEP_US, Clock, no_columns
-from edge_vpr.stream.protocols.protocol import Encoder, made_up_events
+from edge_vpr.stream.protocols.protocol import Encoder, synthetic_events
 from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder, word_at
+from edge_vpr.stream.timestamp_filter import STEP_US, Clock, no_columns
 
 Form = npt.NDArray[np.uint64]
 
@@ -115,7 +115,7 @@ class LayoutDecoder(WordDecoder):
         self._room = no_columns()
 
     def _samples(self) -> Iterable[bytes]:
-        words = LayoutEncoder("sample", self.layout, self.sensor).encode(made_up_events())
+        words = LayoutEncoder("sample", self.layout, self.sensor).encode(synthetic_events())
         # a byte is lost in the midst of them
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
@@ -144,7 +144,7 @@ def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
 def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode words up to one whose sync bits are wrong, or one odd step of time too many.
 
-    A single odd step may be a silence, a damaged time or a restart, which are the gate's to judge.
+    A single odd step may be a silence, a damaged time or a restart: `TimestampFilter` decides.
     """
     size, big = np.int64(form[_SIZE]), form[_BIG] != 0
     x_at, x_mask, y_at, y_mask = form[_X], form[_X_MASK], form[_Y], form[_Y_MASK]

@@ -110,7 +110,7 @@ class Session:
         self._moment: float | None = None
 
     def opening(self) -> bytes:
-        """Take what is to be sent first, of somebody who sends it himself."""
+        """Return the opening command, for a caller that sends it."""
         out, self._command = self._command, b""
         return out
 
@@ -138,14 +138,14 @@ class Session:
         return late
 
     def hurry(self) -> None:
-        """Learn that bytes came damaged: wait until they are sent again, or else not for long."""
+        """Shorten the wait after damaged bytes, or wait for their repetition."""
         if not self._hurried:
             self._hurried = True
             self._patience = REPEATED_S if self._acknowledge else DAMAGED_S
             self.wait_anew()
 
     def wait_anew(self) -> None:
-        """Learn that the conversation has gone on."""
+        """Restart the wait for an answer."""
         if not self._command:
             self._moment = None
 

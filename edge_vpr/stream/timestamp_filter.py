@@ -1,4 +1,4 @@
-"""What lets decoded events pass: only on the sensor, in time order, on a clock that never wraps.
+"""Filter decoded events: on the sensor, in time order, on a clock that never wraps.
 
 A camera's line has no checksum more often than not, so that a time may be nonsense, and a camera
 may restart while the rover drives. A step of time that is odd is therefore believed only when the
@@ -49,8 +49,8 @@ class Clock:
     confirm: int = CONFIRM
 
 
-class Gate:
-    """Turns decoded columns into event arrays from time 0 on, and counts what it rejects.
+class TimestampFilter:
+    """Turns decoded columns into event arrays from time 0 on, and counts rejected events.
 
     Parameters
     ----------
@@ -76,12 +76,12 @@ class Gate:
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
 
     def start_at(self, time: int) -> None:
-        """Let the device's `time` be 0, where nothing came before; else the first event's is."""
+        """Take the device's `time` as 0, unless events came before."""
         if not self._state[_DATED]:
             self._state[_DATED], self._state[_LAST] = 1, time
 
     def reach(self, time: int) -> None:
-        """Learn that the device's clock has come to `time`, and that no later event is earlier."""
+        """Advance the clock to the device's `time` without an event."""
         state = self._state
         step = time - state[_LAST]
         if state[_DATED] and not self._period and 0 < step <= self._limits[1]:
@@ -111,8 +111,8 @@ class Gate:
         self._report(t.size, n)
         return out[:n]
 
-    def succeed(self, other: Gate) -> None:
-        """Go on where `other` ended, on another clock: the order of events is kept."""
+    def take_over_from(self, other: TimestampFilter) -> None:
+        """Continue after `other`, which had another clock; the order of events is kept."""
         other.finish()
         self._state[:] = other._state
         self._state[_RESETS] += self._state[_DATED]
