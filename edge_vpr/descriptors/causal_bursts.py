@@ -65,14 +65,14 @@ class CausalBurstFilter:
 def _keep(events, fired, width, state, kept):  # type: ignore[no-untyped-def]
     """Copy the events that are of no burst as far as is known; return how many."""
     s = state[0]
-    slot, pixels, before, n = s.slot, s.pixels, s.pixels_before, 0
+    slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
     for i in range(events.size):
         event = events[i]
-        now = event.t // BURST_SLOT_US
+        now = event["t"] // BURST_SLOT_US
         if now != slot:
             before = pixels if now == slot + 1 else 0
             slot, pixels = now, 0
-        at = np.int64(event.y) * width + np.int64(event.x)
+        at = np.int64(event["y"]) * width + np.int64(event["x"])
         last = fired[at]
         if last != now:
             # a pixel of both slots counts once
@@ -82,5 +82,5 @@ def _keep(events, fired, width, state, kept):  # type: ignore[no-untyped-def]
         if (pixels + before) * BURST_SHARE[1] <= fired.size * BURST_SHARE[0]:
             kept[n] = event
             n += 1
-    s.slot, s.pixels, s.pixels_before = slot, pixels, before
+    s["slot"], s["pixels"], s["pixels_before"] = slot, pixels, before
     return n

@@ -196,13 +196,13 @@ def _few_in_order(table, events, floor, off_slots, slots, times):  # type: ignor
     last, n = floor, 0
     for i in range(events.size):
         event = events[i]
-        x, y, t = event.x, event.y, event.t
+        x, y, t = event["x"], event["y"], event["t"]
         if t < last or t > _LATEST_US or y >= table.shape[0] or x >= table.shape[1]:
             return -1
         last = t
         slot = table[y, x]
         if slot >= 0:
-            slots[n] = slot + (0 if event.p else off_slots)
+            slots[n] = slot + (0 if event["p"] else off_slots)
             times[n] = t
             n += 1
     return n
