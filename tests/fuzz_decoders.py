@@ -1,97 +1,77 @@
-"""Fuzz every stream decoder, guided by the branches it takes.
+"""Fuzz every stream decoder: ``python tests/fuzz_decoders.py --inputs 100000`` from the project.
 
-``pip install atheris``, then in this folder ``NUMBA_DISABLE_JIT=1 python fuzz_decoders.py
--max_total_time=600 CORPUS_FOLDER``; kernels run as plain Python, so that their branches show. A
-find is kept as a test in `test_stream_protocols.py`.
+Each input is drawn from a seed of its own, which a find names. ``--guided`` takes the branches into
+account instead (``pip install atheris``; ``NUMBA_DISABLE_JIT=1``, so that the kernels' branches
+show): ``python tests/fuzz_decoders.py --guided -max_total_time=600 CORPUS_FOLDER``. A find is kept
+as a test in `test_stream_protocols.py`.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
-from importlib import import_module
-
-import atheris
-
-with atheris.instrument_imports(include=["edge_vpr.stream", "edge_vpr.recordings.evt"]):
-    from edge_vpr.events import Sensor
-    from edge_vpr.stream.protocols import open_decoder, open_encoder
-
-    # imported when first used, which is too late to be instrumented
-    for protocol in ("aer", "edvs", "evpr", "evt", "openmv"):
-        import_module(f"edge_vpr.stream.protocols.{protocol}")
+import time
+from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.events import make_events
-
-#: what the host is told, and a device that may speak it
-PAIRS = (
-    ("evpr", "evpr:frame=64"),
-    ("evpr", "evpr:width=3,frame=100"),
-    ("openmv", "openmv"),
-    ("openmv:channel=4", "openmv:channel=4"),
-    ("openmv:channel=4,format=evt21", "openmv:channel=4,format=evt21"),
-    ("edvs", "edvs:format=E2"),
-    ("edvs", "edvs:format=E4,sync=0"),
-    ("edvs:format=E0,sync=1", "edvs:format=E0"),
-    ("edvs:format=E1,dialect=new,sync=1", "edvs:format=E1"),
-    ("edvs:format=E3,dialect=new,sync=1", "edvs:format=E3"),
-    ("evt2", "evt2"),
-    ("evt21", "evt21"),
-    ("evt3", "evt3"),
-    ("aer", "aer"),
-    ("aer:layout=jaer8", "aer:layout=jaer8"),
-)
-MOST_PENDING = 66_000
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
 
-def sent(data: atheris.FuzzedDataProvider, device: str) -> bytes:
-    """Events with steps and pixels out of the input, as a device sends them."""
-    n = data.ConsumeIntInRange(0, 120)
-    steps = [data.ConsumeIntInRange(0, 3) and data.ConsumeIntInRange(0, 1 << 20) for _ in range(n)]
-    pixels = np.frombuffer(data.ConsumeBytes(2 * n).ljust(2 * n, b"\7"), dtype=np.uint8) % 128
-    x, y = pixels[:n], pixels[n:]
-    return open_encoder(device, Sensor(128, 128)).encode(make_events(np.cumsum(steps), x, y, x % 2))
+def seeded(inputs: int, first_seed: int) -> None:
+    """Feed so many inputs to the decoders of each protocol; say how it went."""
+    from hostile_streams import PAIRS, Seeded, one_input
+
+    protocols = [host.partition(":")[0] for host, _ in PAIRS]
+    for number, (pair, protocol) in enumerate(zip(PAIRS, protocols, strict=True)):
+        start, share = time.monotonic(), -(-inputs // protocols.count(protocol))
+        for seed in range(first_seed, first_seed + share):
+            try:
+                one_input(pair, Seeded(np.random.default_rng([number, seed])))
+            except Exception:
+                print(f"{pair[0]}, a device of {pair[1]}: seed {seed}", flush=True)
+                raise
+        took = time.monotonic() - start
+        print(f"{pair[0]}, a device of {pair[1]}: {share:,} inputs in {took:.0f} s", flush=True)
 
 
-def one(raw: bytes) -> None:
-    """Feed one input; raise if a promise is broken."""
-    data = atheris.FuzzedDataProvider(raw)
-    host, device = PAIRS[data.ConsumeIntInRange(0, len(PAIRS) - 1)]
-    sensor = Sensor(data.ConsumeIntInRange(1, 128), data.ConsumeIntInRange(1, 128))
-    decoder = open_decoder(host, sensor)
-    now, received = 0, 0
-    for _ in range(data.ConsumeIntInRange(1, 6)):
-        what = data.ConsumeIntInRange(0, 7)
-        if what == 0:
-            events = decoder.gap(data.ConsumeIntInRange(0, 1 << 16))
-        else:
-            stretch = data.ConsumeBytes(data.ConsumeIntInRange(0, 600))
-            if what > 3:
-                good = bytearray(sent(data, device))
-                at = data.ConsumeIntInRange(0, len(good))
-                good[at : at + what - 4] = stretch[: what - 4]
-                stretch = bytes(good)
-            received += len(stretch)
-            events = decoder.feed(stretch, data.ConsumeIntInRange(0, 1 << 40))
-        now = check(decoder, events, sensor, now)
-    check(decoder, decoder.finish(), sensor, now)
-    assert decoder.health.bytes == received
+def guided(words: list[str]) -> None:
+    """Let atheris choose."""
+    import atheris
+
+    with atheris.instrument_imports(include=["edge_vpr.stream", "edge_vpr.recordings.evt"]):
+        from hostile_streams import PAIRS, one_input
+
+    class Choices:
+        def __init__(self, raw: bytes) -> None:
+            self._data = atheris.FuzzedDataProvider(raw)
+
+        def integer(self, low: int, high: int) -> int:
+            return int(self._data.ConsumeIntInRange(low, high))
+
+        def bytes(self, n: int) -> bytes:
+            return bytes(self._data.ConsumeBytes(n))
+
+    def one(raw: bytes) -> None:
+        choices = Choices(raw)
+        one_input(PAIRS[choices.integer(0, len(PAIRS) - 1)], choices)
+
+    atheris.Setup([sys.argv[0], *words], one)
+    atheris.Fuzz()
 
 
-def check(decoder, events, sensor, now):  # type: ignore[no-untyped-def]
-    """Books balance, time runs forward, events lie on the sensor, memory is bounded."""
-    assert decoder.health.balanced(), decoder.health
-    assert decoder.health.pending_bytes <= MOST_PENDING
-    if events.size == 0:
-        return now
-    assert events["t"][0] >= now
-    assert (events["t"][1:] >= events["t"][:-1]).all()
-    assert events["x"].max() < sensor.width
-    assert events["y"].max() < sensor.height
-    return int(events["t"][-1])
+def main() -> None:
+    """Fuzz as the arguments say."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inputs", type=int, default=100_000, help="for each protocol")
+    parser.add_argument("--seed", type=int, default=0, help="of the first input")
+    parser.add_argument("--guided", action="store_true", help="by atheris, whose flags may follow")
+    args, rest = parser.parse_known_args()
+    if args.guided:
+        guided(rest)
+    else:
+        seeded(args.inputs, args.seed)
 
 
 if __name__ == "__main__":
-    atheris.Setup(sys.argv, one)
-    atheris.Fuzz()
+    main()

@@ -136,7 +136,7 @@ def join(parts: list[Sent]) -> Sent:
     return Sent(events, data, begin, end, since, parts[0].timed)
 
 
-def spoil(rng: np.random.Generator, data: bytes, kind: str, rate: float) -> tuple[bytes, Longs]:
+def corrupt(rng: np.random.Generator, data: bytes, kind: str, rate: float) -> tuple[bytes, Longs]:
     """Damage about `rate` of the bytes, or reads as often.
 
     Returns
@@ -187,7 +187,7 @@ def baud_noise(rng: np.random.Generator, n: int) -> npt.NDArray[np.uint8]:
 def make_line(
     rng: np.random.Generator, device: str, kind: str, rate: float, n: int
 ) -> tuple[Sent, bytes, Longs]:
-    """`n` events as a device sends them, and what arrives of them; see `spoil`."""
+    """`n` events as a device sends them, and what arrives of them; see `corrupt`."""
     steps = rng.integers(1, 20, n)
     if kind == "wrap":
         bits = next((b for name, b in CLOCKS.items() if name in device), 0)
@@ -211,7 +211,7 @@ def make_line(
         raw = np.delete(np.frombuffer(sent.data, dtype=np.uint8), lost)
         return sent, raw.tobytes(), np.delete(np.arange(len(sent.data)), lost)
     sent = send(device, 0, np.cumsum(steps))
-    return (sent, *spoil(rng, sent.data, kind, rate))
+    return (sent, *corrupt(rng, sent.data, kind, rate))
 
 
 @dataclass

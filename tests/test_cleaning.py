@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import naive
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
+from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
 from edge_vpr.descriptors.cleaning import (
     BURST_SHARE,
     BURST_SLOT_US,
@@ -57,6 +60,27 @@ def test_bursts_equal_the_oracle_however_the_stream_is_cut(seed, n, slots, piece
     expected = naive.without_bursts(as_tuples(events), BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
     assert as_tuples(found) == expected
     assert filter_.removed == n - len(expected)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n=st.integers(0, 200),
+    slots=st.integers(1, 60),
+    pieces=st.integers(1, 300),
+)
+def test_bursts_known_so_far_equal_the_oracle_and_nothing_waits(seed, n, slots, pieces):
+    rng = np.random.default_rng(seed)
+    events = random_events(rng, n, SENSOR, slots * BURST_SLOT_US)
+    filter_ = CausalBurstFilter(SENSOR)
+    found = np.concatenate([filter_.update(chunk) for chunk in cut_up(rng, events, pieces)])
+    bounds = BURST_SLOT_US, SENSOR.pixels, BURST_SHARE
+    expected = naive.without_bursts_so_far(as_tuples(events), *bounds)
+    assert as_tuples(found) == expected
+    assert filter_.removed == n - len(expected)
+    assert filter_.finish().size == filter_.advance(10**9).size == 0
+    # it never takes what the exact filter leaves
+    exact = naive.without_bursts(as_tuples(events), *bounds)
+    assert not Counter(exact) - Counter(expected)
 
 
 @given(seed=st.integers(0, 2**32), n=st.integers(1, 80), slots=st.integers(1, 60))

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from test_stream_protocols import plain_evpr
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.stream.gate import VOUCHED_SILENCE_US
 from edge_vpr.stream.protocols import open_decoder
 from edge_vpr.stream.protocols.evpr import HEADER, EvprEncoder
+from edge_vpr.stream.timestamp_filter import VOUCHED_SILENCE_US
 from firmware_model.build import EMULATED, HOST, SOURCES, WARNINGS, build
 from firmware_model.emulator import Emulator
 from firmware_model.evpr_instructions import TABLE, measure

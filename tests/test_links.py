@@ -16,9 +16,10 @@ import pytest
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.stream import network_links
 from edge_vpr.stream.bridge import Bridge
-from edge_vpr.stream.intake import Intake, Piece
 from edge_vpr.stream.link import Link, LinkClosed, LinkError
+from edge_vpr.stream.link_reader import Chunk, LinkReader
 from edge_vpr.stream.links import open_device_link, open_link
 from edge_vpr.stream.protocols import open_encoder
 from edge_vpr.stream.serial_links import SerialLink, UrlLink
@@ -46,10 +47,10 @@ class Script(Link):
         self.closed = True
 
 
-def drained(intake):
+def drained(reader):
     pieces = []
-    while not intake.ended:
-        piece = intake.take(0.1)
+    while not reader.ended:
+        piece = reader.take(0.1)
         if piece is not None:
             pieces.append(piece)
     return pieces
@@ -58,9 +59,9 @@ def drained(intake):
 def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone():
     sent = [bytes([i]) * 100 for i in range(50)]
     link = Script(sent)
-    intake = Intake(lambda: link, buffer_bytes=1_000)
-    intake._thread.join(timeout=5)
-    pieces = drained(intake)
+    reader = LinkReader(lambda: link, buffer_bytes=1_000)
+    reader._thread.join(timeout=5)
+    pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent[-10:])
     assert sum(piece.lost for piece in pieces) == 4_000
     assert pieces[0].lost == 4_000
@@ -70,22 +71,22 @@ def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone():
 def test_what_has_waited_too_long_is_dropped_however_little_it_is():
     link = Script([b"old", b"older still", b"new"])
     link.pause_before = {2: 0.2}
-    intake = Intake(lambda: link, max_lag_s=0.1)
-    intake._thread.join(timeout=5)
-    assert [(p.data, p.lost) for p in drained(intake)] == [(b"new", 14)]
+    reader = LinkReader(lambda: link, max_lag_s=0.1)
+    reader._thread.join(timeout=5)
+    assert [(p.data, p.lost) for p in drained(reader)] == [(b"new", 14)]
 
 
 def test_a_host_that_was_late_takes_all_that_waits_but_never_across_a_loss():
-    intake = Intake(lambda: Script([b"ab", b"cd", b"ef"]))
-    intake._thread.join(timeout=5)
-    assert [piece.data for piece in drained(intake)] == [b"abcdef"]
-    intake = Intake(lambda: Script([]))
-    intake._thread.join(timeout=5)
-    pieces = [Piece(b"a", 0.0), Piece(b"b", 0.0), Piece(b"c", 0.0, 7), Piece(b"d", 0.0, 0, True)]
+    reader = LinkReader(lambda: Script([b"ab", b"cd", b"ef"]))
+    reader._thread.join(timeout=5)
+    assert [piece.data for piece in drained(reader)] == [b"abcdef"]
+    reader = LinkReader(lambda: Script([]))
+    reader._thread.join(timeout=5)
+    pieces = [Chunk(b"a", 0.0), Chunk(b"b", 0.0), Chunk(b"c", 0.0, 7), Chunk(b"d", 0.0, 0, True)]
     for piece in pieces:
-        intake._pieces.append(piece)
-        intake._held += 1
-    assert [intake.take(0) for _ in range(4)] == [Piece(b"ab", 0.0), *pieces[2:], None]
+        reader._chunks.append(piece)
+        reader._held += 1
+    assert [reader.take(0) for _ in range(4)] == [Chunk(b"ab", 0.0), *pieces[2:], None]
 
 
 @pytest.mark.parametrize("live", [True, False])
@@ -96,22 +97,22 @@ def test_a_file_that_ends_has_ended_and_a_live_link_is_opened_again(live):
         opened.append(1)
         return Script([b"bytes"], live=live)
 
-    intake = Intake(open_next, retry=True)
-    piece = intake.take(5)
+    reader = LinkReader(open_next, retry=True)
+    piece = reader.take(5)
     assert piece is not None
     assert (piece.data, piece.reopened) == (b"bytes", False)
-    again = intake.take(5)
+    again = reader.take(5)
     assert (again is not None) == live
-    assert intake.ended != live
-    intake.stop()
+    assert reader.ended != live
+    reader.stop()
     assert (len(opened) > 1) == live
 
 
 def test_a_link_that_can_wait_loses_nothing_to_a_late_reader():
     sent = [bytes([i]) * 100 for i in range(50)]
-    intake = Intake(lambda: Script(sent, live=False), buffer_bytes=1_000)
+    reader = LinkReader(lambda: Script(sent, live=False), buffer_bytes=1_000)
     time.sleep(0.05)
-    pieces = drained(intake)
+    pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent)
     assert sum(piece.lost for piece in pieces) == 0
 
@@ -125,14 +126,14 @@ def test_a_cable_pulled_and_put_back_is_opened_again_and_told():
             raise LinkError("not there yet")
         return link
 
-    intake = Intake(open_next, retry=True)
+    reader = LinkReader(open_next, retry=True)
     pieces = []
     while len(pieces) < 2:
-        piece = intake.take(5)
+        piece = reader.take(5)
         assert piece is not None
         pieces.append(piece)
     links.append(None)
-    intake.stop()
+    reader.stop()
     assert [(p.data, p.reopened) for p in pieces] == [(b"one", False), (b"two", True)]
 
 
@@ -161,6 +162,47 @@ def test_udp_and_tcp_arrive_and_nothing_listens_beyond_loopback(name):
     assert server.write(b"events", 1) == 6
     assert client.read(1) == b"events"
     for link in (host, device, server, client):
+        link.close()
+
+
+def test_a_second_sender_is_left_out_and_told_until_the_first_is_silent(monkeypatch):
+    """Two streams in one would be garbage to any decoder."""
+    monkeypatch.setattr(network_links, "GIVES_WAY_S", 0.2)
+    host = open_link("udp://:0")
+    first, second = (open_device_link(host.address) for _ in range(2))
+    for number in range(20):
+        first.write(b"a%d" % number, 1)
+        second.write(b"b%d" % number, 1)
+    heard = [host.read(0.2) for _ in range(20)]
+    assert heard == [b"a%d" % number for number in range(20)]
+    assert host.read(0) == b""
+    assert host.strangers == 20
+    assert f"sends to {host.address} as well and is left out" in host.remark
+    assert not host.began_anew()
+    time.sleep(0.25)
+    second.write(b"mine", 1)
+    assert host.read(1) == b"mine"
+    assert host.began_anew()
+    assert host.remark == ""
+    for link in (host, first, second):
+        link.close()
+
+
+def test_a_sender_that_is_replaced_is_a_new_stream_to_the_decoder(monkeypatch):
+    monkeypatch.setattr(network_links, "GIVES_WAY_S", 0.1)
+    reader = LinkReader(lambda: open_link("udp://:0"))
+    first, second = (open_device_link(reader.address) for _ in range(2))
+    first.write(b"one", 1)
+    assert reader.take(2).data == b"one"
+    time.sleep(0.15)
+    second.write(b"two", 1)
+    piece = reader.take(2)
+    assert (piece.data, piece.reopened) == (b"two", True)
+    second.write(b"three", 1)
+    piece = reader.take(2)
+    assert (piece.data, piece.reopened) == (b"three", False)
+    reader.stop()
+    for link in (first, second):
         link.close()
 
 
@@ -220,9 +262,9 @@ def test_a_reader_thread_that_fails_says_why():
         def read(self, timeout):
             raise RuntimeError("a mistake of ours")
 
-    intake = Intake(lambda: Broken([]), retry=True)
-    assert drained(intake) == []
-    assert isinstance(intake.error, RuntimeError)
+    reader = LinkReader(lambda: Broken([]), retry=True)
+    assert drained(reader) == []
+    assert isinstance(reader.error, RuntimeError)
 
 
 def test_a_link_that_cannot_be_opened_is_one_line(tmp_path):
@@ -305,10 +347,10 @@ def test_damage_counted_by_the_system_is_added_up_over_links():
     links = [Script([b"one"]), Script([b"two"])]
     for link, errors in zip(links, (2, 3), strict=True):
         link.line_errors = lambda errors=errors: errors
-    intake = Intake(lambda: links.pop(0) if links else Script([]), retry=True)
-    while intake.line_errors != 5:
-        intake.take(1)
-    intake.stop()
+    reader = LinkReader(lambda: links.pop(0) if links else Script([]), retry=True)
+    while reader.line_errors != 5:
+        reader.take(1)
+    reader.stop()
 
 
 def test_a_bridge_that_nobody_greets_waits_until_its_terminal_has_been_set_up():

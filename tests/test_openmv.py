@@ -18,7 +18,7 @@ from streams import Drive, random_events
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.stream.bridge import Bridge, LineFaults
-from edge_vpr.stream.intake import Intake
+from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.links import open_device_link, open_link
 from edge_vpr.stream.protocols import open_decoder, open_encoder
 from edge_vpr.stream.protocols.openmv_camera import Camera
@@ -293,8 +293,8 @@ def test_a_line_that_is_bad_both_ways_delivers_nothing_false_and_never_hangs(
         decoder = open_decoder(with_option(spec, acknowledge), SENSOR)
         arrived = converse(
             decoder, open_encoder(spec, SENSOR), marked(n), chunk=500,
-            up=lambda data, rng=rng: line.spoil(data, rng),
-            down=lambda data, rng=rng: line.spoil(data, rng),
+            up=lambda data, rng=rng: line.corrupt(data, rng),
+            down=lambda data, rng=rng: line.corrupt(data, rng),
         )  # fmt: skip
         assert_none_is_corrupt(arrived)
         assert_accounted(n, arrived.size, decoder.health)
@@ -479,20 +479,20 @@ def test_bytes_come_and_go_over_a_real_terminal_while_the_camera_plays_in_real_t
     thread.start()
     decoder = open_decoder("openmv:channel=raw_events,format=evt3", SENSOR)
     decoder.warm_up()
-    intake = Intake(lambda: open_link(link.address, baud=decoder.baud), setup=decoder.setup())
+    reader = LinkReader(lambda: open_link(link.address, baud=decoder.baud), setup=decoder.setup())
     arrived, end = [], time.monotonic() + 10
     while sum(part.size for part in arrived) < events.size and time.monotonic() < end:
-        piece = intake.take(decoder.tick_s)
+        piece = reader.take(decoder.tick_s)
         if piece is not None:
             arrived.append(decoder.feed(piece.data))
-        intake.send(decoder.to_send(time.monotonic()))
+        reader.send(decoder.to_send(time.monotonic()))
     thread.join(timeout=1)
     while thread.is_alive() and time.monotonic() < end:
-        piece = intake.take(decoder.tick_s)
+        piece = reader.take(decoder.tick_s)
         if piece is not None:
             decoder.feed(piece.data)
-        intake.send(decoder.to_send(time.monotonic()))
-    intake.stop()
+        reader.send(decoder.to_send(time.monotonic()))
+    reader.stop()
     link.close()
     assert not thread.is_alive()
     assert np.array_equal(np.concatenate(arrived), from_first(events))

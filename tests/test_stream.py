@@ -31,7 +31,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.stream.bridge import Bridge, LineFaults
 from edge_vpr.stream.links import open_device_link
-from edge_vpr.stream.live import LiveLocaliser, Step
+from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder, open_encoder
 
 SENSOR = Sensor(64, 48)
@@ -219,8 +219,8 @@ def test_the_viewer_gets_each_picture_once_and_the_newest_match(drive):
     events = make_events([0, 10, PICTURE_US], [1, 2, 3], [4, 5, 6], [1, 0, 1])
     matches = np.zeros(2, dtype=MATCH_DTYPE)
     matches["t"], matches["place"], matches["ratio"] = [5, 9], [7, 8], [0.5, np.nan]
-    view.show(Step(events[:1], matches[:0], False))
-    view.show(Step(events[1:], matches, False))
+    view.show(LiveResult(events[:1], matches[:0], False))
+    view.show(LiveResult(events[1:], matches, False))
     assert [path for path, _ in told] == [
         "stream", "events", "stream", "match/place", "match/incomplete",
     ]  # fmt: skip
@@ -373,6 +373,123 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
     expected = [localiser.update(part) for part in cleaned(recording, reference.settings)]
     # silence brings matches early, and the same ones
     assert found.tolist() == np.concatenate(expected).tolist()
+
+
+@pytest.mark.parametrize("bursts", ["removed", "kept"])
+def test_single_events_give_the_matches_of_the_recording_and_few_calls(bursts, drive):
+    """Between two ticks events wait, so that most pieces cost no call of the localiser."""
+    reference = ReferenceMap.load(drive / "map.npz")
+    settings = dataclasses.replace(reference.settings, remove_bursts=bursts == "removed")
+    reference = dataclasses.replace(reference, settings=settings)
+    events = np.concatenate(list(open_recording(drive / "query.npz")))[:16_000]
+    every = MatchSchedule(interval_us=10_000)
+    encoder = open_encoder("evpr", SENSOR)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    calls = []
+    update = live._localiser.update
+    live._localiser.update = lambda some: calls.append(some.size) or update(some)
+    steps = [live.feed(encoder.start(), 0)]
+    pieces = np.split(events, np.arange(1, events.size))
+    steps += [live.feed(encoder.encode(piece), 0) for piece in pieces]
+    steps.append(live.finish())
+    found = np.concatenate([step.matches for step in steps])
+    localiser = Localiser(reference, every=every)
+    expected = [localiser.update(part) for part in cleaned(Drive(events, SENSOR), settings)]
+    assert found.size > 50
+    assert found.tolist() == np.concatenate(expected).tolist()
+    assert sum(calls) == events.size
+    assert len(calls) < events.size / 10
+
+
+def test_a_loss_between_two_ticks_flags_the_next_match(drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=50_000)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live.feed(encoder.start() + encoder.encode(events[:20_000]), 0)
+    live.feed(encoder.encode(events[20_000:20_010]), 0)
+    encoder.encode(events[20_010:20_020])  # lost
+    flags = {}
+    for piece in np.split(events[20_020:], np.arange(10, events.size - 20_020, 10)):
+        step = live.feed(encoder.encode(piece), 0)
+        flags.update(dict.fromkeys(step.matches["t"].tolist(), step.incomplete))
+    assert live.decoder.health.lost == 10
+    begun = int(events["t"][20_020])
+    span = reference.settings.sequence_length * reference.settings.tau_us
+    assert flags
+    for t, incomplete in flags.items():
+        # the flag may stay a piece too long, and is never lifted too early
+        assert incomplete or t >= begun + span
+        assert not incomplete or t < begun + span + 60_000
+
+
+def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=10_000)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every, causal_bursts=True)
+    exact = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live.feed(encoder.start(), 0)
+    exact.feed(encoder.start(), 0)
+    late = 0
+    for piece in np.split(events, np.arange(20, events.size, 20)):
+        sent = encoder.encode(piece)
+        last = int(piece["t"][-1])
+        for each in live.feed(sent, 0).matches:
+            assert last - 10_000 < each["t"] <= last
+            assert each["t"] >= piece["t"][0] - 10_000
+        assert live._localiser._policy[0] > last  # no tick is behind
+        late += exact._localiser._policy[0] <= last
+        exact.feed(sent, 0)
+    assert late > 100
+
+
+@pytest.mark.parametrize("tells", ["event", "pause", "silence"])
+def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, drive):
+    """One undamaged frame may say anything: 599 s are 1.2 million ticks of 500 us."""
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    last, jump_us = int(events["t"][-1]), 599_000_000
+    encoder = open_encoder("evpr", SENSOR)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
+    assert not live.feed(encoder.start() + encoder.encode(events), 0).incomplete
+    later = events.copy()
+    later["t"] += last + jump_us
+    if tells == "silence":
+        sent = encoder.idle(last + jump_us)
+    elif tells == "event":
+        sent = encoder.encode(later[:1])
+    else:
+        sent = encoder.encode(np.concatenate([events[-1:], later[:1]]))
+    step = live.feed(sent, 0)
+    # ticks that the burst filter held back, and one of the jump
+    assert 1 <= step.matches.size <= 10
+    if tells == "silence":
+        assert step.matches["t"][-1] == (last + jump_us) // 500 * 500
+    step = live.feed(encoder.encode(later[1:10_000]), 0)
+    assert step.incomplete
+    assert live.decoder.health.clock_jumps == 1
+    assert "1 clock jump" in str(live.decoder.health)
+    step = live.feed(encoder.encode(later[10_000:]), 0)
+    # what follows is matched as if nothing had been, but for the flag
+    assert np.array_equal(np.diff(step.matches["t"]), np.full(step.matches.size - 1, 500))
+    localiser = Localiser(reference, every=MatchSchedule(interval_us=500))
+    localiser.update(events)
+    localiser.skip_ticks(int(later["t"][0]))
+    expected = localiser.update(later)
+    expected = expected[np.isin(expected["t"], step.matches["t"])]
+    assert step.matches.tolist() == expected.tolist()
+
+
+def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(drive):
+    reference = ReferenceMap.load(drive / "map.npz")
+    events = make_events([0, 700_000, 1_400_000, 1_410_000], [1, 2, 5, 6], [3, 4, 6, 7])
+    every = MatchSchedule(interval_us=1)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    step = live.feed(open_encoder("evpr", SENSOR).encode(events), 0)
+    assert live.decoder.health.clock_jumps == 0
+    assert np.array_equal(np.diff(step.matches["t"]), np.ones(step.matches.size - 1))
+    assert step.matches.size > 1_000_000
 
 
 def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
@@ -787,21 +904,24 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, drive, capsys):
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
     from edge_vpr_tools.output import live_view
+    from edge_vpr_tools.output.live_panel import Panel
     from rich.console import Console
 
     shown = []
 
-    class Terminal:
-        def update(self, panel):
+    class Live:
+        console = Console(file=io.StringIO())
+
+        def update(self, drawn, *, refresh):
             console = Console(width=120, record=True, file=io.StringIO())
-            console.print(panel)
+            console.print(drawn)
             shown.append(console.export_text())
 
     monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
     live = LiveLocaliser(
         open_decoder("evpr", SENSOR), ReferenceMap.load(drive / "map.npz"), MatchSchedule(events=1)
     )
-    view = live_view.View(False, None, 29, Terminal())
+    view = live_view.View(False, None, 29, Panel(Live()))
     data = sent.read_bytes()
     for part in (data[:10_000], data[10_000:80_000], data[90_000:]):
         step = live.feed(part, 0)

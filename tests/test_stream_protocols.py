@@ -259,7 +259,7 @@ def test_a_warm_decoder_compiles_nothing_more_when_bytes_come():
 import sys
 from numba.core.registry import CPUDispatcher
 from test_stream_protocols import PAIRS, SENSOR, dense, encoded, open_decoder
-from line_faults import spoil
+from line_faults import corrupt
 import numpy as np
 
 def compiled():
@@ -270,7 +270,7 @@ def compiled():
 
 for device, host, _ in PAIRS:
     data = encoded(device, dense(2_000))
-    bad = spoil(np.random.default_rng(0), data, "drop", 1e-3)[0]
+    bad = corrupt(np.random.default_rng(0), data, "drop", 1e-3)[0]
     decoder = open_decoder(host, SENSOR)
     encoder_kernels = compiled()
     decoder.warm_up()

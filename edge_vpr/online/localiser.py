@@ -55,6 +55,7 @@ MATCH_DTYPE = np.dtype(
 KIND = "localiser state"
 
 _MATCHES_AT_ONCE = 4_096
+_NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
 class Localiser:
@@ -140,7 +141,7 @@ class Localiser:
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Events in each window, newest first, shape (L, J); a copy."""
-        settle(self._s)
+        self._settle()
         return self._s.counts.copy()
 
     @property
@@ -149,7 +150,7 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        settle(self._s)
+        self._settle()
         sums = self._s.sums[: len(self._places) - self._length + 1].astype(np.int64)
         return sums + self._s.number[BASE]
 
@@ -173,6 +174,11 @@ class Localiser:
     @property
     def _next_tick(self) -> int:
         return int(self._policy[NEXT_TICK]) if self._filter is None else self._filter.next_tick
+
+    @property
+    def next_match_us(self) -> int:
+        """Time before which there is no match, where they are given by time alone; else 0."""
+        return 0 if self.every.events else self._next_tick
 
     def _seen_and_whole(self) -> tuple[int, int]:
         if isinstance(self._window, FixedTime):
@@ -200,13 +206,12 @@ class Localiser:
             If time jumps over more than a million ticks of the policy.
         """
         if events.size == 0:
-            return np.empty(0, dtype=MATCH_DTYPE)
+            return _NO_MATCHES
         last = int(events["t"][-1])
         slots, times = selected_in_order(self._table, events, self._floor, self.settings.polarity)
         self.every.check_ticks(self._next_tick, last)
         matches = self._run(slots, times, last)
         self._floor, self._now = last, last + 1
-        advance(self._s, self._now)
         return matches
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
@@ -232,9 +237,21 @@ class Localiser:
         self.every.check_ticks(self._next_tick, until_us)
         nothing = np.empty(0, dtype=np.int64)
         matches = self._run(nothing.astype(np.int32), nothing, until_us)
-        advance(self._s, until_us)
         self._floor, self._now = until_us, max(self._now, until_us)
         return matches
+
+    def skip_ticks(self, until_us: int) -> None:
+        """Leave out the ticks of the policy before `until_us`, but for the last of them.
+
+        Parameters
+        ----------
+        until_us : int
+            Time that `update` or `advance` reaches next.
+        """
+        interval = self.every.interval_us
+        if interval:
+            last = until_us // interval * interval
+            self._policy[NEXT_TICK] = max(int(self._policy[NEXT_TICK]), last)
 
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
@@ -269,7 +286,7 @@ class Localiser:
             raise UsageError("places are added while matching by sequences only: map the drive")
         wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
         self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
-        settle(self._s)
+        self._settle()
         self._s = with_distances(self._s, self._places)
         return len(self._places) - 1
 
@@ -281,6 +298,7 @@ class Localiser:
         path : path
             An ``.npz`` file, written atomically.
         """
+        self._settle()
         first, last = int(self._s.bound[-1]), int(self._s.bound[0])
         alive = np.arange(first, last) & (self._s.slot.size - 1)
         arrays = {
@@ -357,6 +375,11 @@ class Localiser:
         self._s = with_distances(self._s, self._places)
         self._now, self._floor = clock.now_us, clock.floor_us
 
+    def _settle(self) -> None:
+        """Bring windows, counters and distances up to date; an update leaves that to the next."""
+        advance(self._s, self._now)
+        settle(self._s)
+
     def _run(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> npt.NDArray[np.void]:
@@ -371,6 +394,8 @@ class Localiser:
             )
             if self._check_every:
                 self.verify()
+        if not found:
+            return _NO_MATCHES
         return np.concatenate(found) if len(found) > 1 else found[0]
 
     def _run_piece(
@@ -395,7 +420,8 @@ class Localiser:
                 self._out,
             )
             consumed += read
-            found.append(_matches(self._out[:given]))
+            if given:
+                found.append(_matches(self._out[:given]))
             if why == RING_FULL:
                 self._s = grown(self._s)
             elif why == DONE:
@@ -409,7 +435,7 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        settle(self._s)
+        self._settle()
         fresh = with_distances(self._s, self._places)
         same = (
             np.array_equal(recount(self._s), self._s.counts)
@@ -443,8 +469,6 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
 def _matches(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
     """Name the columns of the kernel's rows, and add the ratio."""
     matches = np.empty(len(rows), dtype=MATCH_DTYPE)
-    if matches.size == 0:
-        return matches
     names = [name for name in MATCH_DTYPE.names or () if name not in ("ratio", "trust")]
     if rows.shape[1] > len(names):
         names.append("trust")

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, Window, WindowCounts, collect
 from edge_vpr.errors import EventError, UsageError
-from edge_vpr.events import TIME_LIMIT_US, Events
+from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.state import advance, grown, push, settle, start
 
 _EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
+#: Up to so many events are looked up in one pass.
+_FEW = 64
 
 
 class SlidingWindow:
@@ -154,6 +157,12 @@ def selected_in_order(
     EventError
         If time runs backwards or a pixel lies off the sensor.
     """
+    if events.size <= _FEW and events.dtype == EVENT_DTYPE:
+        slots, times = np.empty(events.size, dtype=np.int32), np.empty(events.size, dtype=np.int64)
+        off_slots = int(table.max()) + 1 if polarity else 0
+        found = _few_in_order(table, events, floor_us, off_slots, slots, times)
+        if found >= 0:
+            return slots[:found], times[:found]
     t = events["t"]
     if t[0] < floor_us or t[-1] < t[0]:
         raise EventError(
@@ -164,14 +173,35 @@ def selected_in_order(
         raise EventError(
             f"an event at {t[-1]} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
         )
-    slots, times = [], []
+    some_slots, some_times = [], []
     for begin in range(0, events.size, _EVENTS_AT_ONCE):
         some = events[begin : begin + _EVENTS_AT_ONCE]
         p = some["p"] if polarity else None
-        index, found = select_events(table, some["x"], some["y"], p)
-        slots.append(found)
-        times.append(some["t"][index])
-    joined = np.concatenate(times)
+        index, selected = select_events(table, some["x"], some["y"], p)
+        some_slots.append(selected)
+        some_times.append(some["t"][index])
+    joined = np.concatenate(some_times)
     if joined.size and (np.any(joined[1:] < joined[:-1]) or joined[0] < t[0] or joined[-1] > t[-1]):
         raise EventError("time runs backwards within the chunk: sort the events, or drop some")
-    return np.concatenate(slots), joined
+    return np.concatenate(some_slots), joined
+
+
+@njit(cache=True, nogil=True)
+def _few_in_order(table, events, floor, off_slots, slots, times):  # type: ignore[no-untyped-def]
+    """Do the same in one pass, without columns; -1 if anything is wrong, which is told elsewhere.
+
+    Of an event alone, the checks of columns take longer than all the rest.
+    """
+    last, n = floor, 0
+    for i in range(events.size):
+        event = events[i]
+        x, y, t = event["x"], event["y"], event["t"]
+        if t < last or t > TIME_LIMIT_US or y >= table.shape[0] or x >= table.shape[1]:
+            return -1
+        last = t
+        slot = table[y, x]
+        if slot >= 0:
+            slots[n] = slot + (0 if event["p"] else off_slots)
+            times[n] = t
+            n += 1
+    return n

@@ -69,7 +69,7 @@ class LineFaults:
         garbage = int(values.pop("garbage", 0))
         return cls(garbage=garbage, **values)
 
-    def spoil(self, data: bytes, rng: np.random.Generator) -> bytes:
+    def corrupt(self, data: bytes, rng: np.random.Generator) -> bytes:
         """Return what arrives of `data`."""
         raw = np.frombuffer(data, dtype=np.uint8).copy()
         if self.flip:
@@ -135,7 +135,7 @@ class Bridge:
             if self._encoder.waits_for_host and self._link.two_way:
                 command = self._link.read(0.1)
                 if command:
-                    self._send(self._encoder.respond(command), spoil=False)
+                    self._send(self._encoder.respond(command), corrupt=False)
                     return
             elif isinstance(self._link, TcpServerLink):
                 if self._link.accepted(0.1):
@@ -153,7 +153,7 @@ class Bridge:
             self.wait_for_host()
             garbage = self._rng.integers(0, 256, self._faults.garbage).astype(np.uint8)
             self._put(garbage.tobytes())
-            self._send(self._encoder.start(), spoil=False)
+            self._send(self._encoder.start(), corrupt=False)
             self._replay(recording)
             self._serve_until_held(0)
             self._link.drain(1.0 if self.stopping.is_set() else 10.0)
@@ -196,7 +196,7 @@ class Bridge:
         """Hear the host for at most `timeout` seconds and answer; tell whether it said anything."""
         command = self._link.read(timeout)
         if command:
-            self._send(self._encoder.respond(self._faults.spoil(command, self._rng)))
+            self._send(self._encoder.respond(self._faults.corrupt(command, self._rng)))
         self._send(self._encoder.to_send(time.monotonic()))
         return bool(command)
 
@@ -217,9 +217,9 @@ class Bridge:
             elif time.monotonic() - heard > GONE_S:
                 return
 
-    def _send(self, data: bytes, *, spoil: bool = True) -> None:
+    def _send(self, data: bytes, *, corrupt: bool = True) -> None:
         self.sent_bytes += len(data)
-        self._put(self._faults.spoil(data, self._rng) if data and spoil else data)
+        self._put(self._faults.corrupt(data, self._rng) if data and corrupt else data)
 
     def _put(self, data: bytes) -> None:
         view = memoryview(data)

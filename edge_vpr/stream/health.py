@@ -70,6 +70,8 @@ class Health:
         Wraps of the device's clock.
     clock_resets : int
         How often the clock started anew, which keeps the order of events but not their distance.
+    clock_jumps : int
+        Steps of the clock over so many ticks that one match was given for all of them.
     reopened : int
         How often the link was lost and opened again.
     stalls : int
@@ -104,6 +106,7 @@ class Health:
     line_errors: int = 0
     wraps: int = 0
     clock_resets: int = 0
+    clock_jumps: int = 0
     reopened: int = 0
     stalls: int = 0
     retries: int = 0
@@ -126,6 +129,7 @@ class Health:
             + self.overruns
             + self.line_errors
             + self.clock_resets
+            + self.clock_jumps
             + self.reopened
             + self.retries
         )

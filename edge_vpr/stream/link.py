@@ -31,10 +31,13 @@ class Link(ABC):
         Whether the other side goes on without waiting for us, so that a late reader must drop.
     two_way : bool
         Whether a host and a device hear each other, or only the host the device.
+    remark : str
+        What the user should know of the link now, if anything.
     """
 
     live = True
     two_way = True
+    remark = ""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -60,6 +63,10 @@ class Link(ABC):
         """Characters that the system says the line damaged or dropped since it was opened."""
         return 0
 
+    def began_anew(self) -> bool:
+        """Tell whether another stream began with the bytes that were read last."""
+        return False
+
     def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
         """Wait until the other side has taken what was sent."""
 
@@ -71,6 +78,9 @@ class DescriptorLink(Link):
         super().__init__(address)
         self.live = live
         self._fd = descriptor
+        # read into again and again: bytes made for the most that can come, and then cut short,
+        # leave holes between those that other threads keep
+        self._room = bytearray(READ_BYTES)
         if live:
             # standard input is shared, on a terminal even with the output: it stays as it is
             os.set_blocking(descriptor, False)
@@ -81,12 +91,13 @@ class DescriptorLink(Link):
             if not select.select([self._fd], [], [], timeout)[0]:
                 return b""
             try:
-                data = os.read(self._fd, READ_BYTES)
+                size = os.readv(self._fd, [self._room])
             except BlockingIOError:
                 return b""
-        if not data:
+        if not size:
             raise LinkClosed(f"{self.address} has ended")
-        return data
+        with memoryview(self._room) as room:
+            return bytes(room[:size])
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""

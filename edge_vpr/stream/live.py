@@ -7,18 +7,27 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
-from edge_vpr.events import Events, join_events
+from edge_vpr.events import EVENT_DTYPE, Events, join_events
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.stream.protocols.protocol import Decoder, made_up_events
+from edge_vpr.stream.protocols.protocol import Decoder, synthetic_events
+
+#: A step of the clock over more than this, and over more than so many ticks, is a jump.
+JUMP_US = 1_000_000
+MOST_TICKS = 10_000
+#: So many events may wait for the next tick; they take 50 us to match.
+_MOST_WAITING = 512
+_NEVER_US = 1 << 62
+_NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
-class Step(NamedTuple):
-    """What one piece of bytes brought.
+class LiveResult(NamedTuple):
+    """Events and matches of one chunk of bytes.
 
     Attributes
     ----------
@@ -35,7 +44,7 @@ class Step(NamedTuple):
 
 
 class LiveLocaliser:
-    """Follows a stream of bytes and says where it is on the map.
+    """Decodes a stream of bytes and matches it with a map.
 
     Parameters
     ----------
@@ -44,6 +53,9 @@ class LiveLocaliser:
         Without one, events are decoded and nothing is matched.
     every : MatchSchedule, optional
         When to give a match.
+    causal_bursts : bool
+        Remove bursts, if the map's settings ask for it, without waiting for their end: a match
+        comes 2 ms earlier, and is no longer to the bit that of the recording.
 
     Raises
     ------
@@ -56,15 +68,22 @@ class LiveLocaliser:
         decoder: Decoder,
         reference: ReferenceMap | None = None,
         every: MatchSchedule | None = None,
+        *,
+        causal_bursts: bool = False,
     ) -> None:
         self.decoder = decoder
         self._localiser: Localiser | None = None
-        self._bursts: BurstFilter | None = None
+        self._bursts: BurstFilter | CausalBurstFilter | None = None
         self._losses = 0
         self._since = 0  # events at the selected pixels since the newest loss
         self._whole_us = -1  # first time after it
         self._reached = self._events = 0  # of the decoder, after the newest piece
         self._time = 0  # up to which the localiser has followed
+        # decoded events that no match can depend on yet
+        self._waiting = np.empty(_MOST_WAITING, dtype=EVENT_DTYPE)
+        self._n_waiting = 0
+        self._next_us = 0  # no match before this time
+        self._flagged = False  # whether the newest matches lack events
         if reference is not None:
             sensor = reference.pixel_map.sensor
             if sensor != decoder.sensor:
@@ -74,17 +93,22 @@ class LiveLocaliser:
                 )
             self._settings = reference.settings
             self._table = reference.pixel_map.table()
-            _rehearse(reference, every)
+            burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
+            _rehearse(reference, every, burst_filter(sensor))
             self._localiser = Localiser(reference, every=every)
+            # of time, that is matched at once
+            self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
             if reference.settings.remove_bursts:
-                self._bursts = BurstFilter(sensor)
+                self._bursts = burst_filter(sensor)
 
     @property
     def bursts_removed(self) -> int:
         """Events removed as bursts."""
         return 0 if self._bursts is None else self._bursts.removed
 
-    def feed(self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False) -> Step:
+    def feed(
+        self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False
+    ) -> LiveResult:
         """Take the next bytes.
 
         Parameters
@@ -104,7 +128,7 @@ class LiveLocaliser:
         events.append(self.decoder.feed(data, host_us))
         return self._follow(join_events(events))
 
-    def finish(self) -> Step:
+    def finish(self) -> LiveResult:
         """End the stream: what was held comes out."""
         return self._follow(self.decoder.finish(), last=True)
 
@@ -113,33 +137,97 @@ class LiveLocaliser:
         """Share of the first sequence that has been seen, 0 to 1; from 1 on there are matches."""
         return 0.0 if self._localiser is None else self._localiser.filled
 
-    def _follow(self, events: Events, *, last: bool = False) -> Step:
+    def _follow(self, events: Events, *, last: bool = False) -> LiveResult:
         if self._localiser is None:
-            return Step(events, np.empty(0, dtype=MATCH_DTYPE), False)
+            return LiveResult(events, _NO_MATCHES, False)
+        if not last and self._may_wait(events):
+            return LiveResult(events, _NO_MATCHES, False)
         before_us = self._time
-        pieces = self._cleaned(events, last)
-        matches = [self._localiser.update(piece) for piece in pieces]
+        matches: list[npt.NDArray[np.void]] = []
+        to_match = events
+        if self._n_waiting:
+            waited = self._waiting[: self._n_waiting].copy()
+            self._n_waiting = 0
+            if self.decoder.health.losses == self._losses:
+                to_match = join_events([waited, events])
+            else:
+                # they came before the loss, and are no sign that the windows are whole again
+                for piece in [waited] if self._bursts is None else self._bursts.pieces(waited):
+                    self._update(self._localiser, piece, matches)
+        pieces = self._cleaned(to_match, last)
+        for piece in pieces:
+            self._update(self._localiser, piece, matches)
         known = self.decoder.reached_us
         if self._bursts is not None:
             known = min(known, self._bursts.known_us)
         if known > self._time:
             # events held back are later than this, and a device that sees nothing may say so
+            self._near(self._localiser, known, matches)
             matches.append(self._localiser.advance(known))
             self._time = known
         some = [each for each in matches if each.size]
-        found = np.concatenate(some) if len(some) > 1 else (some or matches)[0]
-        return Step(events, found, self._incomplete(pieces, before_us))
+        found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]
+        self._next_us = self._localiser.next_match_us
+        self._flagged = self._incomplete(pieces, before_us)
+        return LiveResult(events, found, self._flagged)
+
+    def _may_wait(self, events: Events) -> bool:
+        """Keep events, if there is room and no match can depend on them yet.
+
+        Between two ticks most pieces cost no more than this: the matches are the same, however
+        the stream is cut. Where a loss flags matches, each piece is looked at.
+        """
+        health, reached = self.decoder.health, self.decoder.reached_us
+        n = self._n_waiting + events.size
+        if (
+            reached >= self._next_us
+            or n > _MOST_WAITING
+            or self._flagged
+            or health.losses != self._losses
+        ):
+            return False
+        self._waiting[self._n_waiting : n] = events
+        self._n_waiting = n
+        self._reached, self._events = reached, health.events
+        return True
+
+    def _update(
+        self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
+    ) -> None:
+        """Match events, of as many as lie within `MOST_TICKS` at a time."""
+        while events.size:
+            taken, last = events.size, int(events["t"][-1])
+            if last - self._time > self._most_us:
+                self._near(localiser, int(events["t"][0]), matches)
+                taken = int(np.searchsorted(events["t"], self._time + self._most_us, "right"))
+                last = int(events["t"][taken - 1])
+            matches.append(localiser.update(events[:taken]))
+            self._time = last
+            events = events[taken:]
+
+    def _near(
+        self, localiser: Localiser, time_us: int, matches: list[npt.NDArray[np.void]]
+    ) -> None:
+        """Let time pass until `time_us` is less than `MOST_TICKS` ahead.
+
+        The ticks give matches, but for those of a jump: no clock and no silence may hold up the
+        run, so that only the last of its ticks does, and the jump is counted.
+        """
+        if time_us - self._time > max(self._most_us, JUMP_US):
+            self.decoder.health.clock_jumps += 1
+            localiser.skip_ticks(time_us)
+            self._time = time_us
+        while time_us - self._time > self._most_us:
+            self._time += self._most_us
+            matches.append(localiser.advance(self._time))
 
     def _cleaned(self, events: Events, last: bool) -> list[Events]:
-        pieces = [events]
-        if self._bursts is not None:
-            pieces = self._bursts.pieces(events)
-            reached = self.decoder.reached_us
-            pieces.append(self._bursts.finish() if last else self._bursts.advance(reached))
-        for piece in pieces:
-            if piece.size:
-                self._time = int(piece["t"][-1])
-        return pieces
+        if self._bursts is None:
+            return [events]
+        return [
+            *self._bursts.pieces(events),
+            self._bursts.finish() if last else self._bursts.advance(self.decoder.reached_us),
+        ]
 
     def _incomplete(self, pieces: list[Events], before_us: int) -> bool:
         """Tell whether a loss is younger than the windows that are compared.
@@ -173,11 +261,14 @@ class LiveLocaliser:
         return int(select_events(self._table, events["x"], events["y"], p)[0].size)
 
 
-def _rehearse(reference: ReferenceMap, every: MatchSchedule | None) -> None:
+def _rehearse(
+    reference: ReferenceMap,
+    every: MatchSchedule | None,
+    bursts: BurstFilter | CausalBurstFilter,
+) -> None:
     """Compile what matching needs, which takes up to seconds, before the first bytes come."""
-    events = made_up_events()
+    events = synthetic_events()
     localiser = Localiser(reference, every=every)
-    bursts = BurstFilter(reference.pixel_map.sensor)
     # to Numba one event alone is an array of another kind: without gaps, and aligned or not
     for some in (events[:1], events[1:2], events[2:]):
         bursts.update(some)

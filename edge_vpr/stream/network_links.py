@@ -12,6 +12,8 @@ from edge_vpr.stream.link import READ_BYTES, DescriptorLink, Link, LinkError, as
 _KEEP_ALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 #: Fits one packet of Ethernet.
 DATAGRAM_BYTES = 1_400
+#: A sender that is silent for so long gives way to another.
+GIVES_WAY_S = 2.0
 
 
 class SocketLink(DescriptorLink):
@@ -39,7 +41,11 @@ class TcpLink(SocketLink):
 
 
 class UdpHostLink(SocketLink):
-    """A bound UDP socket; it hears whoever sends to it, and has nobody to write to."""
+    """A bound UDP socket; it hears one sender at a time, and has nobody to write to.
+
+    The first sender is heard until it is silent for `GIVES_WAY_S`. The bytes of two, mixed, would
+    be nobody's stream: those of others are left out meanwhile, and counted in `strangers`.
+    """
 
     two_way = False
 
@@ -49,16 +55,47 @@ class UdpHostLink(SocketLink):
             sock = socket.socket(found[0], socket.SOCK_DGRAM)
             sock.bind(found[4])
         super().__init__(address_of("udp", sock), sock)
+        self._sender: object = None
+        self._heard_s = 0.0
+        self._anew = False
+        self.strangers = 0
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`; an empty datagram is no end."""
+        end = time.monotonic() + timeout
         with as_link_error(self.address):
-            if not select.select([self._fd], [], [], timeout)[0]:
-                return b""
-            try:
-                return self._socket.recv(READ_BYTES)
-            except BlockingIOError:  # a datagram with a wrong checksum
-                return b""
+            while select.select([self._fd], [], [], max(0.0, end - time.monotonic()))[0]:
+                try:
+                    data, sender = self._socket.recvfrom(READ_BYTES)
+                except BlockingIOError:  # a datagram with a wrong checksum
+                    continue
+                now = time.monotonic()
+                if data and self._is_heard(sender, now):
+                    self._heard_s = now
+                    return data
+                if now >= end:
+                    break
+        return b""
+
+    def _is_heard(self, sender: tuple[object, ...], now_s: float) -> bool:
+        self._anew = False
+        if sender == self._sender:
+            return True
+        if self._sender is None or now_s - self._heard_s > GIVES_WAY_S:
+            self._anew = self._sender is not None
+            self._sender, self.remark = sender, ""
+            return True
+        self.strangers += 1
+        # of many, the first is told: each could be another
+        self.remark = self.remark or (
+            f"{sender[0]}:{sender[1]} sends to {self.address} as well and is left out: give each "
+            "device a port of its own"
+        )
+        return False
+
+    def began_anew(self) -> bool:
+        """See `Link.began_anew`: another sender is heard."""
+        return self._anew
 
     def write(self, data: bytes, timeout: float) -> int:
         """Raise `LinkError`."""

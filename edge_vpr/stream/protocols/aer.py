@@ -22,7 +22,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Sensor
 from edge_vpr.stream.protocols.layout import Field, Layout, LayoutDecoder, LayoutEncoder
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
@@ -51,17 +51,19 @@ def read_layout(path: str | Path) -> Layout:
     """
     try:
         values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
+        # ValueError: no text, no TOML, or a number of thousands of digits
         raise UsageError(
-            f"cannot read the layout {path}: {error}: name a TOML file as docs/stream.md shows it"
+            f"cannot read the layout {printable(path)}: {printable(error)}: name a TOML file as "
+            "docs/stream.md shows it"
         ) from error
     if unknown := set(values) - _KEYS:
-        raise UsageError(
-            f"{path} names {', '.join(sorted(unknown))}: a layout has {', '.join(sorted(_KEYS))}"
-        )
+        names = printable(", ".join(sorted(unknown)))
+        raise UsageError(f"{path} names {names}: a layout has {', '.join(sorted(_KEYS))}")
     size = _whole(path, "bytes", values.get("bytes"), 2, 8)
     if values.get("endian") not in ("little", "big"):
-        raise UsageError(f"{path}: endian = {values.get('endian')!r}: expected little or big")
+        shown = _shown(values.get("endian"))
+        raise UsageError(f"{path}: endian = {shown}: expected little or big")
     for name in ("x", "y"):
         if name not in values:
             raise UsageError(
@@ -95,9 +97,16 @@ def read_layout(path: str | Path) -> Layout:
     )
 
 
+def _shown(value: object) -> str:
+    try:
+        return printable(repr(value), 80)
+    except ValueError:  # of thousands of digits, as TOML allows
+        return "a number too long to print"
+
+
 def _table(path: str | Path, name: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise UsageError(f"{path}: {name} = {value!r}: write a table in braces")
+        raise UsageError(f"{path}: {name} = {_shown(value)}: write a table in braces")
     return value
 
 
@@ -113,7 +122,9 @@ def _field(path: str | Path, name: str, value: Any, size: int) -> Field:
 
 def _whole(path: str | Path, name: str, value: Any, low: int, high: int) -> int:
     if type(value) is not int or not low <= value <= high:
-        raise UsageError(f"{path}: {name} = {value!r}: expected a whole number {low} to {high}")
+        raise UsageError(
+            f"{path}: {name} = {_shown(value)}: expected a whole number {low} to {high}"
+        )
     return value
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock
 from edge_vpr.stream.protocols.edvs_formats import BITS, STEPS, detect, layout_of
 from edge_vpr.stream.protocols.edvs_steps import StepDecoder, encode_steps
 from edge_vpr.stream.protocols.layout import LayoutDecoder, LayoutEncoder
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
+from edge_vpr.stream.timestamp_filter import Clock
 
 SENSOR = Sensor(128, 128)
 #: Bytes from which the format is found.
@@ -106,7 +106,7 @@ class EdvsDecoder(Decoder):
 
     def _samples(self) -> Iterable[bytes]:
         encoder = EdvsEncoder(self.sensor, self._bits[0], self._syncs[0], "new", echo=False)
-        words = encoder.encode(made_up_events())
+        words = encoder.encode(synthetic_events())
         # a byte is lost in the midst of them
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
@@ -142,8 +142,8 @@ class EdvsDecoder(Decoder):
         else:
             inner = LayoutDecoder("edvs", layout_of(bits, sync), self.sensor)
         inner.adopt(self.health)
-        inner._gate.succeed(self._gate)
-        self._inner, self._gate = inner, inner._gate
+        inner._timestamps.take_over_from(self._timestamps)
+        self._inner, self._timestamps = inner, inner._timestamps
         self._since = self._so_far()
         self.resync_bytes = inner.resync_bytes
 

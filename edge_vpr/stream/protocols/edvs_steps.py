@@ -7,10 +7,10 @@ from numba import njit
 
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock, no_columns
 from edge_vpr.stream.protocols.layout import NOTICE_WORDS
 from edge_vpr.stream.protocols.protocol import Decoder
 from edge_vpr.stream.protocols.words import SEARCH_WORDS
+from edge_vpr.stream.timestamp_filter import Clock, no_columns
 
 _LONGEST = 6
 

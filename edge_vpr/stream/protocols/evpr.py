@@ -13,10 +13,10 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock, no_columns
 from edge_vpr.stream.health import EXACT
 from edge_vpr.stream.protocols.cobs import Bytes, stuff, unstuff
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
+from edge_vpr.stream.timestamp_filter import Clock, no_columns
 
 #: Longest frame before stuffing, and with stuffing (without the zero at its end).
 MAX_FRAME = 8_192
@@ -33,10 +33,18 @@ _NO_FRAME = b"\0"
 REPEAT_US = 1_000_000
 # what is remembered from frame to frame: boot (-1: no frame yet), sequence number that the next
 # frame should have, drops told so far, the last frame's base time
-_BOOT, _NEXT, _DROPPED, _LAST = range(4)
-# what the frames of one piece brought
-_FRAMES, _DAMAGED, _SKIPPED, _REPEATS, _GAPS, _LOST, _DROPS, _RESETS = range(8)
-_BASE, _IDLE_AT, _BROUGHT = range(8, 11)
+_MEMORY = np.dtype([("boot", "<i8"), ("next", "<i8"), ("dropped", "<i8"), ("last", "<i8")])
+# what the frames of one chunk brought: how many of each kind, the first base time, and the time
+# that a last frame without events tells (-1: it has events)
+_BROUGHT = np.dtype(
+    [
+        (name, "<i8")
+        for name in (
+            "frames", "damaged", "skipped_bytes", "repeats", "gaps", "lost", "dropped", "resets",
+            "base", "idle_at",
+        )
+    ]
+)  # fmt: skip
 
 
 class EvprDecoder(Decoder):
@@ -46,12 +54,12 @@ class EvprDecoder(Decoder):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
-        self._memory = np.array([-1, 0, 0, 0], dtype=np.int64)
+        self._memory = np.array([(-1, 0, 0, 0)], dtype=_MEMORY)
         self._endless = False  # within a frame that is too long already
         self._reserve(1 << 12)
 
     def _samples(self) -> Iterable[bytes]:
-        yield EvprEncoder(Sensor(1, 1)).encode(made_up_events())
+        yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
 
     def setup(self) -> bytes:
         """Say that the host is there, by an empty frame."""
@@ -93,27 +101,28 @@ class EvprDecoder(Decoder):
         checks = np.array(
             [zlib.crc32(plain[at : at + size]) for at, size, _ in spans.tolist()], dtype=np.int64
         )
-        brought = np.zeros(_BROUGHT, dtype=np.int64)
+        brought = np.zeros(1, dtype=_BROUGHT)
         t, x, y, p = self._room
         events = _take_frames(self._plain, spans, checks, self._memory, brought, t, x, y, p)
-        self._account(brought.tolist())
+        self._account(brought.item())
         return Columns(t[:events], x[:events], y[:events], p[:events])
 
-    def _account(self, brought: list[int]) -> None:
+    def _account(self, brought: tuple[int, ...]) -> None:
         health = self.health
-        health.frames += brought[_FRAMES]
-        health.crc_errors += brought[_DAMAGED]
-        health.resyncs += brought[_DAMAGED]
-        health.skipped_bytes += brought[_SKIPPED]
-        health.repeats += brought[_REPEATS]
-        health.sequence_gaps += brought[_GAPS]
-        health.lost += brought[_LOST]
+        frames, damaged, skipped, repeats, gaps, lost, dropped, resets, base, idle_at = brought
+        health.frames += frames
+        health.crc_errors += damaged
+        health.resyncs += damaged
+        health.skipped_bytes += skipped
+        health.repeats += repeats
+        health.sequence_gaps += gaps
+        health.lost += lost
         health.lost_at_most = health.lost
-        health.device_dropped += brought[_DROPS]
-        health.device_resets += brought[_RESETS]
-        if brought[_FRAMES]:
-            self._gate.start_at(brought[_BASE])
-            self._idle_at = brought[_IDLE_AT]
+        health.device_dropped += dropped
+        health.device_resets += resets
+        if frames:
+            self._timestamps.start_at(base)
+            self._idle_at = idle_at
 
 
 @njit(cache=True, nogil=True)
@@ -151,6 +160,7 @@ def _number(data, at, size):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _take_frames(plain, spans, checks, memory, brought, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode the frames that are whole, and compare the device's running totals with ours."""
+    last, found = memory[0], brought[0]
     n = 0
     for i in range(checks.size):
         at, end = spans[i, 0], spans[i, 0] + spans[i, 1]
@@ -165,35 +175,35 @@ def _take_frames(plain, spans, checks, memory, brought, t, x, y, p):  # type: ig
             or x_bits + y_bits + 2 > 8 * width
             or plain[at + 19] >= 64  # a base time of 2^62
         ):
-            brought[_DAMAGED] += 1
-            brought[_SKIPPED] += spans[i, 2]
+            found["damaged"] += 1
+            found["skipped_bytes"] += spans[i, 2]
             continue
         boot, sequence = _number(plain, at + 2, 2), _number(plain, at + 4, 4)
         dropped, base = _number(plain, at + 8, 4), _number(plain, at + 12, 8)
         # running totals are modulo 2^32
-        missing = (sequence - memory[_NEXT]) & 0xFFFFFFFF
-        if memory[_BOOT] < 0:
-            memory[_NEXT], memory[_DROPPED], missing = sequence, dropped, 0
-        elif boot != memory[_BOOT] or missing >= 1 << 31:
-            if boot == memory[_BOOT] and 0 <= memory[_LAST] - base < REPEAT_US:
-                brought[_REPEATS] += 1
-                brought[_SKIPPED] += spans[i, 2]
+        missing = (sequence - last["next"]) & 0xFFFFFFFF
+        if last["boot"] < 0:
+            last["next"], last["dropped"], missing = sequence, dropped, 0
+        elif boot != last["boot"] or missing >= 1 << 31:
+            if boot == last["boot"] and 0 <= last["last"] - base < REPEAT_US:
+                found["repeats"] += 1
+                found["skipped_bytes"] += spans[i, 2]
                 continue
             # anew, even if the device forgot to change the number of its start
-            brought[_RESETS] += 1
-            memory[_NEXT], memory[_DROPPED], missing = 0, 0, sequence
-        brought[_GAPS] += missing > 0
-        brought[_LOST] += missing
-        brought[_DROPS] += (dropped - memory[_DROPPED]) & 0xFFFFFFFF
-        if brought[_FRAMES] == 0:
-            brought[_BASE] = base
-        brought[_FRAMES] += 1
-        brought[_IDLE_AT] = -1 if words else base
+            found["resets"] += 1
+            last["next"], last["dropped"], missing = 0, 0, sequence
+        found["gaps"] += missing > 0
+        found["lost"] += missing
+        found["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
+        if found["frames"] == 0:
+            found["base"] = base
+        found["frames"] += 1
+        found["idle_at"] = -1 if words else base
         events = _take_words(
             plain[at + _HEADER_BYTES : end], width, x_bits, y_bits, base, t[n:], x[n:], y[n:], p[n:]
         )
-        memory[_BOOT], memory[_DROPPED], memory[_LAST] = boot, dropped, base
-        memory[_NEXT] = (sequence + events) & 0xFFFFFFFF
+        last["boot"], last["dropped"], last["last"] = boot, dropped, base
+        last["next"] = (sequence + events) & 0xFFFFFFFF
         n += events
     return n
 

@@ -13,9 +13,9 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.evt import Decoder as WordsDecoder
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, made_up_events
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
 from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
+from edge_vpr.stream.timestamp_filter import Clock
 
 #: Bytes a word, and bits of the clock, which counts microseconds.
 _SIZES = {"evt2": (4, 34), "evt21": (8, 34), "evt3": (2, 24)}
@@ -45,7 +45,7 @@ class EvtDecoder(WordDecoder):
         self._fresh()
 
     def _samples(self) -> Iterable[bytes]:
-        words = _ENCODERS[self._name](self.sensor).encode(made_up_events())
+        words = _ENCODERS[self._name](self.sensor).encode(synthetic_events())
         # a byte is lost in the midst of them
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 

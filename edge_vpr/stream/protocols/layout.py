@@ -12,23 +12,30 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import STEP_US, Clock, no_columns
-from edge_vpr.stream.protocols.protocol import Encoder, made_up_events
+from edge_vpr.stream.protocols.protocol import Encoder, synthetic_events
 from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder, word_at
+from edge_vpr.stream.timestamp_filter import STEP_US, Clock, no_columns
 
-Form = npt.NDArray[np.uint64]
+Form = npt.NDArray[np.void]
 
 #: Words of a device are in order but for this.
 DISORDER_US = 1_000
 #: A shifted stream is noticed within so many words.
 NOTICE_WORDS = 40
-# what of a layout lies where in a form; after the place of a field, its mask
-_SIZE, _BIG, _OFF, _SYNC_MASK, _SYNC, _LATE, _SPAN = range(7)
-_X, _Y, _P, _T, _FORM = range(7, 16, 2)
-_X_MASK, _Y_MASK, _P_MASK, _T_MASK = _X + 1, _Y + 1, _P + 1, _T + 1
+# what a kernel needs of a layout; of the fields, the place and the mask
+_FORM = np.dtype(
+    [
+        (name, "<u8")
+        for name in (
+            "size", "big", "off", "sync_mask", "sync", "late", "span",
+            "x", "x_mask", "y", "y_mask", "p", "p_mask", "t", "t_mask",
+        )
+    ]
+)  # fmt: skip
 # an odd step counts so much, a good one -1, and more than this is a lost place
 _ODD, _TOO_ODD = 4, 8
 # time of the last word (-1: there is none), and how odd the last steps were
+_MEMORY = np.dtype([("last", "<i8"), ("odd", "<i8")])
 _NOTHING = (-1, 0)
 
 
@@ -43,6 +50,11 @@ class Field:
     def mask(self) -> int:
         """Largest value."""
         return (1 << self.bits) - 1
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Shift and mask."""
+        return self.shift, self.mask
 
 
 @dataclass(frozen=True)
@@ -82,17 +94,15 @@ class Layout:
         return Clock(self.t.bits, self.tick_us) if self.t.bits else Clock()
 
     def form(self) -> Form:
-        """Give what a kernel needs of it, as an array of uint64."""
-        form = np.zeros(_FORM, dtype=np.uint64)
-        form[[_SIZE, _BIG, _OFF]] = self.size, self.big, self.off_is_one
-        for at, field in ((_X, self.x), (_Y, self.y), (_P, self.p), (_T, self.t)):
-            form[at : at + 2] = field.shift, field.mask
-        form[[_SYNC_MASK, _SYNC]] = self.sync_mask, self.sync_value
+        """Return what a kernel needs of it, as an array of one record."""
         # ticks that an event may be late, and come later, and still look right
         period = 1 << self.t.bits
         late = min(DISORDER_US // self.tick_us, period // 16)
-        form[[_LATE, _SPAN]] = late, late + min(max(1, STEP_US // self.tick_us), period // 2)
-        return form
+        span = late + min(max(1, STEP_US // self.tick_us), period // 2)
+        fields = (number for each in (self.x, self.y, self.p, self.t) for number in each.place)
+        sync = self.sync_mask, self.sync_value
+        values = self.size, self.big, self.off_is_one, *sync, late, span, *fields
+        return np.array([values], dtype=_FORM)
 
     def check_sensor(self, name: str, sensor: Sensor) -> None:
         """Raise `UsageError` if the sensor has more columns or rows than the fields can say."""
@@ -111,11 +121,11 @@ class LayoutDecoder(WordDecoder):
         super().__init__(sensor, layout.clock, layout.size, notice_words=NOTICE_WORDS)
         self.layout = layout
         self._form = layout.form()
-        self._memory = np.array(_NOTHING, dtype=np.int64)
+        self._memory = np.array([_NOTHING], dtype=_MEMORY)
         self._room = no_columns()
 
     def _samples(self) -> Iterable[bytes]:
-        words = LayoutEncoder("sample", self.layout, self.sensor).encode(made_up_events())
+        words = LayoutEncoder("sample", self.layout, self.sensor).encode(synthetic_events())
         # a byte is lost in the midst of them
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
@@ -132,7 +142,7 @@ class LayoutDecoder(WordDecoder):
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
-        self._memory[:] = _NOTHING
+        self._memory[0] = _NOTHING
 
 
 def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
@@ -144,14 +154,15 @@ def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
 def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode words up to one whose sync bits are wrong, or one odd step of time too many.
 
-    A single odd step may be a silence, a damaged time or a restart, which are the gate's to judge.
+    A single odd step may be a silence, a damaged time or a restart: `TimestampFilter` decides.
     """
-    size, big = np.int64(form[_SIZE]), form[_BIG] != 0
-    x_at, x_mask, y_at, y_mask = form[_X], form[_X_MASK], form[_Y], form[_Y_MASK]
-    p_at, p_mask, t_at, t_mask = form[_P], form[_P_MASK], form[_T], form[_T_MASK]
-    sync_mask, sync, off = form[_SYNC_MASK], form[_SYNC], form[_OFF] != 0
-    late, span, period = np.int64(form[_LATE]), np.int64(form[_SPAN]), np.int64(t_mask)
-    last, odd = memory[0], memory[1]
+    f, m = form[0], memory[0]
+    size, big = np.int64(f["size"]), f["big"] != 0
+    x_at, x_mask, y_at, y_mask = f["x"], f["x_mask"], f["y"], f["y_mask"]
+    p_at, p_mask, t_at, t_mask = f["p"], f["p_mask"], f["t"], f["t_mask"]
+    sync_mask, sync, off = f["sync_mask"], f["sync"], f["off"] != 0
+    late, span, period = np.int64(f["late"]), np.int64(f["span"]), np.int64(t_mask)
+    last, odd = m["last"], m["odd"]
     for i in range(words):
         word = word_at(raw, i * size, size, big)
         if word & sync_mask != sync:
@@ -171,22 +182,24 @@ def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-unt
         x[i] = word >> x_at & x_mask
         y[i] = word >> y_at & y_mask
         p[i] = (word >> p_at & p_mask != 0) != off if p_mask else True
-    memory[0], memory[1] = last, odd
+    m["last"], m["odd"] = last, odd
     return words
 
 
 @njit(cache=True, nogil=True)
 def _read(raw, most, form):  # type: ignore[no-untyped-def]
     """Count words with the right sync bits and a time that can follow the one before."""
-    size, big, t_at, t_mask = np.int64(form[_SIZE]), form[_BIG] != 0, form[_T], form[_T_MASK]
-    late, span, period = np.int64(form[_LATE]), np.int64(form[_SPAN]), np.int64(t_mask)
+    f = form[0]
+    size, big, t_at, t_mask = np.int64(f["size"]), f["big"] != 0, f["t"], f["t_mask"]
+    late, span, period = np.int64(f["late"]), np.int64(f["span"]), np.int64(t_mask)
+    sync_mask, sync = f["sync_mask"], f["sync"]
     readings = np.zeros((min(size, raw.size - size + 1), 5))
     steps = np.zeros(max(1, most - 1), dtype=np.int64)
     for offset in range(len(readings)):
         words = min(most, (raw.size - offset) // size)
         before = word_at(raw, offset, size, big)
-        synced = before & form[_SYNC_MASK] == form[_SYNC]
-        good, moves, marked = 1 if synced else 0, 1, form[_SYNC_MASK] != 0 and synced
+        synced = before & sync_mask == sync
+        good, moves, marked = 1 if synced else 0, 1, sync_mask != 0 and synced
         first = 0 if synced and words == 1 else words
         for i in range(1, words):
             word = word_at(raw, offset + i * size, size, big)
@@ -197,7 +210,7 @@ def _read(raw, most, form):  # type: ignore[no-untyped-def]
             # the first after other bytes has only the next one to agree with
             if synced and fits:
                 first = min(first, i - 1)
-            before, synced = word, word & form[_SYNC_MASK] == form[_SYNC]
+            before, synced = word, word & sync_mask == sync
             if synced and fits:
                 good += 1
                 first = min(first, i)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import struct
 
+from edge_vpr.errors import printable
 from edge_vpr.stream.protocols.openmv_packets import (
     CAP_ACK,
     CAP_CRC,
@@ -48,6 +49,8 @@ POLL_S, LIST_S = 0.004, 0.25
 _LONGEST_ANSWER = 1 << 16
 #: The least that the firmware takes for the longest payload.
 _LEAST_PAYLOAD = 50
+#: Characters of the names of channels that are told.
+_LONGEST_LIST = 200
 
 
 class Session:
@@ -107,7 +110,7 @@ class Session:
         self._moment: float | None = None
 
     def opening(self) -> bytes:
-        """Take what is to be sent first, of somebody who sends it himself."""
+        """Return the opening command, for a caller that sends it."""
         out, self._command = self._command, b""
         return out
 
@@ -135,14 +138,14 @@ class Session:
         return late
 
     def hurry(self) -> None:
-        """Learn that bytes came damaged: wait until they are sent again, or else not for long."""
+        """Shorten the wait after damaged bytes, or wait for their repetition."""
         if not self._hurried:
             self._hurried = True
             self._patience = REPEATED_S if self._acknowledge else DAMAGED_S
             self.wait_anew()
 
     def wait_anew(self) -> None:
-        """Learn that the conversation has gone on."""
+        """Restart the wait for an answer."""
         if not self._command:
             self._moment = None
 
@@ -232,9 +235,9 @@ class Session:
             self.remark = ""
             self._ask(Opcode.POLL)
             return
-        there = ", ".join(filter(str.isprintable, numbers)) or "none"
+        there = printable(", ".join(numbers) or "none", _LONGEST_LIST)
         self.remark = (
-            f"the camera has no channel {self.name} (it has {there}): start a script on it that "
-            "registers one, or name another with openmv:channel=NAME"
+            f"the camera has no channel {printable(self.name)} (it has {there}): start a script on "
+            "it that registers one, or name another with openmv:channel=NAME"
         )
         self._ask(Opcode.LIST, pause=LIST_S)

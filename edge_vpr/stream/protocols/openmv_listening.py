@@ -54,7 +54,7 @@ class PacketDecoder(Decoder):
         return events
 
     def _count_wraps(self) -> None:
-        """Count those of the clock that wraps at no power of two, so that the gate cannot."""
+        """Count wraps of the clock of 18.2 h, which is no power of two for `TimestampFilter`."""
         if isinstance(self._records, EventRecords):
             self.health.wraps = self._records.wraps
 

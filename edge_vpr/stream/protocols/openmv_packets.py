@@ -106,7 +106,14 @@ def pack(
     return packet + payload + CHECK.pack(crc(payload, 32)) if payload else packet
 
 
-_AT, _BAD_FROM, _SKIPPED, _RESYNCS, _ERRORS, _PACKETS, _SEQUENCE, _FILL, _STATE = range(9)
+# what is found in one chunk: bytes done with, and counts; then the number of the next packet, and
+# how many bytes have been joined
+_STATE = np.dtype(
+    [
+        (name, "<i8")
+        for name in ("at", "skipped_bytes", "resyncs", "errors", "packets", "sequence", "joined")
+    ]
+)
 
 
 class PacketFinder:
@@ -129,7 +136,7 @@ class PacketFinder:
     def __init__(self) -> None:
         self.limit = MAX_PAYLOAD
         self.channel = -1
-        self._state = np.zeros(_STATE, dtype=np.int64)
+        self._state = np.zeros(1, dtype=_STATE)
         self._data = b""
         self._raw = np.zeros(0, dtype=np.uint8)
         self._out = np.zeros(0, dtype=np.uint8)
@@ -138,11 +145,11 @@ class PacketFinder:
     @property
     def sequence(self) -> int:
         """Number of the next packet."""
-        return int(self._state[_SEQUENCE])
+        return int(self._state["sequence"].item())
 
     @sequence.setter
     def sequence(self, value: int) -> None:
-        self._state[_SEQUENCE] = value & 0xFF
+        self._state["sequence"] = value & 0xFF
 
     def start(self, data: bytes, trust: int) -> None:
         """Begin with new bytes.
@@ -155,39 +162,39 @@ class PacketFinder:
         """
         self._data, self._raw = data, np.frombuffer(data, dtype=np.uint8)
         self._trust = trust
-        self._state[:_SEQUENCE] = 0
-        self._state[_BAD_FROM] = -1
+        self._state[0] = (0, 0, 0, 0, 0, self.sequence, 0)
         if self._out.size < len(data) + 16:
             self._out = np.empty(len(data) + 16, dtype=np.uint8)
 
     def find(self, before: bytes = b"") -> Packet | None:
         """Find the next packet; `before` is what stands in front of the fragments joined."""
         self._out[: len(before)] = np.frombuffer(before, dtype=np.uint8)
-        self._state[_FILL] = len(before)
+        self._state["joined"] = len(before)
         found = _find(
             self._raw, self._state, self._out, self.limit, self.channel, self._trust,
             TABLE16, TABLES32,
         )  # fmt: skip
-        self.joined = self._out[: self._state[_FILL]]
+        self.joined = self._out[: self._state["joined"].item()]
         if not found:
             return None
         at = self.at
         _, sequence, channel, flags, opcode, length, _ = HEADER.unpack_from(self._data, at)
         payload = self._data[at + HEADER.size : at + HEADER.size + length]
-        self._state[_AT] = at + HEADER.size + length + (CHECK.size if length else 0)
+        self._state["at"] = at + HEADER.size + length + (CHECK.size if length else 0)
         return Packet(sequence, channel, flags, opcode, payload)
 
     @property
     def at(self) -> int:
         """Bytes done with."""
-        return int(self._state[_AT])
+        return int(self._state["at"].item())
 
     def count(self, health: Health) -> None:
         """Count what has been found, and what was no packet, since `start`."""
-        health.frames += int(self._state[_PACKETS])
-        health.crc_errors += int(self._state[_ERRORS])
-        health.skipped_bytes += int(self._state[_SKIPPED])
-        health.resyncs += int(self._state[_RESYNCS])
+        _, skipped, resyncs, errors, packets, _, _ = self._state.item()
+        health.frames += packets
+        health.crc_errors += errors
+        health.skipped_bytes += skipped
+        health.resyncs += resyncs
 
 
 @njit(cache=True, nogil=True)
@@ -195,7 +202,8 @@ def _find(  # type: ignore[no-untyped-def]
     data, state, out, limit, channel, trust, table16, tables32
 ):
     """Go on to the next packet that is no fragment to join; tell whether there is one."""
-    n, at, bad_from = data.size, int(state[_AT]), -1
+    s = state[0]
+    n, at, bad_from = data.size, s["at"], -1
     found = False
     while True:
         start = at
@@ -229,33 +237,33 @@ def _find(  # type: ignore[no-untyped-def]
                 break
             believed = False
         if not believed:
-            state[_ERRORS] += 1
+            s["errors"] += 1
             if bad_from < 0:
                 bad_from = at
             at += 1
             continue
         if bad_from >= 0:
-            state[_SKIPPED] += at - bad_from
-            state[_RESYNCS] += 1
+            s["skipped_bytes"] += at - bad_from
+            s["resyncs"] += 1
             bad_from = -1
-        state[_PACKETS] += 1
+        s["packets"] += 1
         # 0x26 is a read, 16 a fragment and nothing else
         if (
             data[at + 5] != 0x26
             or data[at + 3] != channel
             or data[at + 4] != 16
-            or data[at + 2] != state[_SEQUENCE]
+            or data[at + 2] != s["sequence"]
         ):
             found = True
             break
-        fill = state[_FILL]
+        fill = s["joined"]
         if size > 14:
             out[fill : fill + size - 14] = data[at + 10 : at + size - 4]
-            state[_FILL] = fill + size - 14
-        state[_SEQUENCE] = (state[_SEQUENCE] + 1) & 0xFF
+            s["joined"] = fill + size - 14
+        s["sequence"] = (s["sequence"] + 1) & 0xFF
         at += size
     if bad_from >= 0:
-        state[_SKIPPED] += at - bad_from
-        state[_RESYNCS] += 1
-    state[_AT] = at
+        s["skipped_bytes"] += at - bad_from
+        s["resyncs"] += 1
+    s["at"] = at
     return found

@@ -11,8 +11,8 @@ import numpy as np
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock, Gate
 from edge_vpr.stream.health import UNKNOWN, Health
+from edge_vpr.stream.timestamp_filter import Clock, TimestampFilter
 
 Options = Mapping[str, str]
 """What follows the colon in ``edvs:format=E3,sync=1``."""
@@ -53,16 +53,16 @@ class Decoder(ABC):
         self._host_us = 0
         # what the device's clock says after the newest event, where a protocol tells; else -1
         self._idle_at = -1
-        self._gate = Gate(sensor, clock, self.health)
+        self._timestamps = TimestampFilter(sensor, clock, self.health)
 
     def adopt(self, health: Health) -> None:
         """Count in another's `health` from now on."""
-        self.health = self._gate.health = health
+        self.health = self._timestamps.health = health
 
     @property
     def reached_us(self) -> int:
         """Time up to which the stream is known: no later event is earlier than this."""
-        return self._gate.reached_us
+        return self._timestamps.reached_us
 
     def warm_up(self) -> None:
         """Compile what decoding needs, which takes up to seconds, before the first bytes come.
@@ -80,15 +80,15 @@ class Decoder(ABC):
         return ()
 
     def setup(self) -> bytes:
-        """Tell what to send to the device when the link opens."""
+        """Return the commands to send when the link opens."""
         return b""
 
     def teardown(self) -> bytes:
-        """Tell what to send to the device before the link closes."""
+        """Return the commands to send before the link closes."""
         return b""
 
     def to_send(self, now_s: float) -> bytes:
-        """Tell what to send to the device now; asked after each piece, and while none comes.
+        """Return what to send to the device now; called after each chunk, and while none comes.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class Decoder(ABC):
         return self._take(self._pending + data if self._pending else data, final=False)
 
     def gap(self, lost_bytes: int = 0) -> Events:
-        """Learn that bytes are missing before the next ones: an overrun, or the link was lost.
+        """Handle missing bytes before the next ones: an overrun, or a lost link.
 
         Returns
         -------
@@ -143,7 +143,7 @@ class Decoder(ABC):
             Events that were whole, and waited for bytes that will not come.
         """
         events = self._take(self._pending, final=True)
-        self._gate.finish()
+        self._timestamps.finish()
         return events
 
     def _take(self, data: bytes, *, final: bool) -> Events:
@@ -152,9 +152,9 @@ class Decoder(ABC):
         used = len(data) - len(self._pending)
         self.health.decoded_bytes += used - (self.health.skipped_bytes - before)
         self.health.pending_bytes = len(self._pending)
-        events = [self._gate.admit(part) for part in parts]
+        events = [self._timestamps.admit(part) for part in parts]
         if self._idle_at >= 0:
-            self._gate.reach(self._idle_at)
+            self._timestamps.reach(self._idle_at)
             self._idle_at = -1
         return join_events(events)
 
@@ -203,8 +203,8 @@ class Encoder(ABC):
     capacity: int = 0
 
 
-def made_up_events(n: int = 1_000) -> Events:
-    """Events that fit any sensor, to encode as a sample."""
+def synthetic_events(n: int = 1_000) -> Events:
+    """Make events that fit any sensor, to encode as a sample."""
     return make_events(np.arange(n) * 10, np.zeros(n), np.zeros(n), np.arange(n) % 2)
 
 

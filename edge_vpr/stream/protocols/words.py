@@ -15,8 +15,8 @@ from numba import njit
 
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.source import Columns
-from edge_vpr.stream.gate import Clock
 from edge_vpr.stream.protocols.protocol import Decoder
+from edge_vpr.stream.timestamp_filter import Clock
 
 Raw = npt.NDArray[np.uint8]
 

@@ -47,6 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--every", default="50ms", metavar="WHEN",
         help="when to match: a time, N events, event, window or change",
     )  # fmt: skip
+    places.add_argument(
+        "--burst-filter", choices=("exact", "causal"), default="exact",
+        help="wait up to 4 ms to know a burst, as with a recording, or remove what is known of it "
+        "at once",
+    )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument("--log", metavar="RUN.jsonl", help="write matches and health as JSON lines")
     output.add_argument(

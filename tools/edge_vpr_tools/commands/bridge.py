@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, printable
 from edge_vpr.stream.bridge import Bridge, LineFaults
 from edge_vpr.stream.links import open_device_link
 from edge_vpr.stream.protocols import open_encoder
@@ -32,8 +32,9 @@ def run(args: argparse.Namespace) -> None:
         # a host finds out the options of a device, but for its channel or its layout
         name = args.protocol.partition(":")[0]
         host = args.protocol if name in ("openmv", "aer") else name
-        print(f"{link.address} waits for a host: edge-vpr stream --port {link.address} "
-              f"--protocol {host} --sensor {recording.sensor}", flush=True)  # fmt: skip
+        address = printable(link.address)
+        print(f"{address} waits for a host: edge-vpr stream --port {address} "
+              f"--protocol {printable(host)} --sensor {recording.sensor}", flush=True)  # fmt: skip
         with stopped_by_signals(bridge.stopping):
             bridge.run(recording)
     finally:

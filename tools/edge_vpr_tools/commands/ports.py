@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from serial.tools.list_ports import comports
 
+from edge_vpr.errors import printable
+
 _USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as systemd's hwdb has it
 _OPENMV = "github.com/openmv/openmv, boards/"
 
@@ -82,6 +84,8 @@ def run(args: argparse.Namespace) -> None:
     for row in found:
         how = f"--protocol {row['protocol']}" if row["protocol"] else "-"
         how += f" --baud {row['baud']}" if row["baud"] else ""
-        print(f"{row['port']}  {row['usb'] or '-'}  {row['description']}  {how}")
+        # a device says what it is called, and may say anything
+        name, what = printable(row["port"]), printable(row["description"], 80)
+        print(f"{name}  {row['usb'] or '-'}  {what}  {how}")
     if not found:
         print("no serial ports; edge-vpr bridge RECORDING makes a virtual one")

@@ -14,25 +14,24 @@ from io import FileIO
 from itertools import count
 from pathlib import Path
 
-from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr.events import Events, Sensor
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.stream.health import Health
-from edge_vpr.stream.intake import Intake
+from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.links import open_link
-from edge_vpr.stream.live import LiveLocaliser, Step
+from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder
 from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.arguments.setting_flags import duration_us, map_settings, match_flags
 from edge_vpr_tools.arguments.stream_arguments import check_arguments
 from edge_vpr_tools.output.interrupt import stopped_by_signals
-from edge_vpr_tools.output.live_view import View, ends_early, open_view
+from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early, open_view
 from edge_vpr_tools.output.rerun_view import RerunView, open_rerun
 
-STALLED_S = 1.0
 #: More than a protocol's beginning takes, and than a bad line puts together by chance.
 SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
 
@@ -80,10 +79,11 @@ def _learn(args: argparse.Namespace, settings: Settings) -> None:
             names = (output.with_name(f"{output.stem}_drive{n or ''}.npz") for n in count())
             kept = next(name for name in names if not name.exists())
             drive.replace(kept)
-            print(f"the drive is kept: edge-vpr map {kept} -o {output}", file=sys.stderr)
+            kept_as = f"edge-vpr map {printable(kept)} -o {printable(output)}"
+            print(f"the drive is kept: {kept_as}", file=sys.stderr)
         folder.rmdir()
     if not args.json:
-        print(f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels")
+        print(f"{printable(output)}: {len(reference)} places at {len(reference.pixel_map)} pixels")
 
 
 def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Path | None) -> None:
@@ -95,13 +95,14 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
     decoder = open_decoder(args.protocol, sensor)
     max_lag_s = duration_us(args.max_lag) / 1e6
     every = None if reference is None else parse_every(args.every, reference)
-    live = LiveLocaliser(decoder, reference, every)
+    causal = args.burst_filter == "causal"
+    live = LiveLocaliser(decoder, reference, every, causal_bursts=causal)
     decoder.warm_up()
     with ExitStack() as stack:
         rerun = stack.enter_context(open_rerun(args.rerun, sensor))
         stopping = threading.Event()
         stack.enter_context(stopped_by_signals(stopping))
-        intake = Intake(
+        reader = LinkReader(
             lambda: open_link(
                 args.port, baud=args.baud or decoder.baud, flow_control=args.flow_control
             ),
@@ -111,7 +112,7 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
             drop=None if args.on_overload is None else args.on_overload == "drop",
             max_lag_s=max_lag_s,
         )
-        stack.callback(intake.stop)
+        stack.callback(reader.stop)
         # files only now, or a camera that is not there would cost the run before
         view = stack.enter_context(open_view(args.json, args.log, len(reference or ())))
         raw = [
@@ -119,14 +120,14 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
             for name in args.record
             if Path(name).suffix == ".bin"
         ]
-        events = _events(intake, live, view, raw, rerun, stopping)
+        events = _events(reader, live, view, raw, rerun, stopping)
         files = [Path(name) for name in args.record if Path(name).suffix != ".bin"]
         try:
             _record(events, drive or (files[0] if files else None), args, live, view)
         finally:
             view.summary(decoder.health, live.bursts_removed)
-        if intake.error is not None:
-            raise intake.error
+        if reader.error is not None:
+            raise reader.error
         if view.unwritten:
             raise RecordingError(view.unwritten)
 
@@ -156,7 +157,7 @@ def _record(
 
 
 def _events(
-    intake: Intake,
+    reader: LinkReader,
     live: LiveLocaliser,
     view: View,
     raw: list[FileIO],
@@ -166,49 +167,53 @@ def _events(
     """Yield the stream's events while it is matched and shown."""
     begin = heard = time.monotonic()
     silent = closed = False
-    remark = senseless = ""
+    remark = senseless = stranger = ""
     health = live.decoder.health
-    while not (stopping.is_set() or intake.ended or view.unread):
-        piece = intake.take(live.decoder.tick_s)
-        step: Step | None = None
-        health.line_errors = intake.line_errors
-        if piece is not None:
-            heard, silent = piece.at_s, False
-            _write_raw(raw, piece.data, view)
-            step = live.feed(
-                piece.data,
-                int((piece.at_s - begin) * 1e6),
-                lost=piece.lost,
-                reopened=piece.reopened,
+    while not (stopping.is_set() or reader.ended or view.unread):
+        chunk = reader.take(live.decoder.tick_s)
+        result: LiveResult | None = None
+        health.line_errors = reader.line_errors
+        if chunk is not None:
+            heard, silent = chunk.at_s, False
+            _write_raw(raw, chunk.data, view)
+            result = live.feed(
+                chunk.data,
+                int((chunk.at_s - begin) * 1e6),
+                lost=chunk.lost,
+                reopened=chunk.reopened,
             )
-            view.matches(step, time.monotonic() - piece.at_s)
-        elif bool(intake.lost_link) != closed:
+            view.matches(result, time.monotonic() - chunk.at_s)
+        elif bool(reader.lost_link) != closed:
             closed = not closed
-            view.say("link", f"{intake.lost_link}; trying again" if closed else "open again")
-        elif not (silent or closed or intake.ended) and time.monotonic() - heard > STALLED_S:
+            said = f"{reader.lost_link}; trying again" if closed else "open again"
+            view.say("link", said, over=not closed)
+        elif not (silent or closed or reader.ended) and time.monotonic() - heard > SILENT_S:
             silent = True
             health.stalls += 1
-            view.say("stalled", f"no bytes for {STALLED_S:g} s from {intake.address}")
+            view.say("stalled", f"no bytes for {SILENT_S:g} s from {reader.address}")
         if not senseless and (senseless := _senseless(health)):
             view.say("senseless", senseless)
-        intake.send(live.decoder.to_send(time.monotonic()))
+        reader.send(live.decoder.to_send(time.monotonic()))
         if live.decoder.remark != remark:
             remark = live.decoder.remark
-            view.say("device", remark or "the device answers")
-        if step is not None:
+            view.say("device", remark or "the device answers", over=not remark)
+        if reader.remark != stranger:
+            stranger = reader.remark
+            view.say("sender", stranger or "another sender is heard", over=not stranger)
+        if result is not None:
             if rerun is not None:
-                rerun.show(step)
-            if step.events.size:
-                yield step.events
+                rerun.show(result)
+            if result.events.size:
+                yield result.events
         view.tick(live)
-    step = live.finish()
-    view.matches(step, 0.0)
-    if step.events.size:
-        yield step.events
+    result = live.finish()
+    view.matches(result, 0.0)
+    if result.events.size:
+        yield result.events
 
 
 def _senseless(health: Health) -> str:
-    """Say that what comes is not what was expected, if most of it is not."""
+    """Warn if most bytes do not decode, or most events are off the sensor."""
     if health.skipped_bytes > SENSELESS_BYTES and (
         health.decoded == 0 or health.skipped_bytes > 9 * health.decoded_bytes
     ):

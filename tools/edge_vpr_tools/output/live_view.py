@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-from rich.console import RenderableType
-from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
 
+from edge_vpr.errors import printable
 from edge_vpr.stream.health import Health
-from edge_vpr.stream.live import LiveLocaliser, Step
+from edge_vpr.stream.live import LiveLocaliser, LiveResult
+from edge_vpr_tools.output.live_panel import Panel, open_panel
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
+#: A silence of so long is told.
+SILENT_S = 1.0
 
 
 class Lags:
@@ -53,7 +53,7 @@ class View:
     log : text file or None
     places : int
         In the map; 0 without one.
-    live : rich.live.Live or None
+    panel : Panel or None
         On a terminal.
 
     Attributes
@@ -64,12 +64,13 @@ class View:
         Which file was given up and why, if one was.
     """
 
-    def __init__(self, as_json: bool, log: TextIO | None, places: int, live: Any) -> None:
-        self._json, self._log, self._places, self._live = as_json, log, places, live
+    def __init__(self, as_json: bool, log: TextIO | None, places: int, panel: Panel | None) -> None:
+        self._json, self._log, self._places, self._panel = as_json, log, places, panel
         self._goal = "match" if places else "event"
         self.unread = False
         self.unwritten = ""
-        self._begin = self._shown = self._logged = time.monotonic()
+        self._begin = self._shown = self._logged = self._heard = time.monotonic()
+        self._closed = False
         self._events_then = 0
         self._rate = 0.0
         self._lag_s = 0.0
@@ -77,27 +78,36 @@ class View:
         self._last: dict[str, Any] | None = None
         self.matched = 0
 
-    def matches(self, step: Step, lag_s: float) -> None:
-        """Take what a piece of bytes brought, `lag_s` after it came."""
-        if step.events.size:
+    def matches(self, result: LiveResult, lag_s: float) -> None:
+        """Count and write the matches of a chunk, `lag_s` after it came."""
+        self._heard = time.monotonic()
+        if self._panel is not None:
+            self._panel.settle("stalled")
+        if result.events.size:
             self._lag_s = lag_s
             self._lags.add(lag_s)
-        names = step.matches.dtype.names or ()
-        for row in step.matches.tolist():
+        names = result.matches.dtype.names or ()
+        for row in result.matches.tolist():
             match = dict(zip(names, row, strict=True))
             # JSON has no not-a-number
             match["ratio"] = match["ratio"] if match["ratio"] == match["ratio"] else None
-            self._last = {"kind": "match", **match, "incomplete": step.incomplete}
+            self._last = {"kind": "match", **match, "incomplete": result.incomplete}
             self.matched += 1
             self._write(self._last)
-        if self._json and step.matches.size:
+        if self._json and result.matches.size:
             # a program at the other end of a pipe waits for this
             self._print()
 
-    def say(self, kind: str, text: str) -> None:
-        """Say that something happened."""
+    def say(self, kind: str, text: str, *, over: bool = False) -> None:
+        """Say that something happened, or that it is over."""
         self._write({"kind": kind, "text": text})
-        if not self._json and self._live is None:
+        if kind == "link":
+            self._closed = not over
+        # what a device or the system says may hold anything
+        text = printable(text)
+        if self._panel is not None:
+            self._panel.notice(kind, text, over=over)
+        elif not self._json:
             self._print(text)
 
     def give_up(self, text: str) -> None:
@@ -109,7 +119,7 @@ class View:
         """Show how things are, if it is time to."""
         now = time.monotonic()
         since = now - self._shown
-        if since < (_LINE_S if self._live is None else _REFRESH_S):
+        if since < (_LINE_S if self._panel is None else _REFRESH_S):
             return
         health = live.decoder.health
         self._rate = (health.events - self._events_then) / since
@@ -117,8 +127,11 @@ class View:
         if now - self._logged >= _LINE_S:
             self._logged = now
             self._write(self._health(health))
-        if self._live is not None:
-            self._live.update(self._panel(health, live.filled))
+        if self._panel is not None:
+            said = self._said(health, live.filled)
+            share = None if "place" not in said else self._share(live.filled)
+            self._panel.show(said, share, stale=self._closed or self._silent_s() > SILENT_S)
+            self.unread |= self._panel.lost
         elif not self._json:
             self._print(" | ".join(self._said(health, live.filled).values()))
 
@@ -127,6 +140,10 @@ class View:
         self._write({**self._health(health), "kind": "summary", "matches": self.matched})
         if self._json:
             return
+        if self._panel is not None:
+            # notices go with the screen
+            self._panel.close()
+            self._print(*self._panel.history())
         seconds = time.monotonic() - self._begin
         text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
         if self._places:
@@ -141,6 +158,7 @@ class View:
             "kind": "health",
             **asdict(health),
             "rate": self._rate,
+            "silent_s": self._silent_s(),
             "lag_ms": 1e3 * self._lag_s,
             "lag_p50_ms": self._lags.percentile_ms(0.5),
             "lag_p99_ms": self._lags.percentile_ms(0.99),
@@ -149,6 +167,8 @@ class View:
     def _said(self, health: Health, filled: float) -> dict[str, str]:
         """Name what there is to say, and say it."""
         said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
+        if (silent_s := self._silent_s()) > SILENT_S:
+            said["silent"] = f"nothing came for {silent_s:.0f} s"
         if self._last is not None:
             said["place"] = (
                 f"place {self._last['place']} of {self._places}"
@@ -165,22 +185,18 @@ class View:
         said["health"] = str(health)
         return said
 
+    def _silent_s(self) -> float:
+        """Seconds since the newest bytes."""
+        return time.monotonic() - self._heard
+
     def _position(self) -> float:
         """Share of the route that lies behind the newest match."""
         assert self._last is not None
         return float(self._last["place"] / max(1, self._places - 1))
 
-    def _panel(self, health: Health, filled: float) -> RenderableType:
-        """Lay out what there is to say, with the position as a bar."""
-        table = Table.grid(padding=(0, 2))
-        table.add_column(style="dim", justify="right")
-        table.add_column()
-        for name, text in self._said(health, filled).items():
-            table.add_row(name, text)
-            if name == "place":
-                share = filled if self._last is None else self._position()
-                table.add_row("", ProgressBar(total=1.0, completed=share, width=50))
-        return table
+    def _share(self, filled: float) -> float:
+        """Share of the route, or of the first sequence until it is full."""
+        return filled if self._last is None else self._position()
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
@@ -215,7 +231,9 @@ class View:
 
 def ends_early(path: str, error: OSError) -> str:
     """Say that no more can be written to a file."""
-    return f"{path} ends early: {error.strerror}: check its permissions and the free space"
+    return (
+        f"{printable(path)} ends early: {error.strerror}: check its permissions and the free space"
+    )
 
 
 @contextmanager
@@ -223,11 +241,11 @@ def open_view(as_json: bool, log: str | None, places: int) -> Iterator[View]:
     """Open a view, and its log until the block ends."""
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
     try:
-        if as_json or not sys.stdout.isatty():
+        if as_json or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
             yield View(as_json, file, places, None)
         else:
-            with Live("waiting for events", auto_refresh=True) as live:
-                yield View(as_json, file, places, live)
+            with open_panel() as panel:
+                yield View(as_json, file, places, panel)
     finally:
         if file is not None:
             # lines are flushed as they are written, and what failed then was told then

@@ -10,7 +10,7 @@ import numpy as np
 
 from edge_vpr.errors import MissingExtraError
 from edge_vpr.events import Sensor
-from edge_vpr.stream.live import Step
+from edge_vpr.stream.live import LiveResult
 
 #: A picture shows the events of so long.
 PICTURE_US = 33_000
@@ -32,11 +32,11 @@ class RerunView:
         self._picture = self._blank.copy()
         self._begin_us = 0
 
-    def show(self, step: Step) -> None:
-        """Send what a piece of bytes brought."""
+    def show(self, result: LiveResult) -> None:
+        """Send the events and matches of a chunk."""
         import rerun
 
-        events = step.events
+        events = result.events
         slots = events["t"] // PICTURE_US
         for part in np.split(events, np.flatnonzero(np.diff(slots)) + 1) if events.size else []:
             begin_us = int(part["t"][0]) // PICTURE_US * PICTURE_US
@@ -44,7 +44,7 @@ class RerunView:
                 self._send_picture(begin_us)
             colours = np.where(part["p"][:, None], _ON, _OFF)
             self._picture[part["y"], part["x"]] = colours
-        matches = step.matches
+        matches = result.matches
         if matches.size:
             # of one piece the newest match is enough for the eye
             match = matches[-1]
@@ -52,7 +52,7 @@ class RerunView:
             self._recording.log("match/place", rerun.Scalars(float(match["place"])))
             if not np.isnan(match["ratio"]):
                 self._recording.log("match/ratio", rerun.Scalars(float(match["ratio"])))
-            self._recording.log("match/incomplete", rerun.Scalars(float(step.incomplete)))
+            self._recording.log("match/incomplete", rerun.Scalars(float(result.incomplete)))
 
     def _send_picture(self, next_us: int) -> None:
         import rerun

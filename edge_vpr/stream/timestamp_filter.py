@@ -1,4 +1,4 @@
-"""What lets decoded events pass: only on the sensor, in time order, on a clock that never wraps.
+"""Filter decoded events: on the sensor, in time order, on a clock that never wraps.
 
 A camera's line has no checksum more often than not, so that a time may be nonsense, and a camera
 may restart while the rover drives. A step of time that is odd is therefore believed only when the
@@ -27,7 +27,16 @@ LATE_US = 100_000
 #: So many events in a row that agree with each other confirm a step.
 CONFIRM = 8
 
-_DATED, _LAST, _NOW, _HELD, _OFF, _LATE, _LEAPS, _WRAPS, _RESETS, _STATE = range(10)
+# What is kept from chunk to chunk: whether a time is known; the device's newest time, and that time
+# without wraps, in ticks; how many events are held; and what has been counted.
+_STATE = np.dtype(
+    [
+        (name, "<i8")
+        for name in (
+            "dated", "last", "now", "held", "off_sensor", "late", "leaps", "wraps", "clock_resets",
+        )
+    ]
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -49,8 +58,8 @@ class Clock:
     confirm: int = CONFIRM
 
 
-class Gate:
-    """Turns decoded columns into event arrays from time 0 on, and counts what it rejects.
+class TimestampFilter:
+    """Turns decoded columns into event arrays from time 0 on, and counts rejected events.
 
     Parameters
     ----------
@@ -72,26 +81,27 @@ class Gate:
         self._late = min(late, self._period // 64) if clock.bits else late
         silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
         self._limits = max(1, STEP_US // self._tick), max(1, silence // self._tick)
-        self._state = np.zeros(_STATE, dtype=np.int64)
+        self._state = np.zeros(1, dtype=_STATE)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
 
     def start_at(self, time: int) -> None:
-        """Let the device's `time` be 0, where nothing came before; else the first event's is."""
-        if not self._state[_DATED]:
-            self._state[_DATED], self._state[_LAST] = 1, time
+        """Take the device's `time` as 0, unless events came before."""
+        state = self._state[0]
+        if not state["dated"]:
+            state["dated"], state["last"] = 1, time
 
     def reach(self, time: int) -> None:
-        """Learn that the device's clock has come to `time`, and that no later event is earlier."""
-        state = self._state
-        step = time - state[_LAST]
-        if state[_DATED] and not self._period and 0 < step <= self._limits[1]:
-            state[_NOW] += step
-            state[_LAST] = time
+        """Advance the clock to the device's `time` without an event."""
+        state = self._state[0]
+        step = time - int(state["last"])
+        if state["dated"] and not self._period and 0 < step <= self._limits[1]:
+            state["now"] += step
+            state["last"] = time
 
     @property
     def reached_us(self) -> int:
         """Time of the newest event, or of what `reach` told since: no later event is earlier."""
-        return int(self._state[_NOW]) * self._tick
+        return int(self._state["now"].item()) * self._tick
 
     def admit(self, columns: Columns) -> Events:
         """Take decoded events in the order of the stream.
@@ -111,29 +121,30 @@ class Gate:
         self._report(t.size, n)
         return out[:n]
 
-    def succeed(self, other: Gate) -> None:
-        """Go on where `other` ended, on another clock: the order of events is kept."""
+    def take_over_from(self, other: TimestampFilter) -> None:
+        """Continue after `other`, which had another clock; the order of events is kept."""
         other.finish()
         self._state[:] = other._state
-        self._state[_RESETS] += self._state[_DATED]
-        self._state[_NOW] += self._state[_DATED]
-        self._state[_DATED] = 0
+        state = self._state[0]
+        state["clock_resets"] += state["dated"]
+        state["now"] += state["dated"]
+        state["dated"] = 0
         self._report(0, 0)
 
     def finish(self) -> None:
         """End the stream: what is still held was never confirmed."""
-        self._state[_LEAPS] += self._state[_HELD]
-        self._state[_HELD] = 0
+        state = self._state[0]
+        state["leaps"] += state["held"]
+        state["held"] = 0
         self._report(0, 0)
 
     def _report(self, decoded: int, delivered: int) -> None:
-        state, health = self._state, self.health
+        health = self.health
+        _, _, _, held, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
         health.decoded += decoded
         health.events += delivered
-        health.held = int(state[_HELD])
-        health.off_sensor, health.late = int(state[_OFF]), int(state[_LATE])
-        health.leaps, health.wraps = int(state[_LEAPS]), int(state[_WRAPS])
-        health.clock_resets = int(state[_RESETS])
+        health.held, health.off_sensor, health.late, health.leaps = held, off_sensor, late, leaps
+        health.wraps, health.clock_resets = wraps, clock_resets
 
 
 @njit(cache=True, nogil=True)
@@ -144,9 +155,12 @@ def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _reason(last, first, period, late):  # type: ignore[no-untyped-def]
-    """Why events held are dropped: the first of them is late by little, or its time is far off."""
-    return _LATE if -late <= _step(last, first, period, late) < 0 else _LEAPS
+def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-def]
+    """Count events held and dropped: the first of them is late by little, or its time far off."""
+    if -late <= _step(last, first, period, late) < 0:
+        state["late"] += held
+    else:
+        state["leaps"] += held
 
 
 @njit(cache=True, nogil=True)
@@ -158,11 +172,12 @@ def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
 def _admit(  # type: ignore[no-untyped-def]
     t, x, y, p, state, held, out, width, height, period, late, step_limit, silence, tick, confirm
 ):
-    dated, last, now, n_held = state[_DATED], state[_LAST], state[_NOW], state[_HELD]
+    s = state[0]
+    dated, last, now, n_held = s["dated"], s["last"], s["now"], s["held"]
     n = 0
     for i in range(t.size):
         if x[i] >= width or y[i] >= height:
-            state[_OFF] += 1
+            s["off_sensor"] += 1
             continue
         time = np.int64(t[i])
         if not dated:
@@ -170,16 +185,16 @@ def _admit(  # type: ignore[no-untyped-def]
         step = _step(last, time, period, late)
         if 0 <= step <= step_limit:
             if n_held:  # a good event after those held: they were nonsense
-                state[_reason(last, held[0]["t"], period, late)] += n_held
+                _drop(s, last, held[0]["t"], n_held, period, late)
                 n_held = 0
-            state[_WRAPS] += _wrapped(last, time, period)
+            s["wraps"] += _wrapped(last, time, period)
             now += step
             last = time
         else:
             if n_held:
                 follows = _step(held[n_held - 1]["t"], time, period, late)
                 if not 0 <= follows <= step_limit:
-                    state[_reason(last, held[0]["t"], period, late)] += n_held
+                    _drop(s, last, held[0]["t"], n_held, period, late)
                     n_held = 0
             held[n_held]["t"], held[n_held]["x"], held[n_held]["y"] = time, x[i], y[i]
             held[n_held]["p"] = p[i] != 0
@@ -188,10 +203,10 @@ def _admit(  # type: ignore[no-untyped-def]
                 first = held[0]["t"]
                 step = _step(last, first, period, late)
                 if 0 <= step <= silence:
-                    state[_WRAPS] += _wrapped(last, first, period)
+                    s["wraps"] += _wrapped(last, first, period)
                     now += step
                 else:
-                    state[_RESETS] += 1
+                    s["clock_resets"] += 1
                     now += 1
                 last = first
                 for k in range(n_held):
@@ -204,7 +219,7 @@ def _admit(  # type: ignore[no-untyped-def]
             continue
         out[n]["t"], out[n]["x"], out[n]["y"], out[n]["p"] = now * tick, x[i], y[i], p[i] != 0
         n += 1
-    state[_DATED], state[_LAST], state[_NOW], state[_HELD] = dated, last, now, n_held
+    s["dated"], s["last"], s["now"], s["held"] = dated, last, now, n_held
     return n
 
 

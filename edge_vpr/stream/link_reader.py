@@ -1,4 +1,4 @@
-"""A thread that reads a link into a bounded buffer, and opens it again when it is lost."""
+"""Read a link into a bounded buffer, in a thread, and open it again when it is lost."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LOOK_S = 0.25
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
 
 
-class Piece(NamedTuple):
+class Chunk(NamedTuple):
     """Bytes that came together.
 
     Attributes
@@ -41,8 +41,8 @@ class Piece(NamedTuple):
     reopened: bool = False
 
 
-class Intake:
-    """Reads a link, whoever is late.
+class LinkReader:
+    """Reads a link in a thread of its own, so that bytes are taken while matching is late.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Intake:
         self._open, self._setup, self._teardown = open_link, setup, teardown
         self._retry, self._drop = retry, drop
         self._most, self._max_lag_s = buffer_bytes, max_lag_s
-        self._pieces: deque[Piece] = deque()
+        self._chunks: deque[Chunk] = deque()
         self._held = 0
         self._changed = threading.Condition()
         self._stopping = threading.Event()
@@ -95,24 +95,24 @@ class Intake:
         self._sending = threading.Lock()
         self._link = open_link()  # the first failure is the caller's to see
         self.address = self._link.address
-        self._thread = threading.Thread(target=self._run, name="edge-vpr intake", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="edge-vpr reader", daemon=True)
         self._thread.start()
 
-    def take(self, timeout: float) -> Piece | None:
+    def take(self, timeout: float) -> Chunk | None:
         """Return all bytes that wait, or None if there are none within `timeout` seconds.
 
         Of a host that is late, fewer and longer pieces catch up with the link.
         """
         with self._changed:
-            if not self._pieces and not self._ended:
+            if not self._chunks and not self._ended:
                 self._changed.wait(timeout)
-            if not self._pieces:
+            if not self._chunks:
                 return None
-            first = self._pieces.popleft()
+            first = self._chunks.popleft()
             parts = [first.data]
             # a loss is told before the bytes that it comes before
-            while self._pieces and not (self._pieces[0].lost or self._pieces[0].reopened):
-                parts.append(self._pieces.popleft().data)
+            while self._chunks and not (self._chunks[0].lost or self._chunks[0].reopened):
+                parts.append(self._chunks.popleft().data)
             data = b"".join(parts)
             self._held -= len(data)
             self._changed.notify_all()
@@ -125,10 +125,15 @@ class Intake:
                 self._send(self._link, data)
 
     @property
+    def remark(self) -> str:
+        """What the user should know of the link now, if anything."""
+        return self._link.remark
+
+    @property
     def ended(self) -> bool:
         """Whether nothing will come any more."""
         with self._changed:
-            return self._ended and not self._pieces
+            return self._ended and not self._chunks
 
     def stop(self) -> None:
         """End reading and close the link; returns within a second or so."""
@@ -177,26 +182,27 @@ class Intake:
                 look = time.monotonic() + _LOOK_S
                 self.line_errors = errors_before + link.line_errors()
             if data:
-                self._put(Piece(data, time.monotonic(), 0, reopened), drop)
+                anew = reopened or link.began_anew()
+                self._put(Chunk(data, time.monotonic(), 0, anew), drop)
                 reopened = False
 
-    def _put(self, piece: Piece, drop: bool) -> None:
+    def _put(self, piece: Chunk, drop: bool) -> None:
         with self._changed:
             while not drop and self._held and self._held + len(piece.data) > self._most:
                 if self._stopping.is_set():
                     return
                 self._changed.wait(_WAIT_S)
-            if drop and self._pieces:
-                oldest = self._pieces[0]
+            if drop and self._chunks:
+                oldest = self._chunks[0]
                 full = self._held + len(piece.data) > self._most
                 if full or piece.at_s - oldest.at_s > self._max_lag_s:
                     piece = piece._replace(
-                        lost=self._held + sum(each.lost for each in self._pieces),
-                        reopened=piece.reopened or any(each.reopened for each in self._pieces),
+                        lost=self._held + sum(each.lost for each in self._chunks),
+                        reopened=piece.reopened or any(each.reopened for each in self._chunks),
                     )
-                    self._pieces.clear()
+                    self._chunks.clear()
                     self._held = 0
-            self._pieces.append(piece)
+            self._chunks.append(piece)
             self._held += len(piece.data)
             self._changed.notify_all()
 

@@ -1,0 +1,86 @@
+"""Removal of bursts without waiting: for live matches in less than the two slots of the filter."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+
+_STATE = np.dtype([("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8")])
+
+
+class CausalBurstFilter:
+    """Drops the events of a burst from the moment at which it is one.
+
+    As `BurstFilter`, it takes a slot of 2 ms and the one before it, and asks whether more than half
+    of all pixels have fired in both together; but so far, and not in the end. Nothing waits, and
+    the events of a burst before that moment pass: up to one for half of the pixels, and those that
+    came of them more than once.
+
+    Parameters
+    ----------
+    sensor : Sensor
+
+    Attributes
+    ----------
+    removed : int
+        Events removed so far.
+    """
+
+    #: Time before which every event has left the filter: none is held.
+    known_us = np.iinfo(np.int64).max
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.removed = 0
+        self._width = sensor.width
+        # the slot in which each pixel fired last
+        self._fired = np.full(sensor.pixels, -2, dtype=np.int64)
+        self._state = np.zeros(1, dtype=_STATE)
+        self._state["slot"] = -2
+
+    def update(self, events: Events) -> Events:
+        """Feed the next events; see `BurstFilter.update`."""
+        kept = np.empty(events.size, dtype=EVENT_DTYPE)
+        n = _keep(events, self._fired, self._width, self._state, kept)
+        self.removed += events.size - n
+        return events if n == events.size else kept[:n]
+
+    def pieces(self, events: Events) -> list[Events]:
+        """See `BurstFilter.pieces`."""
+        kept = self.update(events)
+        return [kept] if kept.size else []
+
+    def advance(self, until_us: int) -> Events:
+        """See `BurstFilter.advance`; nothing is held."""
+        return np.empty(0, dtype=EVENT_DTYPE)
+
+    def finish(self) -> Events:
+        """See `BurstFilter.finish`; nothing is held."""
+        return np.empty(0, dtype=EVENT_DTYPE)
+
+
+@njit(cache=True, nogil=True)
+def _keep(events, fired, width, state, kept):  # type: ignore[no-untyped-def]
+    """Copy the events that are of no burst as far as is known; return how many."""
+    s = state[0]
+    slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
+    for i in range(events.size):
+        event = events[i]
+        now = event["t"] // BURST_SLOT_US
+        if now != slot:
+            before = pixels if now == slot + 1 else 0
+            slot, pixels = now, 0
+        at = np.int64(event["y"]) * width + np.int64(event["x"])
+        last = fired[at]
+        if last != now:
+            # a pixel of both slots counts once
+            before -= last == now - 1
+            pixels += 1
+            fired[at] = now
+        if (pixels + before) * BURST_SHARE[1] <= fired.size * BURST_SHARE[0]:
+            kept[n] = event
+            n += 1
+    s["slot"], s["pixels"], s["pixels_before"] = slot, pixels, before
+    return n

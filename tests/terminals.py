@@ -1,0 +1,108 @@
+"""A terminal for tests: a command runs in a pseudo-terminal, and its screen is read as text."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import select
+import struct
+import subprocess
+import termios
+import threading
+import time
+
+import pyte
+
+#: pyte does not swap screens, but notes that it was asked to
+_OTHER_SCREEN = 1049 << 5
+
+
+class Terminal:
+    """A command in a terminal that, as most do, wraps long lines anew when it is made narrower.
+
+    The other screen, which programs take that fill it, is cut off instead.
+    """
+
+    def __init__(self, words, env, folder, size=(100, 30)):
+        self._master, slave = pty.openpty()
+        self._lock = threading.Lock()
+        self._gone = False
+        self._start_screen(*size)
+        self.process = subprocess.Popen(
+            words, stdin=slave, stdout=slave, stderr=slave, env={**env, "TERM": "xterm-256color"},
+            start_new_session=True, cwd=folder,
+        )  # fmt: skip
+        os.close(slave)
+        self._watchdog = threading.Timer(90, self.process.kill)
+        self._watchdog.start()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _start_screen(self, columns, rows):
+        size = struct.pack("HHHH", rows, columns, 0, 0)
+        fcntl.ioctl(self._master, termios.TIOCSWINSZ, size)
+        self._screen = pyte.Screen(columns, rows)
+        self._stream = pyte.ByteStream(self._screen)
+
+    def _read(self):
+        while not self._gone:
+            if not select.select([self._master], [], [], 0.05)[0]:
+                continue
+            try:
+                data = os.read(self._master, 1 << 16)
+            except OSError:  # the command has ended
+                return
+            with self._lock:
+                self._stream.feed(data)
+
+    def resize(self, columns, rows):
+        """Give the terminal another size, and show what it showed as terminals do."""
+        with self._lock:
+            if _OTHER_SCREEN in self._screen.mode:
+                self._screen.resize(rows, columns)
+                size = struct.pack("HHHH", rows, columns, 0, 0)
+                fcntl.ioctl(self._master, termios.TIOCSWINSZ, size)
+                return
+            lines = [line.rstrip() for line in self._screen.display[: self._screen.cursor.y + 1]]
+            self._start_screen(columns, rows)
+            self._stream.feed("\r\n".join(lines).encode())
+
+    def lines(self):
+        """Return the lines on the screen."""
+        with self._lock:
+            return [line.rstrip() for line in self._screen.display]
+
+    def colour_of(self, text):
+        """Return the colour of a text on the screen."""
+        with self._lock:
+            for row, line in enumerate(self._screen.display):
+                if text in line:
+                    return self._screen.buffer[row][line.index(text)].fg
+        raise AssertionError((text, self.lines()))
+
+    def wait_for(self, said, seconds=30):
+        """Wait until the lines on the screen are as asked for; return them."""
+        end = time.monotonic() + seconds
+        while True:
+            lines = self.lines()
+            if said("\n".join(lines)):
+                return lines
+            assert self.process.poll() is None, lines
+            assert time.monotonic() < end, lines
+            time.sleep(0.02)
+
+    def hang_up(self):
+        """Close the terminal, as somebody does who closes its window."""
+        self._gone = True
+        self._reader.join()
+        os.close(self._master)
+
+    def end(self, number=None, seconds=20):
+        """Send a signal, or wait for the end; return the exit code and what is on the screen."""
+        if number is not None:
+            self.process.send_signal(number)
+        code = self.process.wait(seconds)
+        self._watchdog.cancel()
+        self._reader.join(timeout=1)
+        return code, "\n".join(self.lines())

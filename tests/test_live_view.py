@@ -1,0 +1,187 @@
+"""The live view in a real pseudo-terminal: notices, what is stale, sizes, and a clean end."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.output.live_view import View
+from streams import Drive, random_events
+from terminals import Terminal
+
+from edge_vpr.events import Sensor
+from edge_vpr.pipeline import map_traverse
+from edge_vpr.settings import Settings
+from edge_vpr.stream.links import open_device_link
+from edge_vpr.stream.protocols import open_encoder
+
+SENSOR = Sensor(64, 48)
+ROOT = Path(__file__).parents[1]
+ENV = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}
+EVIL = "\x1b[2J\x1b]0;mine\x07[red]\u202ename"
+
+
+@pytest.fixture(scope="module")
+def map_file(tmp_path_factory):
+    """A map of 29 places."""
+    path = tmp_path_factory.mktemp("view") / "map.npz"
+    events = random_events(np.random.default_rng(0), 60_000, SENSOR, 3_000_000)
+    settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, sequence_length=2)
+    map_traverse(Drive(events, SENSOR), settings).save(path)
+    return path
+
+
+class Camera:
+    """A device on a virtual line that sends what it is asked to."""
+
+    def __init__(self, port="virtual"):
+        self.link = open_device_link(port)
+        self._encoder = open_encoder("evpr", SENSOR)
+        self._rng = np.random.default_rng(1)
+        self._now = 0
+
+    def send(self, seconds=0.5):
+        """Send half a second of events, at once."""
+        span = int(seconds * 1e6)
+        events = random_events(self._rng, 20_000, SENSOR, span)
+        events["t"] += self._now
+        self._now += span
+        self.write(self._encoder.encode(events))
+
+    def write(self, data):
+        end = time.monotonic() + 20
+        while data:
+            assert time.monotonic() < end
+            data = data[self.link.write(data, 0.1) :]
+
+    def greeted(self):
+        """Wait for the host."""
+        end = time.monotonic() + 40
+        while not self.link.read(0.1):
+            assert time.monotonic() < end
+
+
+def stream(folder, port, map_file, *words, size=(100, 30)):
+    words = ["--port", port, "--protocol", "evpr", "--map", map_file, *words]
+    program = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", *map(str, words)]
+    # names are short where it runs, so that a line holds them
+    return Terminal(program, ENV, folder, size)
+
+
+def labels(lines):
+    return [line.split()[0] for line in lines if line.split()]
+
+
+def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_file, tmp_path):
+    """One run: whole, narrower, silent, narrower while silent, lost, and ended by a signal."""
+    camera, full = Camera(), tmp_path / "full.bin"
+    full.symlink_to("/dev/full")
+    port = tmp_path / "camera"
+    port.symlink_to(camera.link.address)
+    run = stream(
+        tmp_path, port.name, map_file, "--overwrite", "--record", full.name, "--every", "10ms"
+    )
+    camera.greeted()
+    camera.send()
+    shown = run.wait_for(lambda text: "place " in text and "of 29 (" in text and "latency" in text)
+    # the disk was full at the first bytes
+    assert any("ends early: No space left on device" in line for line in shown)
+    assert run.colour_of(" ends early") == "brown"  # a terminal's yellow
+    assert run.colour_of("of 29 (") == "default"
+    # narrower: each line stands once, wherever the terminal put what was there
+    for size in ((60, 24), (34, 30), (90, 12)):
+        camera.send()
+        run.resize(*size)
+        time.sleep(0.6)
+        camera.send()
+        lines = run.wait_for(lambda text: "events/s" in text and "place " in text)
+        once = [each for each in labels(lines) if each in ("rate", "received", "place", "health")]
+        assert sorted(once) == sorted(set(once)), (size, lines)
+    # nothing comes: the place is of the past, and for how long is said
+    run.resize(100, 30)
+    run.wait_for(lambda text: "nothing came for 2 s" in text)
+    run.wait_for(lambda text: "no bytes for 1 s from" in text)
+    assert run.colour_of("of 29 (") == "brightblack"
+    assert run.colour_of("no bytes for 1 s") == "brown"
+    camera.send()
+    run.wait_for(lambda text: "nothing came" not in text)
+    assert run.colour_of("of 29 (") == "default"
+    assert run.colour_of("no bytes for 1 s") == "brightblack"
+    # the cable is pulled
+    camera.link.close()
+    port.unlink()
+    run.wait_for(lambda text: "trying again" in text)
+    assert run.colour_of("of 29 (") == "brightblack"
+    assert run.colour_of("trying again") == "brown"
+    code, left = run.end(signal.SIGTERM)
+    assert code == 1  # a file was given up
+    for said in ("trying again", "no bytes for 1 s", "ends early", "events in", "health: "):
+        assert said in left
+
+
+def test_bytes_of_another_protocol_are_told_on_a_terminal(map_file, tmp_path):
+    camera = Camera()
+    run = stream(tmp_path, camera.link.address, map_file)
+    camera.greeted()
+    camera.write(np.random.default_rng(0).bytes(30_000))
+    run.wait_for(lambda text: "are not of this protocol" in text)
+    assert run.colour_of("are not of this") == "brown"
+    assert run.end(signal.SIGINT)[0] == 0
+
+
+def test_a_terminal_that_is_closed_ends_a_run_with_its_files_whole(map_file, tmp_path):
+    camera, log = Camera(), tmp_path / "run.jsonl"
+    run = stream(tmp_path, camera.link.address, map_file, "--log", log)
+    camera.greeted()
+    camera.send()
+    run.wait_for(lambda text: "of 29 (" in text)
+    run.hang_up()
+    assert run.end()[0] == 0
+    assert json.loads(log.read_text().splitlines()[-1])["kind"] == "summary"
+
+
+def test_what_a_device_is_called_reaches_no_terminal_raw(capsys, monkeypatch):
+    from serial.tools import list_ports
+    from serial.tools.list_ports_common import ListPortInfo
+
+    port = ListPortInfo("/dev/tty\x1b[31mX")
+    port.description = EVIL + "y" * 1_000
+    monkeypatch.setattr(list_ports, "comports", lambda: [port])
+    assert main(["ports"]) == 0
+    out = capsys.readouterr().out
+    assert "\\x1b[2J\\x1b]0;mine\\x07[red]\\u202ename" in out
+    assert out.rstrip("\n").isprintable()
+    assert len(out) < 300
+    view = View(False, None, 0, None)
+    view.say("device", EVIL)
+    assert capsys.readouterr().out.rstrip("\n").isprintable()
+
+
+def test_a_notice_is_text_and_no_mark_up(monkeypatch):
+    import io
+
+    from edge_vpr_tools.output.live_panel import Panel
+    from rich.console import Console
+
+    shown = io.StringIO()
+
+    class Live:
+        console = Console(file=shown)
+
+        def update(self, renderable, *, refresh):
+            Console(file=shown, width=80).print(renderable)
+
+    panel = Panel(Live())
+    view = View(False, None, 30, panel)
+    view.say("device", EVIL)
+    panel.show({"place": "place [red]1"}, 0.5, stale=False)
+    assert "\\x1b[2J\\x1b]0;mine\\x07[red]\\u202ename" in shown.getvalue()
+    assert "place [red]1" in shown.getvalue()
+    assert "\x1b" not in shown.getvalue()
