@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[args.name]}")
     folder = getattr(module, "FOLDER", None)
     data = None if args.data is None else Path(args.data)
-    if args.figure is not None and args.name != "codes":
+    if args.figure is not None and not hasattr(module, "draw"):
         raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
