@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+__version__ = "0.1.0"
+
 if TYPE_CHECKING:
     from edge_vpr.datasets.count_pixels import CountPixels
     from edge_vpr.descriptors.cleaning import BurstFilter, find_hot_pixels, load_hot_pixels

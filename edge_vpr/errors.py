@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from urllib.parse import unquote
+
 #: longest message, in characters: what is wrong and the remedy fit; a file's whole text does not
 LONGEST_MESSAGE = 1_000
 
@@ -69,7 +74,7 @@ class MissingExtraError(UsageError):
     def __init__(self, what: str, library: str, extra: str) -> None:
         super().__init__(
             f"{what} needs the library {library}, which is not installed: "
-            f"run pip install 'edge-vpr[{extra}]'"
+            f"run {install_command(extra)}"
         )
 
 
@@ -87,3 +92,67 @@ class MapError(EdgeVprError):
 
 class GroundTruthError(EdgeVprError):
     """A ground truth cannot be read, or does not fit the matches."""
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """Return the end of an error message that suggests a name like the one given.
+
+    Parameters
+    ----------
+    given : str
+        What the user wrote.
+    known : iterable of str
+        What could have been meant.
+
+    Returns
+    -------
+    str
+        Empty if nothing is similar.
+
+    Examples
+    --------
+    >>> did_you_mean("varience", ["variance", "random"])
+    ': did you mean variance?'
+    """
+    from difflib import get_close_matches  # 10 ms, for errors alone
+
+    names = list(known)
+    longer = [name for name in names if name.startswith(given)]
+    similar = longer[:1] or get_close_matches(given, names, n=1, cutoff=0.6)
+    return f": did you mean {similar[0]}?" if similar else ""
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra, from where edge-vpr itself is from.
+
+    A checkout, or what was installed from one, is not looked for on a package index.
+
+    Parameters
+    ----------
+    extra : str
+
+    Returns
+    -------
+    str
+    """
+    checkout = Path(__file__).parents[1]
+    if (checkout / "pyproject.toml").is_file():
+        here = checkout == Path.cwd()
+        return f"pip install '{'.' if here else checkout}[{extra}]'"
+    return f"pip install '{_origin(extra)}'"
+
+
+def _origin(extra: str) -> str:
+    """Return the requirement that pip recorded when it installed edge-vpr, with an extra."""
+    from importlib.metadata import PackageNotFoundError, distribution  # 30 ms, for errors alone
+
+    try:
+        recorded = json.loads(distribution("edge-vpr").read_text("direct_url.json") or "{}")
+    except (PackageNotFoundError, ValueError):
+        recorded = {}
+    url = str(recorded.get("url", ""))
+    if "vcs_info" in recorded:
+        return f"edge-vpr[{extra}] @ {recorded['vcs_info'].get('vcs', 'git')}+{url}"
+    if url.startswith("file://") and "dir_info" in recorded:
+        return f"{unquote(url.removeprefix('file://'))}[{extra}]"
+    return f"edge-vpr[{extra}]"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.array_checks import check_array
+from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
@@ -24,12 +24,13 @@ def check_map(
     saliency: npt.NDArray[Any],
     hot: npt.NDArray[Any],
     full_scale: npt.NDArray[Any] | None,
+    mean: npt.NDArray[Any] | None = None,
 ) -> None:
     """Raise unless the parts of a map fit each other.
 
     Parameters
     ----------
-    settings, pixel_map, places, saliency, hot, full_scale
+    settings, pixel_map, places, saliency, hot, full_scale, mean
         See `ReferenceMap`.
 
     Raises
@@ -51,7 +52,15 @@ def check_map(
     check_array(hot, "hot", (np.bool_,), shape)
     if full_scale is not None:
         check_array(full_scale, "full_scale", (np.uint16,), (counters,))
-    _check_codes(settings, places.counts, full_scale)
+    own_mean = settings.own_mean_code
+    if own_mean is None:
+        _check_codes(settings, places.counts, full_scale)
+        return
+    if mean is None:
+        raise MapError("the map has own-mean codes and lacks mean: make the map again")
+    check_array(mean, "mean", (np.int32,), (counters,))
+    check_range(mean, "mean", 0, int(own_mean.levels[-1]))
+    check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
 
 
 def _check_codes(

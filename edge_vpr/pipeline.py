@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.cleaning import BurstFilter, find_hot_pixels
 from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.own_mean import drive_mean
+from edge_vpr.descriptors.pauses import find_pauses, mean_activity
 from edge_vpr.descriptors.pixels import PixelMap, select_pixels
 from edge_vpr.descriptors.saliency import SaliencyPass
 from edge_vpr.descriptors.windows import (
@@ -141,35 +143,81 @@ def map_traverse(
         needs_events = settings.window == "count" or settings.polarity
         places = None if needs_events else first.descriptors(pixel_map)
     if places is None:
-        places = describe(recording, pixel_map, settings.uncoded)
-    places, full_scale = code_places(places, settings)
-    return ReferenceMap(settings, pixel_map, places, saliency.astype(np.float32), hot, full_scale)
+        places = count_windows(recording, pixel_map, settings)
+    return coded_map(
+        ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
+        settings,
+    )
 
 
-def code_places(
-    places: Descriptors, settings: Settings
-) -> tuple[Descriptors, npt.NDArray[np.uint16] | None]:
-    """Code the counts of a reference, and learn what the code needs of them.
+def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
+    """Code the counts of a reference map, and learn what the code needs of them.
 
     Parameters
     ----------
-    places : Descriptors
-        Counts as they are, at least one place.
+    counted : ReferenceMap
+        With counts as they are, at least one place.
     settings : Settings
+        Of the map to make.
 
     Returns
     -------
-    places : Descriptors
-        What a map holds.
-    full_scale : ndarray of uint16, shape (J,), or None
-        Of each counter, where the settings scale the code to each pixel.
+    ReferenceMap
     """
-    counts = places.counts
-    full_scale = learn_full_scale(counts) if settings.learns_full_scale else None
-    codes = codes_of(settings, counts.shape[1], full_scale)
-    if codes is None:
-        return places, None
-    return replace(places, counts=narrow(codes.encode(counts))), full_scale
+    places = counted.places
+    counts, events = places.counts, places.activity
+    full_scale, mean = None, None
+    code = settings.own_mean_code
+    if code is not None:
+        mean = drive_mean(counts, find_pauses(events, mean_activity(events)), code)
+        coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
+    else:
+        full_scale = learn_full_scale(counts) if settings.learns_full_scale else None
+        codes = codes_of(settings, counts.shape[1], full_scale)
+        coded = counts if codes is None else narrow(codes.encode(counts))
+    return replace(
+        counted,
+        settings=settings,
+        places=replace(places, counts=coded, selected=events),
+        full_scale=full_scale,
+        mean=mean,
+    )
+
+
+def count_windows(
+    recording: EventSource | WindowSource, pixel_map: PixelMap, settings: Settings
+) -> Descriptors:
+    """Count the events of a drive at the selected pixels, window by window; see `describe`."""
+    return describe(recording, pixel_map, settings.uncoded)
+
+
+def describe_query(
+    reference: ReferenceMap,
+    recording: EventSource | WindowSource,
+    settings: Settings | None = None,
+) -> Descriptors:
+    """Describe a query drive as the places of a map are described, in its codes.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    recording : EventSource or WindowSource
+    settings : Settings, optional
+        To use in place of the map's.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+
+    Raises
+    ------
+    MapError, UsageError
+        As `describe` does.
+    """
+    if settings is not None:
+        reference = replace(reference, settings=settings)
+    return reference.coded(count_windows(recording, reference.pixel_map, reference.settings))
 
 
 def describe(
@@ -208,18 +256,18 @@ def describe(
         _check_counted(recording, pixel_map, settings)
         flat = pixel_map.y.astype(np.int64) * pixel_map.sensor.width + pixel_map.x
         windows: Iterator[WindowCounts] = (
-            window._replace(counts=window.counts[flat]).coded(codes)
-            for window in recording.windows()
+            window._replace(counts=window.counts[flat]) for window in recording.windows()
         )
     else:
-        stream = DescriptorStream(
-            pixel_map, window_of(settings), polarity=settings.polarity, code=codes
-        )
+        stream = DescriptorStream(pixel_map, window_of(settings), polarity=settings.polarity)
         windows = _windows(recording, stream, settings)
     descriptors = collect(windows, counters)
     if len(descriptors) == 0:
         raise _too_short(window_of(settings))
-    return descriptors
+    events = descriptors.activity
+    if codes is None:
+        return replace(descriptors, selected=events)
+    return replace(descriptors, counts=narrow(codes.encode(descriptors.counts)), selected=events)
 
 
 def match_traverse(
@@ -248,7 +296,7 @@ def match_traverse(
         As `describe` and `match_descriptors` do.
     """
     settings = reference.settings if settings is None else settings
-    queries = describe(recording, reference.pixel_map, settings, reference.full_scale)
+    queries = describe_query(reference, recording, settings)
     return match_descriptors(reference.places, queries, settings), queries
 
 

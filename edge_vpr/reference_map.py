@@ -10,12 +10,15 @@ import numpy.typing as npt
 
 from edge_vpr.archive import damaged, read_archive, write_archive
 from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.own_mean import encode_own, encode_running
+from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Sensor
 from edge_vpr.map_checks import check_map
 from edge_vpr.settings import Settings
 from fixedpoint.codes import PixelCodes, packed_bytes
+from fixedpoint.own_mean import OwnMeanCode
 
 KIND = "reference map"
 
@@ -37,6 +40,9 @@ class ReferenceMap:
         Pixels that were left out.
     full_scale : ndarray of uint16, shape (J,), optional
         Of each counter's code, where the settings scale it to each pixel; with polarity (2 J,).
+    mean : ndarray of int32, shape (J,), optional
+        Mean logarithm of each counter over this drive in units of 1/256 octave, where the settings
+        take codes against it; with polarity (2 J,).
 
     Raises
     ------
@@ -50,28 +56,53 @@ class ReferenceMap:
     saliency: npt.NDArray[np.float32]
     hot: npt.NDArray[np.bool_]
     full_scale: npt.NDArray[np.uint16] | None = None
+    mean: npt.NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
         check_map(
-            self.settings, self.pixel_map, self.places, self.saliency, self.hot, self.full_scale
-        )
+            self.settings, self.pixel_map, self.places, self.saliency, self.hot,
+            self.full_scale, self.mean,
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.places)
 
     @property
     def codes(self) -> PixelCodes | None:
-        """What the places hold in place of event counts; None where they hold those."""
+        """What the places hold in place of event counts; None where they hold those.
+
+        None also for own-mean codes, which have no fixed table: see `own_mean_code`.
+        """
+        if self.own_mean_code is not None:
+            return None
         return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
 
+    @property
+    def own_mean_code(self) -> OwnMeanCode | None:
+        """The code against each counter's mean; None where places hold counts or other codes."""
+        return self.settings.own_mean_code
+
+    @property
+    def is_coded(self) -> bool:
+        """Whether the places hold codes in place of counts."""
+        return self.settings.shared_code is not None
+
     def coded(self, counted: Descriptors) -> Descriptors:
-        """Put codes in place of counts, as in the places of this map."""
+        """Put codes in place of a query's counts, to compare them with the places of this map."""
+        code = self.own_mean_code
+        if code is not None and self.mean is not None:
+            activity = mean_activity(self.places.activity)
+            encode = encode_running if self.settings.query_mean == "running" else encode_own
+            return encode(counted, code, self.mean, activity)
         if self.codes is None:
             return counted
         return replace(counted, counts=narrow(self.codes.encode(counted.counts)))
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
         """Put counts back in place of codes, each in the middle of its code's, for plots."""
+        code = self.own_mean_code
+        if code is not None and self.mean is not None:
+            return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
         if self.codes is None:
             return descriptors
         return replace(descriptors, counts=narrow(self.codes.decode(descriptors.counts)))
@@ -103,6 +134,8 @@ class ReferenceMap:
         }
         if self.full_scale is not None:
             arrays["full_scale"] = self.full_scale
+        if self.mean is not None:
+            arrays["mean"] = self.mean
         meta = {"settings": self.settings.to_dict(), "sensor": list(self.pixel_map.sensor)}
         write_archive(path, KIND, arrays, meta)
 
@@ -124,4 +157,5 @@ class ReferenceMap:
                 saliency=arrays["saliency"],
                 hot=arrays["hot"],
                 full_scale=arrays.get("full_scale"),
+                mean=arrays.get("mean"),
             )

@@ -11,12 +11,15 @@ from typing import Any, Literal, get_args
 from edge_vpr.errors import UsageError, printable
 from fixedpoint.codes import CounterCode
 from fixedpoint.errors import FixedPointError
+from fixedpoint.own_mean import OwnMeanCode
 
 Strategy = Literal["variance", "seed-code", "random", "random-upper", "top"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]
-CounterScaling = Literal["shared", "per-pixel"]
+CounterScaling = Literal["shared", "per-pixel", "own-mean"]
+QueryMean = Literal["own", "running"]
+Matching = Literal["sequence", "filter"]
 Anchor = Literal["middle", "end"]
 
 
@@ -56,12 +59,26 @@ class Settings:
         Bits of a code, 1 to 16.
     counter_full_scale : int
         Largest count that the code tells apart; 0 takes the code's own.
-    counter_scaling : {"shared", "per-pixel"}
-        One code for all, or each pixel's with a full scale learned from the reference.
+    counter_scaling : {"shared", "per-pixel", "own-mean"}
+        One code for all; or each pixel's with a full scale learned from the reference; or the
+        logarithm less its mean over the drive, which a change of light does not move
+        (`fixedpoint.own_mean`).
+    query_mean : {"own", "running"}
+        Of own-mean codes, the mean of a query: over the whole drive, which only a recording has;
+        or the running mean, as on the robot.
     remove_hot_pixels, remove_bursts : bool
         Cleaning of method.md section 1.
     keep_incomplete : bool
         Keep the last window though it was not completed.
+    matching : {"sequence", "filter"}
+        Sequences of L windows (the paper), or the place filter (`matching.place_filter`).
+    filter_steps : tuple of int, optional
+        Price of a step of 0, 1, 2 ... places in a window; None takes (1, 0, 1) for windows of fixed
+        time, and (1, 0, 0, 1) for those of a number of events, which other light makes longer.
+    filter_back : tuple of int
+        Price of a step of -1, -2 ... places; empty: the route is never driven backwards.
+    filter_restart : int
+        Price of a step to any place.
     sequence_length : int
         L, in windows.
     anchor : {"middle", "end"}
@@ -83,16 +100,25 @@ class Settings:
     counter_bits: int = 3
     counter_full_scale: int = 0
     counter_scaling: CounterScaling = "shared"
+    query_mean: QueryMean = "own"
     remove_hot_pixels: bool = True
     remove_bursts: bool = True
     keep_incomplete: bool = False
+    matching: Matching = "sequence"
+    filter_steps: tuple[int, ...] | None = None
+    filter_back: tuple[int, ...] = ()
+    filter_restart: int = 16
     sequence_length: int = 5
     anchor: Anchor = "middle"
     exclusion: int = 3
 
     def __post_init__(self) -> None:
+        for name in ("filter_steps", "filter_back"):
+            self._check_prices(name)
         for field in fields(self):
             value, kind = getattr(self, field.name), type(field.default)
+            if field.name == "filter_steps":
+                continue
             integer_for_float = kind is float and type(value) is int
             if type(value) is not kind and not integer_for_float:
                 raise UsageError(
@@ -121,6 +147,8 @@ class Settings:
             ("anchor", get_args(Anchor)),
             ("counter_code", get_args(CounterCodeName)),
             ("counter_scaling", get_args(CounterScaling)),
+            ("query_mean", get_args(QueryMean)),
+            ("matching", get_args(Matching)),
         ):
             if getattr(self, name) not in choices:
                 raise UsageError(
@@ -134,10 +162,22 @@ class Settings:
         return round(self.events_per_pixel * self.pixels)
 
     @property
+    def windows_per_match(self) -> int:
+        """How many windows are compared at once: L, or 1 for the place filter."""
+        return 1 if self.matching == "filter" else self.sequence_length
+
+    @property
+    def own_mean_code(self) -> OwnMeanCode | None:
+        """The code of all counters, where it is taken against each counter's own mean."""
+        if self.counter_code == "none" or self.counter_scaling != "own-mean":
+            return None
+        return OwnMeanCode(self.counter_bits, self.counter_full_scale)
+
+    @property
     def shared_code(self) -> CounterCode | None:
         """The code of all counters; None where a descriptor holds the counts themselves.
 
-        Where each pixel has a full scale of its own, the kind and the bits of the code still hold.
+        Where each pixel has a full scale or a mean of its own, the kind and the bits still hold.
         """
         if self.counter_code != "none":
             return CounterCode(self.counter_code, self.counter_bits, self.counter_full_scale)
@@ -147,6 +187,23 @@ class Settings:
     def learns_full_scale(self) -> bool:
         """Whether the full scale of each pixel's code is learned from the reference."""
         return self.counter_code != "none" and self.counter_scaling == "per-pixel"
+
+    def _check_prices(self, name: str) -> None:
+        prices = getattr(self, name)
+        if isinstance(prices, list):  # as TOML and JSON have them
+            prices = tuple(prices)
+            object.__setattr__(self, name, prices)
+        if prices is None and name == "filter_steps":
+            return
+        if self.filter_restart > 254:
+            raise UsageError(f"setting filter_restart = {self.filter_restart}: expected 1 to 254")
+        least = 1 if name == "filter_steps" else 0
+        whole = isinstance(prices, tuple) and all(type(p) is int for p in prices)
+        if not (whole and least <= len(prices) <= 16 and all(0 <= p <= 254 for p in prices)):
+            raise UsageError(
+                f"setting {name} = {prices!r}: expected {least} to 16 prices from 0 to 254, for "
+                "example [1, 0, 1]"
+            )
 
     def _check_code(self) -> None:
         if self.clip and self.counter_code != "none":
@@ -159,15 +216,20 @@ class Settings:
                 f"setting counter_full_scale = {self.counter_full_scale} with a per-pixel "
                 "counter_scaling, which learns each pixel's from the reference: set it to 0"
             )
+        if self.counter_scaling == "own-mean" and self.counter_code != "log":
+            raise UsageError(
+                f"setting counter_scaling = own-mean with counter_code = {self.counter_code}: it "
+                "is taken of logarithms; set counter_code to log"
+            )
         try:
-            _ = self.shared_code
+            _ = self.shared_code, self.own_mean_code
         except FixedPointError as error:
             raise UsageError(f"settings: {error}") from error
 
     @property
     def uncoded(self) -> Settings:
         """The same with counts as they are."""
-        return replace(self, clip=0, counter_code="none")
+        return replace(self, clip=0, counter_code="none", counter_scaling="shared")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON and TOML."""
@@ -226,11 +288,17 @@ _LEAST = {
     "clip": 0,
     "counter_bits": 1,
     "counter_full_scale": 0,
+    "filter_restart": 1,
     "sequence_length": 1,
     "exclusion": 0,
 }
 
+_BEST = Settings(matching="filter", counter_code="log", counter_scaling="own-mean", anchor="end")
+
 PRESETS: Mapping[str, Settings] = {
+    # chosen on the real drives and on simulated streets, see docs/place_filter.md
+    "default": _BEST,
+    # windows of a fixed time, counts and sequences, as in the paper
     "paper": Settings(),
     # what the released code does: saliency by mean, rejection within 7 px, counts clipped at 10,
     # L = 10, 100 pixels, no cleaning
@@ -243,12 +311,12 @@ PRESETS: Mapping[str, Settings] = {
         sequence_length=10,
         exclusion=2,  # it excludes |k - best| < 3
     ),
-    "tiny": Settings(pixels=25, sequence_length=10),
+    "tiny": replace(_BEST, pixels=25),
 }
 
 
 def resolve_settings(
-    preset: str = "paper",
+    preset: str = "default",
     config: str | Path | None = None,
     flags: Mapping[str, Any] | None = None,
 ) -> Settings:
@@ -256,7 +324,7 @@ def resolve_settings(
 
     Parameters
     ----------
-    preset : {"paper", "seed-code", "tiny"}
+    preset : {"default", "paper", "seed-code", "tiny"}
     config : path, optional
         TOML file with names and values of `Settings`; it may name its own ``preset``.
     flags : mapping, optional
@@ -278,6 +346,12 @@ def resolve_settings(
     if not isinstance(preset, str) or preset not in PRESETS:
         raise UsageError(f"preset {_shown(preset)} is unknown: choose from {', '.join(PRESETS)}")
     given = {name: value for name, value in (flags or {}).items() if value is not None}
+    for chosen in (values, given):
+        # the preset's own-mean codes are of logarithms: another code asked for has no mean
+        if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
+            chosen.setdefault("counter_scaling", "shared")
+            if chosen.get("clip"):
+                chosen.setdefault("counter_code", "none")
     return PRESETS[preset].replaced(values, str(config)).replaced(given, "the command line")
 
 

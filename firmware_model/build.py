@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -120,3 +121,44 @@ def build(
     if done.returncode:
         raise ToolError(f"the firmware does not compile for {target.name}: {done.stderr.strip()}")
     return out
+
+
+def build_sanitized(folder: str | Path, files: Sequence[str], name: str) -> Path:
+    """Compile a program for this computer under AddressSanitizer and UndefinedBehaviorSanitizer.
+
+    Zig's compiler has no AddressSanitizer: that of the system is taken (gcc or clang, with its
+    sanitizer libraries).
+
+    Parameters
+    ----------
+    folder : path
+        Where the result goes.
+    files : sequence of str
+        C files, one of them with the program.
+    name : str
+        Of the result.
+
+    Returns
+    -------
+    path
+        A program that ends by SIGABRT at the first fault.
+
+    Raises
+    ------
+    ToolError
+        If no compiler of this computer has both sanitizers, or they refuse the code.
+    """
+    sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
+    refusals = []
+    for compiler in filter(None, map(shutil.which, ("gcc", "clang", "cc"))):
+        out = Path(folder) / name
+        command = [compiler, "-std=c11", "-O1", *WARNINGS, *sanitizers]
+        command += [str(SOURCES / file) for file in files] + ["-o", str(out)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            return out
+        refusals.append(f"{compiler}: {done.stderr.strip()}")
+    raise ToolError(
+        "no compiler with AddressSanitizer and UndefinedBehaviorSanitizer: install gcc, or clang "
+        f"with its sanitizer libraries {refusals or ''}".rstrip()
+    )

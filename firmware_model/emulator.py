@@ -62,7 +62,7 @@ class Emulator:
         except ImportError as error:
             raise ToolError(
                 f"emulating a processor needs the library {error.name}, which is not installed: "
-                "run pip install 'edge-vpr[firmware]'"
+                "run pip install unicorn pyelftools"
             ) from error
         self.target = target
         self._wide = target.triple.startswith("aarch64")

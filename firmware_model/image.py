@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from enum import IntEnum
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
@@ -10,6 +11,46 @@ from firmware_model.memories import Memories
 
 MAGIC, VERSION = 0x49525056, 1
 HEADER_WORDS = 28
+
+
+class Word(IntEnum):
+    """Words of the header, as the enumeration at the head of ``c/vpr.c`` has them."""
+
+    MAGIC = 0
+    VERSION = 1
+    BYTES = 2
+    WIDTH = 3
+    HEIGHT = 4
+    PIXELS = 5
+    SLOTS = 6
+    STRIDE = 7
+    COUNT_MAX = 8
+    PLACES = 9
+    LENGTH = 10
+    EXCLUSION = 11
+    WINDOW_KIND = 12
+    WINDOW = 13
+    TIMESTAMP_BITS = 14
+    ACCEPT = 15
+    RATIO_DENOMINATOR = 16
+    LOOKUP_DEPTH = 17
+    CODE_MAX = 18
+    CODES = 19
+    DISPLACEMENT_TABLE = 20
+    LOOKUP_TABLE = 21
+    CODE_TABLE = 22
+    WHICH_CODE_TABLE = 23
+    PLACES_TABLE = 24
+
+
+#: offsets of the tables, in the order in which they lie in the image
+TABLES = (
+    Word.DISPLACEMENT_TABLE,
+    Word.LOOKUP_TABLE,
+    Word.CODE_TABLE,
+    Word.WHICH_CODE_TABLE,
+    Word.PLACES_TABLE,
+)
 #: rows of codes, and tables, begin at multiples of so many bytes
 ALIGNMENT = 16
 
@@ -47,7 +88,7 @@ def image(memories: Memories) -> bytes:
     tables = [
         struct.pack(f"<{design.height}H", *lookup.displacement),
         b"".join(entries),
-        b"".join(map(bytes, design.tables)),
+        b"".join(map(bytes, memories.codes)),
         bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
     ]
@@ -57,30 +98,31 @@ def image(memories: Memories) -> bytes:
         body += table.ljust(_aligned(len(table)), b"\0")
     by_time = design.window == "time"
     by_ratio = design.accept == "ratio"
-    header = [
-        MAGIC,
-        VERSION,
-        HEADER_WORDS * 4 + len(body),
-        design.width,
-        design.height,
-        design.pixels,
-        design.slots,
-        row,
-        design.count_max,
-        design.places,
-        design.length,
-        design.exclusion,
-        0 if by_time else 1,
-        design.tau_us if by_time else design.window_events,
-        design.timestamp_bits,
-        design.ratio[0] if by_ratio else design.margin,
-        design.ratio[1] if by_ratio else 0,
-        design.lookup_depth,
-        design.code_max,
-        len(design.full_scales),
-        *offsets,
-    ]
-    return struct.pack(f"<{HEADER_WORDS}I", *header, *[0] * (HEADER_WORDS - len(header))) + body
+    header = {
+        Word.MAGIC: MAGIC,
+        Word.VERSION: VERSION,
+        Word.BYTES: HEADER_WORDS * 4 + len(body),
+        Word.WIDTH: design.width,
+        Word.HEIGHT: design.height,
+        Word.PIXELS: design.pixels,
+        Word.SLOTS: design.slots,
+        Word.STRIDE: row,
+        Word.COUNT_MAX: design.count_max,
+        Word.PLACES: design.places,
+        Word.LENGTH: design.length,
+        Word.EXCLUSION: design.exclusion,
+        Word.WINDOW_KIND: 0 if by_time else 1,
+        Word.WINDOW: design.tau_us if by_time else design.window_events,
+        Word.TIMESTAMP_BITS: design.timestamp_bits,
+        Word.ACCEPT: design.ratio[0] if by_ratio else design.margin,
+        Word.RATIO_DENOMINATOR: design.ratio[1] if by_ratio else 0,
+        Word.LOOKUP_DEPTH: design.lookup_depth,
+        Word.CODE_MAX: design.code_max,
+        Word.CODES: len(design.full_scales),
+        **dict(zip(TABLES, offsets, strict=True)),
+    }
+    words = [header.get(Word(at), 0) if at < len(Word) else 0 for at in range(HEADER_WORDS)]
+    return struct.pack(f"<{HEADER_WORDS}I", *words) + body
 
 
 def ram_bytes(design: Design) -> int:

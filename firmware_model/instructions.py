@@ -20,7 +20,7 @@ from firmware_model.design import Design
 from firmware_model.emulator import Emulator
 from firmware_model.image import image, ram_bytes, stride
 from firmware_model.memories import Memories
-from firmware_model.vectors.corners import choose_pixels
+from firmware_model.vectors.stimulus import choose_pixels
 
 TABLE = SOURCES / "instructions.csv"
 

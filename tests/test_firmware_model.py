@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from designs import random_design, random_memories, random_stream, wrapped
+from designs import random_stream, wrapped
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import DescriptorStream, FixedCount, FixedTime
@@ -28,6 +28,7 @@ from firmware_model import (
     cost,
     trace,
 )
+from firmware_model.vectors.random_designs import random_design, random_memories
 from fixedpoint.codes import CounterCode, PixelCodes
 
 ROOM = Path(__file__).parents[1] / "firmware_model"

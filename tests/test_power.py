@@ -17,14 +17,16 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.energy import profiling
+from edge_vpr_tools.energy.conditions import Conditions, void_because
+from edge_vpr_tools.energy.intervals import interval, interval_of_times, paired_energy
+from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
+from edge_vpr_tools.energy.sampling import Sampler, Trace, Window, align, read_csv
+from edge_vpr_tools.energy.sensors import pmic
+from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
+from edge_vpr_tools.energy.sensors.search import find_sensors
+from edge_vpr_tools.energy.sensors.sensor import About, Sensor, SensorError
 from edge_vpr_tools.estimate.request import calibrated
-from edge_vpr_tools.power import pmic, profiling
-from edge_vpr_tools.power.conditions import Conditions, void_because
-from edge_vpr_tools.power.hwmon import CHIPS, with_shunt
-from edge_vpr_tools.power.protocol import Plan, analyse, measure, take_turns
-from edge_vpr_tools.power.sensor import About, Sensor, SensorError, find_sensors
-from edge_vpr_tools.power.statistics import interval, interval_of_times, paired_energy
-from edge_vpr_tools.power.trace import Sampler, Trace, Window, align, read_csv
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import sys
 
 import numpy as np
 import pytest
-from edge_vpr_tools import convert, info
-from edge_vpr_tools.progress import tracked
+from edge_vpr_tools import cli
+from edge_vpr_tools.output.progress import tracked
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
@@ -20,15 +19,13 @@ SENSOR = Sensor(40, 30)
 EVENTS = make_events([0, 500_000, 500_000, 2_000_000], [1, 2, 3, 39], [1, 2, 3, 29], [1, 0, 1, 1])
 
 
-def run(command, *words):
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    command.run(parser.parse_args([str(word) for word in words]))
+def run(verb, *words):
+    cli.run([verb, *(str(word) for word in words)])
 
 
 def test_info_says_what_a_recording_holds(tmp_path, capsys):
     write_recording(tmp_path / "a.npz", EVENTS, sensor=SENSOR, start_us=77)
-    run(info, tmp_path / "a.npz")
+    run("info", tmp_path / "a.npz")
     out, err = capsys.readouterr()
     assert err == ""  # no bar in a pipe
     assert out.splitlines() == [
@@ -46,7 +43,7 @@ def test_info_says_what_a_recording_holds(tmp_path, capsys):
 
 def test_info_counts_faults_and_goes_on(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("0,1,1,1\n9,1,1,0\n8,1,1,0\n9,40,1,1\n10,1,1,1\nx,y,z,p\n11,1")
-    run(info, tmp_path / "a.csv", "--sensor", "40x30", "--json")
+    run("info", tmp_path / "a.csv", "--sensor", "40x30", "--json")
     facts = json.loads(capsys.readouterr().out)
     assert facts["faults"] == {
         "backwards": 1,
@@ -57,16 +54,16 @@ def test_info_counts_faults_and_goes_on(tmp_path, capsys):
     }
     assert (facts["events"], facts["first_us"], facts["last_us"]) == (3, 0, 10)
     assert (facts["sensor"], facts["format"], facts["events_per_s"]) == ("40x30", "csv", 3e5)
-    run(info, tmp_path / "a.csv", "--sensor", "40x30")
+    run("info", tmp_path / "a.csv", "--sensor", "40x30")
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == "faults    1 backwards, 1 off sensor, 1 unreadable, 4 truncated bytes"
 
 
 def test_info_of_a_single_event_has_no_rate(tmp_path, capsys):
     write_recording(tmp_path / "a.raw", EVENTS[:1], sensor=SENSOR)
-    run(info, tmp_path / "a.raw", "--json")
+    run("info", tmp_path / "a.raw", "--json")
     assert json.loads(capsys.readouterr().out)["events_per_s"] is None
-    run(info, tmp_path / "a.raw")
+    run("info", tmp_path / "a.raw")
     assert "rate      -" in capsys.readouterr().out
 
 
@@ -77,7 +74,7 @@ def test_convert_goes_between_any_two_writable_formats(first, second, tmp_path, 
     pytest.importorskip("h5py")
     write_recording(tmp_path / f"a{first}", EVENTS, sensor=SENSOR)
     run(
-        convert,
+        "convert",
         tmp_path / f"a{first}",
         tmp_path / f"b{second}",
         *(("--sensor", "40x30") if first == ".csv" else ()),
@@ -92,8 +89,8 @@ def test_convert_goes_between_any_two_writable_formats(first, second, tmp_path, 
 def test_convert_of_frames_needs_their_period(tmp_path, capsys):
     np.savez(tmp_path / "a.npz", frames=np.ones((30, 2, 2), np.uint8))
     with pytest.raises(UsageError, match="--frame-period"):
-        run(convert, tmp_path / "a.npz", tmp_path / "b.npz")
-    run(convert, tmp_path / "a.npz", tmp_path / "b.npz", "--frame-period", "1/30")
+        run("convert", tmp_path / "a.npz", tmp_path / "b.npz")
+    run("convert", tmp_path / "a.npz", tmp_path / "b.npz", "--frame-period", "1/30")
     events = np.concatenate(list(open_recording(tmp_path / "b.npz")))
     assert (events.size, events["t"][-1] // 33_333) == (120, 29)
 
@@ -102,9 +99,9 @@ def test_convert_stops_at_faults_or_drops_and_counts_them(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("0,1,1,1\n9,1,1,0\n8,1,1,0\n")
     words = [tmp_path / "a.csv", tmp_path / "b.npz", "--sensor", "40x30"]
     with pytest.raises(RecordingError, match="event 2: time runs backwards"):
-        run(convert, *words)
+        run("convert", *words)
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
-    run(convert, *words, "--on-fault", "drop")
+    run("convert", *words, "--on-fault", "drop")
     assert "2 events of 40x30; dropped as faulty: 1 backwards" in capsys.readouterr().out
 
 
@@ -112,16 +109,16 @@ def test_convert_replaces_only_when_told(tmp_path, capsys):
     write_recording(tmp_path / "a.npz", EVENTS, sensor=SENSOR)
     (tmp_path / "b.raw").write_text("mine")
     with pytest.raises(UsageError, match="exists: choose another name, or pass --overwrite"):
-        run(convert, tmp_path / "a.npz", tmp_path / "b.raw")
+        run("convert", tmp_path / "a.npz", tmp_path / "b.raw")
     assert (tmp_path / "b.raw").read_text() == "mine"
-    run(convert, tmp_path / "a.npz", tmp_path / "b.raw", "--overwrite")
+    run("convert", tmp_path / "a.npz", tmp_path / "b.raw", "--overwrite")
     assert open_recording(tmp_path / "b.raw").format == "evt2"
 
 
 def test_convert_onto_itself_is_refused_and_keeps_the_recording(tmp_path):
     write_recording(tmp_path / "a.npz", EVENTS, sensor=SENSOR, start_us=5)
     with pytest.raises(UsageError, match="is the input"):
-        run(convert, tmp_path / "a.npz", tmp_path / "a.npz", "--overwrite")
+        run("convert", tmp_path / "a.npz", tmp_path / "a.npz", "--overwrite")
     again = open_recording(tmp_path / "a.npz")
     assert np.array_equal(np.concatenate(list(again)), EVENTS)
     assert again.start_us == 5

@@ -96,6 +96,24 @@ def test_help_loads_neither_numba_nor_matplotlib():
     assert run.stdout.splitlines()[-1] == "[]"
 
 
+#: optional extras, which are imported where they are used
+EXTRAS = ("rerun", "firmware_model.emulator", "firmware_model.instructions")
+
+
+def test_modules_import_at_their_top():
+    inner = []
+    for path in (ROOT / "tools/edge_vpr_tools").rglob("*.py"):
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(function, ast.FunctionDef):
+                for node in ast.walk(function):
+                    if isinstance(node, ast.Import):
+                        inner += [(path.name, alias.name) for alias in node.names]
+                    elif isinstance(node, ast.ImportFrom):
+                        inner.append((path.name, node.module))
+    inner = [(path, module) for path, module in inner if module not in EXTRAS]
+    assert len(inner) <= 5, inner
+
+
 def test_every_public_name_is_there():
     import edge_vpr
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 import pytest
-from edge_vpr_tools.setting_flags import add_map_flags, map_settings
+from edge_vpr_tools.arguments.setting_flags import add_map_flags, map_settings
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS, Settings, resolve_settings
@@ -20,6 +20,7 @@ def test_flags_lie_over_the_file_and_the_file_over_the_preset(tmp_path):
 
 def test_the_presets_are_the_paper_its_code_and_a_small_one():
     assert {name: preset.pixels for name, preset in PRESETS.items()} == {
+        "default": 150,
         "paper": 150,
         "seed-code": 100,
         "tiny": 25,
@@ -74,7 +75,7 @@ def test_a_file_that_is_no_toml_is_wrong_use(tmp_path, text):
 def test_a_missing_file_and_an_unknown_preset_are_wrong_use(tmp_path):
     with pytest.raises(UsageError, match="cannot read settings"):
         resolve_settings(config=tmp_path / "none.toml")
-    with pytest.raises(UsageError, match="choose from paper, seed-code, tiny"):
+    with pytest.raises(UsageError, match="choose from default, paper, seed-code, tiny"):
         resolve_settings("huge")
 
 
@@ -85,4 +86,4 @@ def test_the_flags_of_a_counter_code_reach_the_settings():
     found = map_settings(parser.parse_args(flags.split()))
     assert (found.counter_code, found.counter_bits) == ("log", 4)
     assert (found.counter_full_scale, found.counter_scaling) == (63, "shared")
-    assert map_settings(parser.parse_args([])) == Settings()
+    assert map_settings(parser.parse_args([])) == PRESETS["default"]

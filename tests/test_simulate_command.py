@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from edge_vpr_tools import simulate as command
+from edge_vpr_tools import cli
+from edge_vpr_tools.arguments.simulate_arguments import SENSORS
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.track_files import load_track
@@ -18,9 +18,7 @@ from edge_vpr.simulate import CAMERAS, simulate_pair
 
 
 def run(*arguments):
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    command.run(parser.parse_args([str(argument) for argument in arguments]))
+    cli.run(["simulate", *(str(argument) for argument in arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -72,12 +70,12 @@ def test_values_that_make_no_sense_leave_nothing_behind(tmp_path, flag, value, m
 
 
 def test_the_sensors_offered_are_the_cameras_there_are():
-    assert set(command.SENSORS) == set(CAMERAS)
+    assert set(SENSORS) == set(CAMERAS)
 
 
 def test_asking_for_help_loads_no_compiler():
     program = (
-        "import sys, argparse, edge_vpr_tools.simulate as command\n"
+        "import sys, argparse, edge_vpr_tools.arguments.simulate_arguments as command\n"
         "command.add_arguments(argparse.ArgumentParser())\n"
         "assert not {'numba', 'numpy', 'matplotlib'} & set(sys.modules)"
     )

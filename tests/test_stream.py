@@ -204,7 +204,7 @@ def test_a_run_is_saved_for_the_rerun_viewer(drive, tmp_path):
 
 def test_the_viewer_gets_each_picture_once_and_the_newest_match(drive):
     pytest.importorskip("rerun", reason="rerun-sdk, 160 MB, is an extra of its own")
-    from edge_vpr_tools.rerun_view import PICTURE_US, RerunView
+    from edge_vpr_tools.output.rerun_view import PICTURE_US, RerunView
 
     told = []
 
@@ -400,7 +400,8 @@ def test_faults_that_make_no_sense_are_refused(text):
 # lines come ten times as often, or most of a test's time would be spent on waiting for them
 PROGRAM = """
 import sys
-from edge_vpr_tools import cli, live_view
+from edge_vpr_tools import cli
+from edge_vpr_tools.output import live_view
 live_view._LINE_S = 0.1
 sys.exit(cli.main())
 """
@@ -621,13 +622,11 @@ def test_a_full_disk_ends_its_file_and_not_the_run(drive, sent, tmp_path, capsys
 def test_events_that_cannot_be_recorded_are_matched_all_the_same(
     drive, sent, tmp_path, capsys, monkeypatch
 ):
-    import edge_vpr.recordings
-
     def write_recording(path, events, **_):
         next(events)
         raise RecordingError(f"{path} cannot be written: No space left on device")
 
-    monkeypatch.setattr(edge_vpr.recordings, "write_recording", write_recording)
+    monkeypatch.setattr("edge_vpr_tools.commands.stream.write_recording", write_recording)
     words = ["--port", sent, "--map", drive / "map.npz", "--record", tmp_path / "e.npz"]
     assert streamed(*words) == 1
     told = capsys.readouterr()
@@ -754,7 +753,7 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, drive, capsys):
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
-    from edge_vpr_tools import live_view
+    from edge_vpr_tools.output import live_view
     from rich.console import Console
 
     shown = []
@@ -788,13 +787,12 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
 
 
 def test_ports_are_listed(capsys, monkeypatch):
-    from serial.tools import list_ports
     from serial.tools.list_ports_common import ListPortInfo
 
     found = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
     found[0].vid, found[0].pid = 0x0403, 0x6014
     found[1].vid, found[1].pid = 0x37C5, 0x1206
-    monkeypatch.setattr(list_ports, "comports", lambda: found)
+    monkeypatch.setattr("edge_vpr_tools.commands.ports.comports", lambda: found)
     assert main(["ports", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["port"], row["protocol"], row["baud"]) for row in rows] == [
@@ -806,6 +804,6 @@ def test_ports_are_listed(capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("/dev/ttyACM0  37c5:1206  OpenMV N6")
     assert lines[0].endswith("--protocol openmv --baud 921600")
-    monkeypatch.setattr(list_ports, "comports", list)
+    monkeypatch.setattr("edge_vpr_tools.commands.ports.comports", list)
     assert main(["ports"]) == 0
     assert "no serial ports" in capsys.readouterr().out

@@ -6,10 +6,10 @@ import threading
 import time
 
 import pytest
-from edge_vpr_tools.power import um_meter
-from edge_vpr_tools.power.sensor import SensorError
-from edge_vpr_tools.power.trace import Sampler
-from edge_vpr_tools.power.um_meter import UmMeter, decode, from_head
+from edge_vpr_tools.energy.sampling import Sampler
+from edge_vpr_tools.energy.sensors import um_meter
+from edge_vpr_tools.energy.sensors.sensor import SensorError
+from edge_vpr_tools.energy.sensors.um_meter import UmMeter, decode, from_head
 
 from edge_vpr.stream.link import LinkError
 from edge_vpr.stream.serial_links import VirtualLink

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.pipeline import EventSource, code_places, describe
+from edge_vpr.pipeline import EventSource, coded_map, count_windows, describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -37,6 +37,6 @@ def map_all_pixels(
         )
         mean = by_time.counts.sum(dtype=np.int64) / by_time.counts.size
         settings = settings.replaced({"events_per_pixel": float(mean)}, "all pixels")
-    places, full_scale = code_places(describe(recording, everything, settings.uncoded), settings)
     saliency = np.zeros(hot.shape, dtype=np.float32)
-    return ReferenceMap(settings, everything, places, saliency, hot, full_scale)
+    counted = count_windows(recording, everything, settings)
+    return coded_map(ReferenceMap(settings.uncoded, everything, counted, saliency, hot), settings)

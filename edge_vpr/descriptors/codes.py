@@ -37,6 +37,8 @@ def codes_of(
     code = settings.shared_code
     if code is None:
         return None
+    if settings.own_mean_code is not None:
+        raise MapError("own-mean codes have no fixed table: code counts by the reference map")
     if not settings.learns_full_scale:
         return PixelCodes.shared(code, counters)
     if full_scale is None or full_scale.shape != (counters,):

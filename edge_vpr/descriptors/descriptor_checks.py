@@ -43,5 +43,8 @@ def check_descriptors(descriptors: Descriptors, counters: int | None = None) -> 
     for name in ("start_us", "end_us"):
         check_range(getattr(descriptors, name), name, -LATEST_US, LATEST_US)
     check_range(descriptors.events, "events", 0, LATEST_US)
+    if descriptors.selected is not None:
+        check_array(descriptors.selected, "selected", (np.int64,), (n,))
+        check_range(descriptors.selected, "selected", 0, LATEST_US // n)
     if (descriptors.end_us < descriptors.start_us).any():
         raise MapError("a window ends before it starts: expected end_us of start_us or later")

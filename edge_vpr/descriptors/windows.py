@@ -107,19 +107,29 @@ class Descriptors:
         at any pixel and ends with its N-th at a selected one.
     events : ndarray of int64, shape (n,)
         Events of the whole sensor in each window.
+    selected : ndarray of int64, shape (n,), optional
+        Events at the selected pixels, which codes do not tell.
     """
 
     counts: npt.NDArray[np.unsignedinteger]
     start_us: npt.NDArray[np.int64]
     end_us: npt.NDArray[np.int64]
     events: npt.NDArray[np.int64]
+    selected: npt.NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.start_us)
 
-    def to_arrays(self) -> dict[str, npt.NDArray[np.integer]]:
+    @property
+    def activity(self) -> npt.NDArray[np.int64]:
+        """Events at the selected pixels, shape (n,); if not stated, the sum of the counts."""
+        return self.counts.sum(axis=1, dtype=np.int64) if self.selected is None else self.selected
+
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Name the arrays, for an archive; `from_arrays` takes them back."""
-        return {name: getattr(self, name) for name in ("counts", "start_us", "end_us", "events")}
+        names = ("counts", "start_us", "end_us", "events", "selected")
+        columns = {name: getattr(self, name) for name in names}
+        return {name: column for name, column in columns.items() if column is not None}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
@@ -133,7 +143,13 @@ class Descriptors:
         missing = {"counts", "start_us", "end_us", "events"} - arrays.keys()
         if missing:
             raise MapError(f"descriptors lack {', '.join(sorted(missing))}: expected all four")
-        found = cls(arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"])
+        found = cls(
+            arrays["counts"],
+            arrays["start_us"],
+            arrays["end_us"],
+            arrays["events"],
+            arrays.get("selected"),
+        )
         check_descriptors(found)
         return found
 
@@ -321,4 +337,5 @@ def join(parts: Sequence[Descriptors]) -> Descriptors:
         np.concatenate([part.start_us for part in parts]),
         np.concatenate([part.end_us for part in parts]),
         np.concatenate([part.events for part in parts]),
+        np.concatenate([part.activity for part in parts]),
     )

@@ -13,7 +13,9 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.matching.matches import Matches
 
 RecallDenominator = Literal["rejected-correct", "all-with-place"]
-Score = Literal["distance", "ratio"]
+Score = Literal["distance", "ratio", "margin", "trust"]
+#: scores of which more is surer
+_RISING = ("margin", "trust")
 RECALL_AT = (1, 5, 10, 25)
 
 
@@ -187,7 +189,7 @@ def evaluate(
     matches: Matches,
     truth: GroundTruth,
     *,
-    score: Score = "distance",
+    score: Score | None = None,
     recall_denominator: RecallDenominator = "rejected-correct",
     thresholds: int | None = None,
 ) -> Evaluation:
@@ -198,8 +200,9 @@ def evaluate(
     matches : Matches
     truth : GroundTruth
         Over all K places of the map and all query windows.
-    score : {"distance", "ratio"}
-        What the threshold of the precision-recall curve is on.
+    score : {"distance", "ratio", "margin", "trust"}, optional
+        What the threshold of the precision-recall curve is on. By default the trust of the place
+        filter, and the distance of sequences, as in the paper.
     recall_denominator, thresholds
         See `precision_recall`.
 
@@ -224,12 +227,14 @@ def evaluate(
         raise GroundTruthError(
             "the truth is known for none of the matched queries: check that it covers their time"
         )
+    if score is None:
+        score = "trust" if matches.settings.matching == "filter" else "distance"
     if score not in get_args(Score):
         raise UsageError(f"score {score!r} is unknown: choose from {', '.join(get_args(Score))}")
     correct = truth.correct[matches.place, matches.query] & evaluated
     has_place = truth.has_place[matches.query]
     curve = precision_recall(
-        getattr(matches, score)[evaluated],
+        _falling(matches, score)[evaluated],
         correct[evaluated],
         has_place[evaluated],
         recall_denominator=recall_denominator,
@@ -247,8 +252,16 @@ def evaluate(
         evaluated=evaluated,
         curve=curve,
         recall_at={
-            n: int(np.count_nonzero(hit[counted, :n].any(axis=1))) / findable for n in RECALL_AT
+            n: int(np.count_nonzero(hit[counted, :n].any(axis=1))) / findable
+            for n in RECALL_AT
+            if n <= matches.candidates.shape[1]
         },
         score=score,
         recall_denominator=recall_denominator,
     )
+
+
+def _falling(matches: Matches, score: Score) -> npt.NDArray[np.float64]:
+    """Return the score of each match, turned so that lower is surer."""
+    values = np.asarray(getattr(matches, score), dtype=np.float64)
+    return -values if score in _RISING else values

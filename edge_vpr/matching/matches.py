@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,11 @@ import numpy.typing as npt
 
 from edge_vpr.archive import damaged, read_archive, replacing, write_archive
 from edge_vpr.array_checks import LATEST_US, check_array, check_range, whole_number
+from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
 from edge_vpr.matching.distances import ReferenceIndex, best_matches
+from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
 from edge_vpr.settings import Settings
 
@@ -46,7 +48,13 @@ class Matches:
     ties : ndarray of int64, shape (n,)
         Other places at the same smallest distance.
     candidates : ndarray of int64, shape (n, 25)
-        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer.
+        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. Of matches
+        that were given event by event only the best one, shape (n, 1).
+    trust : ndarray of int64, shape (n,)
+        Higher is surer: of the place filter, see `place_filter.FilterMatch`; of sequences, the
+        margin.
+
+    Of matches by the place filter the two distances are metrics of the filter, with L = 1.
     """
 
     settings: Settings
@@ -59,6 +67,7 @@ class Matches:
     second_sum: npt.NDArray[np.int64]
     ties: npt.NDArray[np.int64]
     candidates: npt.NDArray[np.int64]
+    trust: npt.NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.query)
@@ -66,12 +75,17 @@ class Matches:
     @property
     def distance(self) -> npt.NDArray[np.float64]:
         """D_seq of the best place."""
-        return self.distance_sum / self.settings.sequence_length
+        return self.distance_sum / self.settings.windows_per_match
 
     @property
     def second_distance(self) -> npt.NDArray[np.float64]:
         """D_seq of the second best place; NaN where there is none."""
-        return np.where(self.second < 0, np.nan, self.second_sum / self.settings.sequence_length)
+        return np.where(self.second < 0, np.nan, self.second_sum / self.settings.windows_per_match)
+
+    @property
+    def margin(self) -> npt.NDArray[np.float64]:
+        """Second-best distance less the best, higher is surer; NaN where there is no second."""
+        return self.second_distance - self.distance
 
     @property
     def ratio(self) -> npt.NDArray[np.float64]:
@@ -83,6 +97,38 @@ class Matches:
         np.divide(self.distance_sum, self.second_sum, out=ratio, where=self.second_sum > 0)
         ratio[self.second_sum == 0] = 1.0
         return ratio
+
+    @classmethod
+    def of_rows(cls, rows: npt.NDArray[np.void], settings: Settings, places_in_map: int) -> Matches:
+        """Build from the matches that a localiser gave event by event.
+
+        Parameters
+        ----------
+        rows : ndarray of MATCH_DTYPE, shape (n,)
+            Each is a query, of the window that was newest at its time. Ties are not counted.
+        settings : Settings
+        places_in_map : int
+        """
+        n = len(rows)
+        return cls(
+            settings=settings,
+            places_in_map=places_in_map,
+            query=np.arange(n, dtype=np.int64),
+            time_us=rows["start"] + (rows["t"] - rows["start"]) // 2,
+            place=rows["place"],
+            distance_sum=rows["distance_sum"],
+            second=rows["second"],
+            second_sum=rows["second_sum"],
+            ties=np.zeros(n, dtype=np.int64),
+            candidates=rows["place"][:, None],
+            trust=rows["trust"],
+        )
+
+    def every(self, stride: int) -> Matches:
+        """Return every `stride`-th match, as queries of their own."""
+        columns = {name: getattr(self, name)[::stride] for name in _COLUMNS}
+        columns["query"] = np.arange(len(columns["query"]), dtype=np.int64)
+        return replace(self, **columns)
 
     def save(self, path: str | Path) -> None:
         """Write as ``.npz``, atomically."""
@@ -106,7 +152,8 @@ class Matches:
             found = cls(
                 Settings.from_dict(meta["settings"]),
                 whole_number(meta, "places_in_map", 1, LATEST_US),
-                **{name: arrays[name] for name in _COLUMNS},
+                **{name: arrays[name] for name in _COLUMNS if name != "trust"},
+                trust=arrays.get("trust", arrays["second_sum"] - arrays["distance_sum"]),
             )
             check_matches(found)
         return found
@@ -116,7 +163,10 @@ class Matches:
         with replacing(path) as temporary, temporary.open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(
-                ["query", "time_s", "place", "distance", "second", "second_distance", "ratio"]
+                [
+                    *("query", "time_s", "place", "distance", "second", "second_distance"),
+                    *("ratio", "trust"),
+                ]
             )
             for i in range(len(self)):
                 row = [int(self.query[i]), f"{self.time_us[i] / 1e6:.6f}", int(self.place[i])]
@@ -126,6 +176,7 @@ class Matches:
                     row.append(f"{self.ratio[i]:.6f}")
                 else:
                     row += ["", "", ""]
+                row.append(int(self.trust[i]))
                 table.writerow(row)
 
 
@@ -138,6 +189,7 @@ _COLUMNS = (
     "second_sum",
     "ties",
     "candidates",
+    "trust",
 )
 
 
@@ -158,12 +210,12 @@ def check_matches(matches: Matches) -> None:
     limits = {
         "query": (0, LATEST_US), "time_us": (-LATEST_US, LATEST_US), "place": (0, last),
         "distance_sum": (0, LATEST_US), "second": (-1, last), "second_sum": (-1, LATEST_US),
-        "ties": (0, last), "candidates": (-1, last),
+        "ties": (0, last), "candidates": (-1, last), "trust": (-LATEST_US, LATEST_US),
     }  # fmt: skip
     for name, (least, most) in limits.items():
         column = getattr(matches, name)
-        shape = (n, CANDIDATES) if name == "candidates" else (n,)
-        check_array(column, name, (np.int64,), shape)
+        width = 1 if matches.candidates.shape[1:] == (1,) else CANDIDATES
+        check_array(column, name, (np.int64,), (n, width) if name == "candidates" else (n,))
         check_range(column, name, least, most)
     if n == 0 or (np.diff(matches.query) <= 0).any():
         raise MapError(f"query of {n} matches: expected one match or more, in order")
@@ -172,7 +224,7 @@ def check_matches(matches: Matches) -> None:
 
 
 def match_descriptors(places: Descriptors, queries: Descriptors, settings: Settings) -> Matches:
-    """Match every query window by sequences of L windows (method.md sections 4 and 5).
+    """Match every query window, by sequences of L windows or by the place filter.
 
     Parameters
     ----------
@@ -181,12 +233,13 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
     queries : Descriptors
         Q of them, counted at the same pixels.
     settings : Settings
-        `sequence_length`, `anchor` and `exclusion` are used.
+        `matching` and its settings, and `exclusion`, are used.
 
     Returns
     -------
     Matches
-        Of Q - L + 1 windows: those that a whole sequence is centred on (or ends with).
+        Of all Q windows by the filter. By sequences, of Q - L + 1: those that a whole sequence is
+        centred on (or ends with).
 
     Raises
     ------
@@ -200,6 +253,8 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "
             f"{queries.counts.shape[1]}: describe both with the same map"
         )
+    if settings.matching == "filter":
+        return _match_by_filter(places, queries, settings)
     length, exclusion = settings.sequence_length, settings.exclusion
     check_length(length, len(places), len(queries))
     offset = anchor_offset(length, settings.anchor)
@@ -225,6 +280,36 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
         second_sum=second_sum,
         ties=ties,
         candidates=np.where(candidates < 0, -1, candidates + offset),
+        trust=np.where(second < 0, 0, second_sum - best_sum),
+    )
+
+
+def _match_by_filter(places: Descriptors, queries: Descriptors, settings: Settings) -> Matches:
+    index, n = ReferenceIndex(places.counts), len(queries)
+    place_filter = PlaceFilter(
+        len(places),
+        StepPrices.of(settings),
+        settings.exclusion,
+        mean_activity(places.activity),
+    )
+    columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
+    candidates = np.empty((n, CANDIDATES), dtype=np.int64)
+    for j, events in enumerate(queries.activity.tolist()):
+        columns[j] = place_filter.advance(index.distances(queries.counts[j]), events)
+        candidates[j] = _nearest(place_filter.metric[:, None])
+    place, metric, second, second_metric, ties, trust = columns.T
+    return Matches(
+        settings=settings,
+        places_in_map=len(places),
+        query=np.arange(n, dtype=np.int64),
+        time_us=queries.centre_us,
+        place=place,
+        distance_sum=metric,
+        second=second,
+        second_sum=second_metric,
+        ties=ties,
+        candidates=candidates,
+        trust=trust,
     )
 
 

@@ -32,7 +32,7 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
         Width of the zone around the best place; number of sums to search.
     policy : ndarray of int64, shape (2,)
         Next tick, and the place said last; changed in place.
-    out : ndarray of int64, shape (n, 6)
+    out : ndarray of int64, shape (n, 7)
         Matches are written here: the integers of MATCH_DTYPE, in its order.
 
     Returns
@@ -99,6 +99,8 @@ def follow(s, slots, times, until, every, interval, change, exclusion, places, p
         out[given, 3] = second + length - 1 if second >= 0 else -1
         out[given, 4] = np.int64(second_least) + number[BASE] if second >= 0 else -1
         out[given, 5] = bound[0] - bound[1]
+        # of a window of a number of events, the time of the oldest
+        out[given, 6] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
         given += 1
 
 

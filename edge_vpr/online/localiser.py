@@ -14,9 +14,10 @@ from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
 from edge_vpr.array_checks import LATEST_US
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
-from edge_vpr.errors import EdgeVprError, EventError, MapError
+from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_checks import check_map
+from edge_vpr.online.filter_run import FilterRun
 from edge_vpr.online.kernel import DONE, NEXT_TICK, RING_FULL, follow
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_window import selected_in_order
@@ -29,14 +30,16 @@ from edge_vpr.online.state import (
     start,
     with_distances,
 )
-from edge_vpr.online.state_checks import check_extent, check_state
+from edge_vpr.online.state_checks import check_extent, check_filter_state, check_state
 from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
 #: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
 #: exclusion zone (-1: none); their distances, summed over the L windows of the sequence; best over
-#: second; events at the selected pixels in the newest window.
+#: second; events at the selected pixels in the newest window, and its start; trust, higher is
+#: surer (of the place filter as `place_filter.FilterMatch` has it, of sequences the margin). The
+#: place filter has metrics in place of distances, and windows in place of sequences.
 MATCH_DTYPE = np.dtype(
     [
         ("t", "<i8"),
@@ -46,6 +49,8 @@ MATCH_DTYPE = np.dtype(
         ("second_sum", "<i8"),
         ("ratio", "<f8"),
         ("events", "<i8"),
+        ("start", "<i8"),
+        ("trust", "<i8"),
     ]
 )
 KIND = "localiser state"
@@ -104,13 +109,14 @@ class Localiser:
         self._pixel_map = reference.pixel_map
         self._table = reference.pixel_map.table()
         self._window = window_of(settings)
-        self._length = settings.sequence_length
+        self._length = settings.windows_per_match
         self._full_scale = reference.full_scale
-        self._codes = reference.codes
+        self._codes = None if reference.own_mean_code is not None else reference.codes
+        self._mean, self._activity = reference.mean, reference.places.activity
         self._places = reference.places.counts
         check_map(
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
-            reference.full_scale,
+            reference.full_scale, reference.mean,
         )  # fmt: skip
         places, counters = self._places.shape
         check_extent(places, counters, self._length, recent, self._window)
@@ -118,7 +124,16 @@ class Localiser:
         self._now = 0  # T: all events before it have been taken
         self._floor = 0  # no event may be earlier
         self._s = start(self._places, self._window, self._length, self._codes)
-        self._out = np.empty((_MATCHES_AT_ONCE, 6), dtype=np.int64)
+        self._filter = None
+        if settings.matching == "filter":
+            if recent:
+                raise UsageError(
+                    f"{recent} recent places are left out by sequences only: set matching to "
+                    "sequence"
+                )
+            self._filter = FilterRun(reference, self.every)
+            self._s = self._filter.prepared(self._s)
+        self._out = np.empty((_MATCHES_AT_ONCE, 7), dtype=np.int64)
 
     def __len__(self) -> int:
         return len(self._places)
@@ -156,6 +171,10 @@ class Localiser:
         seen, whole = self._seen_and_whole()
         return min(1.0, seen / whole)
 
+    @property
+    def _next_tick(self) -> int:
+        return int(self._policy[NEXT_TICK]) if self._filter is None else self._filter.next_tick
+
     def _seen_and_whole(self) -> tuple[int, int]:
         if isinstance(self._window, FixedTime):
             return self._now, self._length * self._window.tau_us
@@ -185,7 +204,7 @@ class Localiser:
             return np.empty(0, dtype=MATCH_DTYPE)
         last = int(events["t"][-1])
         slots, times = selected_in_order(self._table, events, self._floor, self.settings.polarity)
-        self.every.check_ticks(int(self._policy[NEXT_TICK]), last)
+        self.every.check_ticks(self._next_tick, last)
         matches = self._run(slots, times, last)
         self._floor, self._now = last, last + 1
         advance(self._s, self._now)
@@ -209,7 +228,7 @@ class Localiser:
             )
         if until_us > LATEST_US:
             raise EventError(f"time {until_us} us lies beyond {LATEST_US}: check the clock's unit")
-        self.every.check_ticks(int(self._policy[NEXT_TICK]), until_us)
+        self.every.check_ticks(self._next_tick, until_us)
         nothing = np.empty(0, dtype=np.int64)
         matches = self._run(nothing.astype(np.int32), nothing, until_us)
         advance(self._s, until_us)
@@ -245,10 +264,12 @@ class Localiser:
                 f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
                 "codes where the map has a code"
             )
+        if self._filter is not None:
+            raise UsageError("places are added while matching by sequences only: map the drive")
         wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
         self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
         settle(self._s)
-        self._s = with_distances(self._s, self._places, self._codes)
+        self._s = with_distances(self._s, self._places)
         return len(self._places) - 1
 
     def save(self, path: str | Path) -> None:
@@ -272,6 +293,11 @@ class Localiser:
         }
         if self._full_scale is not None:
             arrays["full_scale"] = self._full_scale
+        if self._mean is not None:
+            arrays["mean"] = self._mean
+        if self._filter is not None:
+            arrays["activity"] = self._activity
+            arrays |= self._filter.to_arrays()
         meta = {
             "sensor": list(self._pixel_map.sensor),
             "settings": self.settings.to_dict(),
@@ -311,6 +337,7 @@ class Localiser:
             ends=len(self._places) - self._length + 1,
             window=self._window,
             every=self.every,
+            filtered=self._filter is not None,
         )
         bound = arrays["bound"]
         first = int(bound[-1])
@@ -322,7 +349,11 @@ class Localiser:
         self._s.bound[:] = bound
         self._s.counts[:] = recount(self._s)
         self._policy[:] = arrays["policy"]
-        self._s = with_distances(self._s, self._places, self._codes)
+        if self._filter is not None:
+            check_filter_state(arrays, len(self._places), self._window, self.every, clock.floor_us)
+            self._filter.resume(arrays)
+            self._s = self._filter.prepared(self._s)
+        self._s = with_distances(self._s, self._places)
         self._now, self._floor = clock.now_us, clock.floor_us
 
     def _run(
@@ -344,6 +375,9 @@ class Localiser:
     def _run_piece(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> list[npt.NDArray[np.void]]:
+        if self._filter is not None:
+            self._s, rows = self._filter.run(self._s, slots, times, until)
+            return [_matches(row) for row in rows]
         found, consumed = [], 0
         while True:
             read, given, why = follow(
@@ -375,7 +409,7 @@ class Localiser:
             If anything differs, which no sequence of events can bring about.
         """
         settle(self._s)
-        fresh = with_distances(self._s, self._places, self._codes)
+        fresh = with_distances(self._s, self._places)
         same = (
             np.array_equal(recount(self._s), self._s.counts)
             and np.array_equal(fresh.sums[: fresh.shape[1]], self._s.sums[: fresh.shape[1]])
@@ -397,10 +431,11 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
     return ReferenceMap(
         Settings.from_dict(meta["settings"]),
         pixel_map,
-        Descriptors(arrays["places"], no_times, no_times, no_times),
+        Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
         saliency=figures,
         hot=np.broadcast_to(np.False_, figures.shape),
         full_scale=arrays.get("full_scale"),
+        mean=arrays.get("mean"),
     )
 
 
@@ -409,10 +444,14 @@ def _matches(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
     matches = np.empty(len(rows), dtype=MATCH_DTYPE)
     if matches.size == 0:
         return matches
-    names = [name for name in MATCH_DTYPE.names or () if name != "ratio"]
+    names = [name for name in MATCH_DTYPE.names or () if name not in ("ratio", "trust")]
+    if rows.shape[1] > len(names):
+        names.append("trust")
     for name, column in zip(names, rows.T, strict=True):
         matches[name] = column
     best, second = matches["distance_sum"], matches["second_sum"]
+    if "trust" not in names:
+        matches["trust"] = np.where(matches["second"] < 0, 0, second - best)
     matches["ratio"] = np.nan
     matches["ratio"][second == 0] = 1.0
     np.divide(best, second, out=matches["ratio"], where=second > 0)

@@ -55,7 +55,7 @@ class Sliding(NamedTuple):
     code : ndarray of uint16, shape (codes, size)
         Tables, a row each: code of each count, not decreasing; the last stands for all larger
         counts. Of size 0: the count itself.
-    row : ndarray of uint8, shape (J,)
+    row : ndarray of uint16, shape (J,)
         Which table a counter uses.
     columns : ndarray of uint8 or uint16
         Map, a pixel's places one after another, `stride` apart from pixel to pixel.
@@ -82,7 +82,7 @@ class Sliding(NamedTuple):
     tau: int
     n: int
     code: npt.NDArray[np.uint16]
-    row: npt.NDArray[np.uint8]
+    row: npt.NDArray[np.uint16]
     columns: npt.NDArray[np.unsignedinteger]
     low: npt.NDArray[np.int64]
     high: npt.NDArray[np.int64]
@@ -233,9 +233,9 @@ def start(
         What the counts of a window become before they are compared.
     """
     counters = places.shape[1]
-    tables, row = np.empty((1, 0), dtype=np.uint16), np.zeros(counters, dtype=np.uint8)
+    tables, row = np.empty((1, 0), dtype=np.uint16), np.zeros(counters, dtype=np.uint16)
     if codes is not None:
-        tables, row = codes.tables, codes.row.copy()
+        tables, row = codes.tables, codes.row.astype(np.uint16)
     no_sums, none = np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.int64)
     bare = Sliding(
         slot=np.zeros(RING_EVENTS, dtype=np.int32),
@@ -257,12 +257,10 @@ def start(
         number=np.zeros(2, dtype=np.int64),
         shape=np.zeros(2, dtype=np.int64),
     )
-    return with_distances(bare, places, codes)
+    return with_distances(bare, places)
 
 
-def with_distances(
-    s: Sliding, places: npt.NDArray[np.unsignedinteger], codes: PixelCodes | None
-) -> Sliding:
+def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Sliding:
     """Lay a map out by pixel and compute every distance of the present counters anew."""
     length = len(s.counts)
     # whole vectors, and an odd number of them: a power of two would make all columns of a place
@@ -272,7 +270,7 @@ def with_distances(
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
-    coded = s.counts if codes is None else codes.encode(s.counts).astype(np.int64)
+    coded = _coded(s)
     # spare places of the smallest counts fill the last vector
     spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
     index = ReferenceIndex(np.concatenate([places, spare]))
@@ -304,6 +302,31 @@ def with_distances(
         number=np.array([base, 0], dtype=np.int64),
         shape=np.array([stride, count], dtype=np.int64),
     )
+
+
+def compared(s: Sliding, index: ReferenceIndex) -> Sliding:
+    """Compute every distance anew after the codes of the counters have changed.
+
+    Parameters
+    ----------
+    s : Sliding
+        Of one window, with all moves taken.
+    index : ReferenceIndex
+        The map.
+    """
+    coded, count = _coded(s)[0], index.places
+    base = int(np.abs(coded - np.clip(coded, s.low, s.high)).sum())
+    s.sums[:count] = index.distances(coded) - base
+    s.number[BASE] = base
+    s.block_least[:] = np.minimum.reduceat(s.sums[:count], np.arange(0, count, BLOCK))
+    return s
+
+
+def _coded(s: Sliding) -> npt.NDArray[np.int64]:
+    """Return the counters of each lag as they are compared, shape (L, J)."""
+    if s.code.size == 0:
+        return s.counts
+    return s.code[s.row, np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
 
 
 def _aligned(size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:

@@ -12,6 +12,7 @@ from edge_vpr.archive import Arrays
 from edge_vpr.array_checks import LATEST_US, check_array, check_range, whole_number
 from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import MapError, UsageError
+from edge_vpr.matching.place_filter import METRIC_TOP, RECIPROCAL_BITS, TRUST_BITS
 from edge_vpr.online.schedule import MatchSchedule
 
 #: Counters of all windows of a sequence: 128 MB as the kernels hold them.
@@ -76,6 +77,7 @@ def check_state(
     ends: int,
     window: Window,
     every: MatchSchedule,
+    filtered: bool,
 ) -> Clock:
     """Raise unless the arrays are a state that a localiser can come to.
 
@@ -89,6 +91,8 @@ def check_state(
         J (or 2 J), L, and the number of places that a sequence can end at.
     window : FixedTime or FixedCount
     every : MatchSchedule
+    filtered : bool
+        Whether the place filter matches, and not sequences.
 
     Returns
     -------
@@ -118,12 +122,10 @@ def check_state(
             f"{expected.tolist()}"
         )
     check_array(arrays["policy"], "policy", (np.int64,), (2,))
+    if filtered:  # whose schedule is its own
+        return Clock(now_us, floor_us)
     tick, place = arrays["policy"].tolist()
-    interval = every.interval_us
-    if tick != ((floor_us // interval + 1) * interval if interval else 0):
-        raise MapError(f"policy says the next time for a match is {tick} us, at {floor_us} us")
-    if not -1 <= place < ends:
-        raise MapError(f"policy names the place {place}: expected -1 to {ends - 1}")
+    _check_schedule(tick, place, ends, every, floor_us)
     return Clock(now_us, floor_us)
 
 
@@ -134,3 +136,60 @@ def _bounds(arrays: Arrays, window: Window, length: int, now_us: int) -> npt.NDA
     if isinstance(window, FixedTime):
         return last - n + np.searchsorted(arrays["time"], now_us - lags * window.tau_us)
     return np.maximum(last - lags * window.events, 0)
+
+
+def check_filter_state(
+    arrays: Arrays, places: int, window: Window, every: MatchSchedule, floor_us: int
+) -> None:
+    """Raise unless the arrays are a state of the place filter that a localiser can come to.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Of `FilterRun.to_arrays`, and ``bound``.
+    places : int
+        K.
+    window : FixedTime or FixedCount
+    every : MatchSchedule
+    floor_us : int
+        Until when time has passed.
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape, or holds what no run leaves.
+    """
+    check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
+    check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
+    check_array(arrays["filter_state"], "filter_state", (np.int64,), (5,))
+    reciprocal, usual, place, trust, windows = arrays["filter_state"].tolist()
+    ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
+        int(arrays["bound"][0]) // window.events
+    )  # fmt: skip
+    within = (
+        0 <= reciprocal <= 1 << RECIPROCAL_BITS
+        and 0 <= usual <= LATEST_US
+        and (0 <= place < places if windows else place == -1)
+        and 0 <= trust <= METRIC_TOP << TRUST_BITS
+    )
+    if not within or windows != ended:
+        raise MapError(
+            f"filter_state holds {arrays['filter_state'].tolist()} for {places} places after "
+            f"{ended} windows: save the state again"
+        )
+    check_array(arrays["filter_schedule"], "filter_schedule", (np.int64,), (2,))
+    tick, told = arrays["filter_schedule"].tolist()
+    _check_schedule(tick, told, places, every, floor_us)
+    if "filter_mean" in arrays:
+        check_array(arrays["filter_mean_windows"], "filter_mean_windows", (np.int64,), (1,))
+        check_range(arrays["filter_mean_windows"], "filter_mean_windows", 0, max(windows, 0))
+
+
+def _check_schedule(
+    tick: int, place: int, places: int, every: MatchSchedule, floor_us: int
+) -> None:
+    interval = every.interval_us
+    if tick != ((floor_us // interval + 1) * interval if interval else 0):
+        raise MapError(f"the state says the next time for a match is {tick} us, at {floor_us} us")
+    if not -1 <= place < places:
+        raise MapError(f"the state names the place {place}: expected -1 to {places - 1}")

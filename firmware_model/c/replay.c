@@ -6,6 +6,15 @@ typedef struct {
     uint32_t used; /* beyond size once a word did not fit */
 } writer_t;
 
+/* Nothing may rest on what memory holds before it is written. */
+static void spoil(void *memory, uint32_t bytes)
+{
+    volatile uint8_t *const at = memory;
+    for (uint32_t i = 0U; i < bytes; i++) {
+        at[i] = 0xA5U;
+    }
+}
+
 static void put(writer_t *w, uint32_t word)
 {
     if (w->used < w->size) {
@@ -50,6 +59,7 @@ static void put_match(writer_t *w, const vpr_match_t *m)
 static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint32_t events)
 {
     vpr_match_t match;
+    spoil(&match, (uint32_t)sizeof match);
     vpr_window_end(d, s);
     put_window(w, d, s, events);
     if (vpr_match_places(d, s, &match)) {
@@ -65,16 +75,23 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
     vpr_state_t state;
     writer_t writer = {out, out_words, 0U};
 
-    if (!vpr_open(&design, image, image_bytes) || (vpr_ram_bytes(&design) > ram_bytes)) {
+    if ((batch == 0U) || !vpr_open(&design, image, image_bytes) ||
+        (vpr_ram_bytes(&design) > ram_bytes)) {
         return 0U;
     }
+    spoil(&state, (uint32_t)sizeof state);
+    spoil(ram, vpr_ram_bytes(&design));
     vpr_reset(&design, &state, ram, start);
     const vpr_event_t *next = events;
     const vpr_event_t *const end = &events[event_count];
-    while (next != end) {
+    while ((next != end) && (writer.used <= out_words)) {
         const uint32_t taken = (uint32_t)(next - events);
         const uint32_t step = ((event_count - taken) < batch) ? (event_count - taken) : batch;
-        const vpr_status_t status = vpr_events(&design, &state, &next, &next[step]);
+        const vpr_event_t *const last = &next[step];
+        const vpr_status_t status = vpr_events(&design, &state, &next, last);
+        if ((status == VPR_ALL_TAKEN) && (next != last)) {
+            return 0U; /* it says that it has taken what it has not */
+        }
         if ((batch == 1U) && (next != &events[taken])) {
             put_event(&writer, &state, taken, vpr_slot(&design, &events[taken]));
         }

@@ -2,7 +2,8 @@
 
 #include "sad.h"
 
-/* Words of the image's header. Offsets are in bytes from its beginning, multiples of 16. */
+/* Words of the image's header. Offsets are in bytes from its beginning, multiples of 16; the tables
+ * lie in the order of their words, and do not overlap. */
 enum {
     AT_MAGIC = 0,
     AT_VERSION,
@@ -31,7 +32,8 @@ enum {
     AT_PLACES_TABLE
 };
 
-#define LIMIT 0xFFFFU /* of what is multiplied */
+#define LIMIT 0xFFFFU     /* of what is multiplied */
+#define SIDE_MAX 0x8000U /* rows of an event have 15 bits */
 #define COLUMN_MASK 0xFFFFU
 #define ROW_SHIFT 16U
 #define PIXEL_MASK 0x7FFFFFFFU
@@ -57,47 +59,122 @@ static bool fits(uint32_t wide, uint32_t narrow)
     return (((wide >> 16) * narrow) + (((wide & LIMIT) * narrow) >> 16)) <= LIMIT;
 }
 
-/* Whether all that is multiplied is small enough for the widths of vpr_state_t. */
+/* Whether every word of the header is within its range, each alone and those that are multiplied
+ * together. */
 static bool within_limits(const uint32_t *image)
 {
-    static const uint8_t small[] = {AT_WIDTH,  AT_HEIGHT,    AT_SLOTS,  AT_STRIDE, AT_COUNT_MAX,
-                                    AT_PLACES, AT_LENGTH, AT_EXCLUSION, AT_RATIO_DENOMINATOR};
-    for (uint32_t i = 0U; i < sizeof small; i++) {
-        if (image[small[i]] > LIMIT) {
+    static const struct {
+        uint8_t word;
+        uint8_t least;
+        uint16_t most;
+    } range[] = {{AT_WIDTH, 1U, SIDE_MAX},  {AT_HEIGHT, 1U, SIDE_MAX},
+                 {AT_PIXELS, 1U, LIMIT},    {AT_SLOTS, 1U, LIMIT},
+                 {AT_COUNT_MAX, 1U, LIMIT}, {AT_PLACES, 1U, LIMIT},
+                 {AT_LENGTH, 1U, LIMIT},    {AT_EXCLUSION, 0U, LIMIT},
+                 {AT_WINDOW_KIND, 0U, 1U},  {AT_TIMESTAMP_BITS, 2U, 32U},
+                 {AT_CODE_MAX, 1U, 255U},   {AT_CODES, 1U, 16U},
+                 {AT_RATIO_DENOMINATOR, 0U, LIMIT}};
+    for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
+        const uint32_t value = image[range[i].word];
+        if ((value < range[i].least) || (value > range[i].most)) {
             return false;
         }
     }
-    if ((image[AT_CODE_MAX] > 255U) || (image[AT_CODES] > 16U)) {
-        return false;
-    }
-    const uint32_t distance_max = image[AT_SLOTS] * image[AT_CODE_MAX];
-    return (distance_max <= LIMIT) &&
-           fits(distance_max * image[AT_LENGTH], image[AT_RATIO_DENOMINATOR]) &&
+    const uint32_t slots = image[AT_SLOTS];
+    const uint32_t depth = image[AT_LOOKUP_DEPTH];
+    const uint32_t denominator = image[AT_RATIO_DENOMINATOR];
+    const uint32_t distance_max = slots * image[AT_CODE_MAX];
+    /* by time, windows are shorter than half the clock's period */
+    const uint32_t windows = (image[AT_WINDOW_KIND] == 0U)
+                                 ? ((1U << (image[AT_TIMESTAMP_BITS] - 1U)) - 1U)
+                                 : VPR_NONE;
+    return ((slots == image[AT_PIXELS]) || (slots == (image[AT_PIXELS] * 2U))) &&
+           (image[AT_STRIDE] == rounded_up(slots)) && ((depth - 1U) <= LIMIT) &&
+           ((depth & (depth - 1U)) == 0U) && ((image[AT_WINDOW] - 1U) < windows) &&
+           (image[AT_LENGTH] <= image[AT_PLACES]) &&
+           ((denominator == 0U) || (image[AT_ACCEPT] < denominator)) && (distance_max <= LIMIT) &&
+           fits(distance_max * image[AT_LENGTH], denominator) &&
            fits(image[AT_PLACES] * image[AT_LENGTH], 8U);
 }
 
-/* Whether the tables end where the image does, at the latest. */
-static bool inside(const uint32_t *image, uint32_t table, uint32_t bytes)
+/* Whether the tables lie behind the header and one another, aligned, and within the image. */
+static bool laid_out(const uint32_t *image)
 {
-    return (image[table] <= image[AT_BYTES]) && (bytes <= (image[AT_BYTES] - image[table]));
+    const uint32_t size[] = {image[AT_HEIGHT] * 2U, image[AT_LOOKUP_DEPTH] * 8U,
+                             image[AT_CODES] * (image[AT_COUNT_MAX] + 1U), image[AT_SLOTS],
+                             image[AT_PLACES] * image[AT_STRIDE]};
+    uint32_t end = VPR_HEADER_WORDS * 4U;
+    for (uint32_t i = 0U; i < (sizeof size / sizeof *size); i++) {
+        const uint32_t at = image[AT_DISPLACEMENT_TABLE + i];
+        if ((at < end) || (at != rounded_up(at)) || (at > image[AT_BYTES]) ||
+            (size[i] > (image[AT_BYTES] - at))) {
+            return false;
+        }
+        end = at + size[i];
+    }
+    return true;
+}
+
+static bool at_most(const uint8_t *bytes, uint32_t count, uint32_t most)
+{
+    for (uint32_t i = 0U; i < count; i++) {
+        if (bytes[i] > most) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Whether the look-up has one entry for each selected pixel, where events of the pixel look for it,
+ * with its slots. */
+static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
+{
+    uint32_t owned = 0U;
+    for (uint32_t y = 0U; y < d->height; y++) {
+        if (d->displacement[y] > d->lookup_mask) {
+            return false;
+        }
+    }
+    for (uint32_t at = 0U; at <= d->lookup_mask; at++) {
+        const vpr_entry_t *const entry = &d->lookup[at];
+        const uint32_t column = entry->pixel & COLUMN_MASK;
+        const uint32_t y = entry->pixel >> ROW_SHIFT;
+        if (entry->pixel == VPR_NONE) {
+            continue;
+        }
+        if ((column >= width) || (y >= d->height) ||
+            (((column + d->displacement[y]) & d->lookup_mask) != at) ||
+            (entry->slot[1] >= pixels) || (entry->slot[0] != (entry->slot[1] + d->slots - pixels))) {
+            return false;
+        }
+        owned++;
+    }
+    return owned == pixels;
+}
+
+/* Whether no place has a code beyond the largest, and padding that is not zero. */
+static bool places_sound(const vpr_design_t *d, uint32_t code_max)
+{
+    const uint8_t *codes = d->places;
+    for (uint32_t place = 0U; place < d->place_count; place++) {
+        if (!at_most(codes, d->slots, code_max) ||
+            !at_most(&codes[d->slots], d->stride - d->slots, 0U)) {
+            return false;
+        }
+        codes = &codes[d->stride];
+    }
+    return true;
 }
 
 bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
 {
     if ((image_bytes < (VPR_HEADER_WORDS * 4U)) || (image[AT_MAGIC] != VPR_MAGIC) ||
-        (image[AT_VERSION] != VPR_VERSION) || (image[AT_BYTES] != image_bytes)) {
+        (image[AT_VERSION] != VPR_VERSION) || (image[AT_BYTES] != image_bytes) ||
+        !within_limits(image) || !laid_out(image)) {
         return false;
     }
     const uint8_t *const bytes = (const uint8_t *)image;
     const bool by_time = image[AT_WINDOW_KIND] == 0U;
-    if (!within_limits(image) || (image[AT_LOOKUP_DEPTH] > (LIMIT + 1U)) ||
-        !inside(image, AT_DISPLACEMENT_TABLE, image[AT_HEIGHT] * 2U) ||
-        !inside(image, AT_LOOKUP_TABLE, image[AT_LOOKUP_DEPTH] * 8U) ||
-        !inside(image, AT_CODE_TABLE, image[AT_CODES] * (image[AT_COUNT_MAX] + 1U)) ||
-        !inside(image, AT_WHICH_CODE_TABLE, image[AT_SLOTS]) ||
-        !inside(image, AT_PLACES_TABLE, image[AT_PLACES] * image[AT_STRIDE])) {
-        return false;
-    }
 
     /* MISRA deviation 11.3: the tables lie aligned in the image */
     d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
@@ -118,7 +195,10 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->exclusion = image[AT_EXCLUSION];
     d->ratio_denominator = image[AT_RATIO_DENOMINATOR];
     d->accept = image[AT_ACCEPT];
-    return true;
+    return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) &&
+           at_most(d->code, image[AT_CODES] * (d->count_max + 1U), image[AT_CODE_MAX]) &&
+           at_most(d->code_table, d->slots, image[AT_CODES] - 1U) &&
+           places_sound(d, image[AT_CODE_MAX]);
 }
 
 uint32_t vpr_ram_bytes(const vpr_design_t *d)

@@ -22,6 +22,9 @@ CORNERS = {
     "unselected": "an event at a pixel that is not selected",
     "entry_of_another_row": "an event at such a pixel whose look-up entry belongs to another row",
     "off_the_sensor": "an event that names no pixel of the sensor",
+    "below_the_sensor": "such an event in the row behind the last one",
+    "column_above_511": "an event at a selected pixel whose column is above 511",
+    "count_above_255": "an event at a counter of 255 or more",
     "on": "an ON event at a selected pixel",
     "off": "an OFF event at a selected pixel",
     "sensor_corner": "an event at one of the four corners of the sensor",
@@ -30,6 +33,8 @@ CORNERS = {
     "empty_window": "a window without events at selected pixels",
     "full_window": "a window that ends with its last event",
     "all_equal_counts": "a window with the same count, not zero, in every counter",
+    "window_above_255": "a window with a number above 255",
+    "code_of_nothing": "a window with a counter at zero whose code is not zero",
     "incomplete_sequence": "a window before which there were fewer than L - 1",
     "zero_distance": "a place at distance zero",
     "largest_distance": "a place at the largest distance that there can be",
@@ -51,6 +56,10 @@ CORNERS = {
     "rejected_at_threshold": "a match that is rejected, and would not be were its sum one smaller",
     "lanes_unfilled": "a window whose last memory word is not full",
     "several_tables": "a window with counters of different code tables",
+    "three_tables": "a window with counters of three code tables or more",
+    "long_sequence": "a match of a sequence of more than eight windows",
+    "place_0_on_the_left": "a match whose second best is place 0, and lower than the best",
+    "product_above_16_bits": "a match by ratio, one of whose products takes more than 16 bits",
 }
 
 
@@ -98,6 +107,7 @@ def _see_event(
         found["late"] += elapsed < 0
     on_sensor = event.x < design.width and event.y < design.height
     found["off_the_sensor"] += not on_sensor
+    found["below_the_sensor"] += event.y == design.height
     edges = (event.x in (0, design.width - 1), event.y in (0, design.height - 1))
     found["sensor_corner"] += all(edges)
     if slot is None:
@@ -108,6 +118,8 @@ def _see_event(
         ends = design.window == "time" and elapsed >= tau
         count = 0 if ends else descriptor.counts[slot]
         found["saturated"] += count == design.count_max
+        found["column_above_511"] += event.x > 511
+        found["count_above_255"] += count >= 255
         found["filled"] += count == design.count_max - 1
         found["same_pixel_twice"] += before[-1] == slot
         found["a_b_a"] += before[-2] == slot != before[-1]
@@ -123,9 +135,14 @@ def _see_window(machine: Machine, window: WindowResult, found: Counter[str]) -> 
     found["all_equal_counts"] += counts[0] > 0 and len(set(counts)) == 1 and len(counts) > 1
     if design.window == "time":
         found["clock_wrapped"] += descriptor.start + design.tau_us >= 1 << design.timestamp_bits
+    found["window_above_255"] += window.number > 255
+    found["code_of_nothing"] += any(
+        code > 0 and not n for code, n in zip(window.codes, counts, strict=True)
+    )
     found["incomplete_sequence"] += window.number + 1 < design.length
     found["lanes_unfilled"] += design.slots % design.lanes > 0
     found["several_tables"] += len(set(descriptor.memories.tables)) > 1
+    found["three_tables"] += len(set(descriptor.memories.tables)) > 2
 
 
 def _see_distances(design: Design, distances: list[int], found: Counter[str]) -> None:
@@ -142,11 +159,16 @@ def _see_match(
     sums = [(k, sum(row[k - ago] for ago, row in enumerate(rows))) for k in ends]
     found["tie_of_two"] += match.ties == 1
     found["tie_of_three"] += match.ties >= 2
+    found["long_sequence"] += design.length > 8
     found["one_place"] += design.places == 1
     found["accepted"] += match.accepted
     if match.second is None or match.second_sum is None:
         found["no_second"] += 1
         return
+    found["place_0_on_the_left"] += match.second == 0 < match.place
+    if design.accept == "ratio":
+        products = match.sum * design.ratio[1], match.second_sum * design.ratio[0]
+        found["product_above_16_bits"] += max(products) > 0xFFFF
     found["rejected"] += not match.accepted
     found["tie_across_zone"] += match.second_sum == match.sum
     outside = [(k, s) for k, s in sums if abs(k - match.place) > design.exclusion]

@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,16 @@ def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) 
     return manifest
 
 
+def files_of(manifest: Mapping[str, Any]) -> list[str]:
+    """List the files that a manifest describes, and itself, as paths below its folder."""
+    return [MANIFEST, "design.toml"] + [
+        f"{suite['name']}/{case['name']}/{name}"
+        for suite in manifest["suites"]
+        for case in suite["cases"]
+        for name in case["files"]
+    ]
+
+
 def _write_case(folder: Path, suite: str, case: Case, number: int) -> dict[str, Any]:
     place = folder / suite / case.name
     place.mkdir(parents=True)
@@ -177,7 +188,10 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
             (("slot", bits["slot"]), ("owner", bits["owner"])),
             zip(lookup.slot, lookup.owner, strict=True),
         ),
-        "codes": ((("code", bits["code"]),), [(c,) for table in design.tables for c in table]),
+        "codes": (
+            (("code", bits["code"]),),
+            [(c,) for c in chain(*case.memories.codes)],
+        ),
         "code_tables": ((("table", bits["table"]),), [(t,) for t in case.memories.tables]),
         "expected_events": (
             (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"])),
@@ -244,7 +258,7 @@ def _arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
         "displacement": np.array(lookup.displacement, dtype="<u4"),
         "owner": np.array(lookup.owner, dtype="<u4"),
         "slot": np.array(lookup.slot, dtype="<u4"),
-        "codes": np.array(design.tables, dtype="<u2"),
+        "codes": np.array(case.memories.codes, dtype="<u2"),
         "code_tables": np.array(case.memories.tables, dtype="u1"),
         "places": np.array(case.memories.places, dtype="<u2"),
         "expected_slot": np.array([-1 if r.slot is None else r.slot for r in done.events], "<i4"),

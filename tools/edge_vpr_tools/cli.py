@@ -1,30 +1,19 @@
-"""The command `edge-vpr`: runs a verb, and turns errors into one line and an exit code."""
+"""The command `edge-vpr`: run a verb, and turn errors into one line and an exit code."""
 
 from __future__ import annotations
 
-import argparse
 import importlib
+import os
 import sys
 import traceback
 from collections.abc import Sequence
 
-#: each verb is a module of this package with HELP, add_arguments(parser) and run(args)
-COMMANDS = (
-    "demo",
-    "map",
-    "match",
-    "evaluate",
-    "info",
-    "convert",
-    "simulate",
-    "experiment",
-    "golden",
-    "estimate",
-    "profile",
-    "stream",
-    "bridge",
-    "ports",
-)
+from edge_vpr import __version__
+from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean
+from edge_vpr_tools.arguments.parser import VerbParser
+from edge_vpr_tools.output.compiling import compiling_noted
+from edge_vpr_tools.output.messages import Verbosity, error_line, verbosity
+from edge_vpr_tools.verbs import EXAMPLES, GENERAL_FLAGS, GROUPS, VERBS, find_verb, module_name
 
 EXIT_FAILED, EXIT_WRONG_USE, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -42,28 +31,98 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0, 1 for a failed run, 2 for wrong use, 130 after an interrupt.
     """
-    args: argparse.Namespace | None = None
+    argv = sys.argv[1:] if argv is None else argv
     try:
-        args = _parser().parse_args(argv)
-        args.run(args)
+        if "_ARGCOMPLETE" in os.environ:
+            importlib.import_module("edge_vpr_tools.output.completions").answer()
+        run(argv)
         sys.stdout.flush()
     except KeyboardInterrupt:
-        print("edge-vpr: interrupted; nothing half written was left", file=sys.stderr)
+        error_line("interrupted; nothing half written was left")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # the reader of our output has had enough, as `head` does
         sys.stderr.close()
         return 0
     except Exception as error:
-        if args is not None and args.debug:
+        if "--debug" in argv:
             traceback.print_exc()
         return _report(error)
     return 0
 
 
-def _report(error: Exception) -> int:
-    from edge_vpr.errors import EdgeVprError
+def run(argv: Sequence[str]) -> None:
+    """Run one command and let its errors through.
 
+    Parameters
+    ----------
+    argv : sequence of str
+        Arguments without the program's name.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong, or the command fails.
+    """
+    verb, words = find_verb(list(argv))
+    if not verb:
+        _without_verb(words)
+        return
+    if verb not in VERBS:
+        raise UsageError(
+            f"there is no command {verb!r}{did_you_mean(verb, VERBS)} (edge-vpr --help lists all)"
+        )
+    args = parser_of(verb).parse(words)
+    level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
+    with verbosity(level):
+        command = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
+        with compiling_noted():
+            command.run(args)
+
+
+def parser_of(verb: str) -> VerbParser:
+    """Build the parser of a verb."""
+    module = importlib.import_module(f"edge_vpr_tools.arguments.{module_name(verb)}_arguments")
+    parser = VerbParser(verb, module.EXAMPLES)
+    module.add_arguments(parser)
+    parser.add_general_flags()
+    return parser
+
+
+def _without_verb(words: Sequence[str]) -> None:
+    """Print the version or the list of verbs."""
+    for word in words:
+        if word == "--version":
+            print(f"edge-vpr {__version__}, Python {sys.version.split()[0]}")
+            return
+        if word not in GENERAL_FLAGS:
+            flags = ("--version", *GENERAL_FLAGS)
+            raise UsageError(
+                f"there is no flag {word}{did_you_mean(word, flags)} (a command comes first; "
+                "edge-vpr --help lists all)"
+            )
+    print(_help())
+    if not {"-h", "--help"} & set(words):
+        raise UsageError("no command was given: name one of those above")
+
+
+def _help() -> str:
+    lines = [
+        "usage: edge-vpr COMMAND ...",
+        "",
+        "Recognise places on a known route from the event counts of a few pixels.",
+    ]
+    for group, verbs in GROUPS.items():
+        lines += ["", f"{group}:"]
+        lines += [f"  {verb:<16} {text}" for verb, text in verbs.items()]
+    lines += ["", "general:"]
+    lines += ["  COMMAND --help   what a command takes, with defaults and examples"]
+    lines += ["  -q, -v, --debug  say less; say more; show where an error came from"]
+    lines += ["  --version        print the version", "", "examples:", EXAMPLES]
+    return "\n".join(lines)
+
+
+def _report(error: Exception) -> int:
     if isinstance(error, EdgeVprError):
         text, code = str(error), error.exit_code
     elif isinstance(error, OSError):
@@ -78,36 +137,8 @@ def _report(error: Exception) -> int:
         kind = type(error).__name__
         text = f"internal error, {kind}: {error}: run again with --debug and report what it prints"
         code = EXIT_FAILED
-    print("edge-vpr: error:", " ".join(text.split()), file=sys.stderr)
+    error_line(f"error: {text}")
     return code
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="edge-vpr",
-        description="Recognise places on a known route from the event counts of a few pixels.",
-    )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
-    parser.add_argument(
-        "--debug", action="store_true", help="show where an error came from (before the command)"
-    )
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", title="commands")
-    for name in COMMANDS:
-        module = importlib.import_module(f"edge_vpr_tools.{name}")
-        command = commands.add_parser(name, help=module.HELP, description=module.HELP)
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
-    return parser
-
-
-class _Version(argparse.Action):
-    """Looks the version up only when asked for it: importlib.metadata is slow to import."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *unused: object) -> None:
-        from importlib.metadata import version
-
-        print(f"edge-vpr {version('edge-vpr')}, Python {sys.version.split()[0]}")
-        parser.exit()
 
 
 if __name__ == "__main__":

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import match_descriptors
-from edge_vpr.pipeline import EventSource, code_places, describe, map_traverse
+from edge_vpr.pipeline import EventSource, coded_map, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.simulate import simulate_pair
 from edge_vpr_tools.estimate.pareto import Evaluated
+from edge_vpr_tools.experiments.simulated import TOLERANCE_M, truth_of_pair
 from edge_vpr_tools.experiments.trial import TruthOf
 from firmware_model.design import Design
 
@@ -44,9 +46,6 @@ class Drives:
 
 def simulated(seed: int = 0) -> Drives:
     """Simulate a street, driven twice: what there is without recordings."""
-    from edge_vpr.simulate import simulate_pair
-    from edge_vpr_tools.experiments.simulated import TOLERANCE_M, truth_of_pair
-
     reference, query = (drive.keep() for drive in simulate_pair(seed))
     length = reference.world.length_m
     name = f"the simulated street of {length:g} m (seed {seed}, within {TOLERANCE_M:g} m)"
@@ -116,8 +115,7 @@ def _coded(
     for bits in BITS:
         code: dict[str, Any] = {"counter_code": design.code, "counter_bits": bits}
         coded = mapped.settings.replaced(code, "the design")
-        places, full_scale = code_places(mapped.places, coded)
-        reference = replace(mapped, settings=coded, places=places, full_scale=full_scale)
-        matches = match_descriptors(places, reference.coded(queries), coded)
+        reference = coded_map(mapped, coded)
+        matches = match_descriptors(reference.places, reference.coded(queries), coded)
         found = evaluate(matches, truth)
         yield bits, (reference, found.precision_at_100_recall, found.queries)

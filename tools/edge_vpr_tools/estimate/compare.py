@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from edge_vpr_tools.estimate import show
@@ -121,8 +122,6 @@ def as_dict(
     ours: Side, theirs: Side, targets: Sequence[Target], measured: Constant | None
 ) -> dict[str, Any]:
     """Both as plain values: ``[this design, the other]``."""
-    from dataclasses import asdict
-
     a, b = counted(*ours), counted(*theirs)
     return {
         "counts": {name: [a.get(name, 0), value] for name, value in b.items()},

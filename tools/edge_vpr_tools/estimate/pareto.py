@@ -13,11 +13,12 @@ from matplotlib.figure import Figure
 
 from edge_vpr.errors import UsageError
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools import results
 from edge_vpr_tools.estimate.fit import Budget, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
+from edge_vpr_tools.estimate.show import UNKNOWN, size_text, spread
 from edge_vpr_tools.estimate.targets import Constant, Target
+from edge_vpr_tools.output import results
 from edge_vpr_tools.report.style import BLUE, ORANGE, figure, quantity_axis
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
@@ -189,7 +190,6 @@ def answer(found: Sequence[Candidate], asked: Asked, on: str) -> str:
 
 
 def _told(one: Candidate) -> str:
-    from edge_vpr_tools.estimate.show import UNKNOWN, size_text, spread
 
     design, power = one.design, one.cost.whole_w or one.cost.marginal_w
     watts = f"power {UNKNOWN}"

@@ -11,26 +11,14 @@ from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.estimate_arguments import DESIGN_FLAGS, EVENTS_PER_S, PLACES
+from edge_vpr_tools.arguments.setting_flags import duration_us
 from edge_vpr_tools.estimate.counts import EveryPixel
 from edge_vpr_tools.estimate.model import Mission
+from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import Constant, Spread
-from edge_vpr_tools.setting_flags import duration_us
 from firmware_model.design import Design
-
-#: of a street seen by a DAVIS346, about; stated with every estimate
-EVENTS_PER_S = 1e5
-PLACES = 1_000
-#: of the flags that make a design; a map or a file has its own
-DESIGN_FLAGS = {
-    "sensor": "346x260",
-    "pixels": 150,
-    "sequence_length": 5,
-    "counter_code": "log",
-    "counter_bits": 4,
-    "polarity": False,
-    "tau": "1s",
-    "window_events": None,
-}
 
 
 def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
@@ -54,9 +42,6 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
                     "leave it out"
                 )
         if args.map is not None:
-            from edge_vpr.reference_map import ReferenceMap
-            from edge_vpr_tools.estimate.of_map import design_of, event_rates
-
             reference = ReferenceMap.load(args.map)
             design = design_of(reference, args.lanes)
             rate, share = event_rates(reference)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
+from edge_vpr_tools.estimate.emulation import scaling
 
 _HERE = Path(__file__).parent
 KINDS = ("processor", "fpga", "datapath")
@@ -164,7 +165,6 @@ def constants() -> Mapping[str, Constant]:
 
 
 def _check_processor(target: Target, path: str | Path) -> None:
-    from edge_vpr_tools.estimate.emulation import scaling
 
     if target.core not in scaling():
         raise UsageError(

@@ -7,7 +7,7 @@ see the same pixels and the same events.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,12 @@ from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, from_tracks, load_nmea
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import match_descriptors
-from edge_vpr.pipeline import EventSource, WindowSource, code_places, describe, map_traverse
+from edge_vpr.pipeline import EventSource, WindowSource, coded_map, describe, map_traverse
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.experiments import brisbane, speck_walks
 from edge_vpr_tools.experiments.trial import Kept, Summary, Times, TruthOf, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 from fixedpoint.codes import packed_bytes
 
 FOLDER = "speck_indoor"
@@ -137,9 +137,8 @@ def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str
         truth = pair.truth_of(mapped.places.centre_us, queries.centre_us)
         for variant, changes in variants.items():
             coded = settings.replaced(changes, str(variant))
-            places, full_scale = code_places(mapped.places, coded)
-            coded_map = replace(mapped, settings=coded, places=places, full_scale=full_scale)
-            matches = match_descriptors(places, coded_map.coded(queries), coded)
+            in_code = coded_map(mapped, coded)
+            matches = match_descriptors(in_code.places, in_code.coded(queries), coded)
             found[variant].append(evaluate(matches, truth).precision_at_100_recall)
     return found
 
@@ -160,8 +159,6 @@ def run(
     figure_path : path, optional
         Where to write the figure, as PNG.
     """
-    from edge_vpr_tools.report.style import save
-
     by_width = {
         (name, bits): {**code, "counter_bits": bits}
         for name, code in CODES.items()

@@ -16,7 +16,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.matches import Matches, match_descriptors
-from edge_vpr.pipeline import EventSource, describe, map_traverse
+from edge_vpr.pipeline import EventSource, describe_query, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -89,7 +89,7 @@ def run_trial(
     mapped = map_traverse(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)
-    queries = describe(query, mapped.pixel_map, mapped.settings, mapped.full_scale)
+    queries = describe_query(mapped, query)
     match_descriptors(mapped.places, queries, mapped.settings)  # compiled and in the cache
     start = time.perf_counter()
     matches = match_descriptors(mapped.places, queries, mapped.settings)

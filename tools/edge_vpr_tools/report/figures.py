@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -171,20 +172,20 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     return drawing
 
 
-def online_places(matches: npt.NDArray[np.void], places: int) -> Figure:
-    """Draw which place was said when; sure matches (a small ratio) are dark."""
+def online_places(matches: Matches) -> Figure:
+    """Draw which place was matched when; matches of little trust are light."""
     with figure(7.5, 5.0) as (drawing, axes):
         # a picture shows no more than some ten thousand points
-        shown = matches[:: 1 + matches.size // 20_000]
+        shown = matches.every(1 + len(matches) // 20_000)
         points = axes.scatter(
-            shown["t"] / 1e6, shown["place"], c=shown["ratio"], s=3, cmap="cividis", rasterized=True
+            shown.time_us / 1e6, shown.place, c=shown.trust, s=3, cmap="cividis_r", rasterized=True
         )
-        drawing.colorbar(points, ax=axes).set_label("best over second-best distance")
+        drawing.colorbar(points, ax=axes).set_label("trust")
         axes.set(
-            title=f"Best place over time, {matches.size:,} matches",
+            title=f"Best place over time, {len(matches):,} matches",
             xlabel="time (s)",
             ylabel="reference place",
-            ylim=(-0.5, places - 0.5),
+            ylim=(-0.5, matches.places_in_map - 0.5),
         )
     return drawing
 
@@ -211,7 +212,6 @@ def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-de
 
 
 def _single_colour(colour: str):  # type: ignore[no-untyped-def]
-    from matplotlib.colors import ListedColormap
 
     return ListedColormap([colour])
 

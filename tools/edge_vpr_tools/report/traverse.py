@@ -17,7 +17,7 @@ from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequence import sequence_sums
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools import results
+from edge_vpr_tools.output import results
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page
 from edge_vpr_tools.report.style import save
@@ -40,21 +40,21 @@ def write_report(
     """
     reference = ReferenceMap.load(folder / results.MAP)
     matches = Matches.load(folder / results.MATCHES)
-    arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
-    queries = Descriptors.from_arrays(arrays)
-    drives = [
-        (name, reference.decoded(drive))
-        for name, drive in (("reference", reference.places), ("query", queries))
-    ]
-    distances, stride = shown_distances(reference.places, queries, matches)
-
+    queries = None
+    if (folder / results.QUERIES).is_file():
+        arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
+        queries = Descriptors.from_arrays(arrays)
     page = Page("edge-vpr: matches of a drive")
     settings = matches.settings
     page.text(
         f"{len(matches)} query windows matched against {len(reference)} places, "
         f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels} pixels, "
         f"{reference.bytes_per_place} bytes a place ({reference.packed_bytes_per_place} packed), "
-        f"sequences of {settings.sequence_length}."
+        + (
+            "by the place filter."
+            if settings.matching == "filter"
+            else f"sequences of {settings.sequence_length}."
+        )
     )
     if found is not None and truth is not None:
         page.heading("How many are right")
@@ -64,6 +64,31 @@ def write_report(
             {f"{len(reference.pixel_map)} pixels, {settings.strategy}": found}
         ), "Precision against recall, one step for each threshold.")  # fmt: skip
     page.heading("Matches")
+    if queries is None:
+        _add(page, folder, "online.png", lambda: figures.online_places(matches),
+             "A drive that is recognised makes a line; trusted matches are dark.")  # fmt: skip
+    else:
+        _add_queries(page, folder, reference, queries, matches, truth, found)
+    page.heading("Settings, versions and inputs")
+    page.verbatim((folder / results.RUN).read_text(encoding="utf-8"))
+    page.write(folder / results.REPORT)
+
+
+def _add_queries(
+    page: Page,
+    folder: Path,
+    reference: ReferenceMap,
+    queries: Descriptors,
+    matches: Matches,
+    truth: GroundTruth | None,
+    found: Evaluation | None,
+) -> None:
+    """Draw what needs the query's descriptors."""
+    drives = [
+        (name, reference.decoded(drive))
+        for name, drive in (("reference", reference.places), ("query", queries))
+    ]
+    distances, stride = shown_distances(reference.places, queries, matches)
     _add(page, folder, "distance_matrix.png", lambda: figures.distance_matrix(
         distances, stride, matches, truth, found
     ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
@@ -73,12 +98,9 @@ def write_report(
     page.heading("Events and windows")
     _add(page, folder, "event_rate.png", lambda: figures.event_rate(drives),
          "The selected pixels follow the whole sensor, at a fraction of the events."
-         + ("" if reference.codes is None else " Theirs are estimated from codes."))  # fmt: skip
+         + (" Theirs are estimated from codes." if reference.is_coded else ""))  # fmt: skip
     _add(page, folder, "window_lengths.png", lambda: figures.window_lengths(drives),
          "A fixed-count window is short where much moves.")  # fmt: skip
-    page.heading("Settings, versions and inputs")
-    page.verbatim((folder / results.RUN).read_text(encoding="utf-8"))
-    page.write(folder / results.REPORT)
 
 
 def _add(page: Page, folder: Path, name: str, draw: Callable[[], Figure], caption: str) -> None:
@@ -113,7 +135,7 @@ def shown_distances(
     distances : ndarray of float64, shape (rows, columns)
     stride : int
     """
-    length = matches.settings.sequence_length
+    length = matches.settings.windows_per_match
     stride = 1 + max(len(places), len(queries)) // _SIDE
     index = ReferenceIndex(places.counts)
     columns = [

@@ -1,0 +1,163 @@
+"""The kernel of the place filter event by event: from one end of a window to the next."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.descriptors.pauses import ACTIVITY_BITS, PAUSE_SHIFT
+from edge_vpr.matching.place_filter import (
+    EVIDENCE_TOP,
+    FRACTION_BITS,
+    METRIC_TOP,
+    RECIPROCAL_BITS,
+    TRUST_BITS,
+    TRUST_SHIFT,
+    least_and_second,
+    reciprocal_of_spread,
+)
+from edge_vpr.online.kernel import DONE, MATCHES_FULL, RING_FULL
+from edge_vpr.online.state import MOVES, age, settle
+
+#: What the kernel knows besides the window and the metrics: when a match is asked for (every so
+#: many events, at ticks of an interval, only if the place changes); the filter's numbers.
+CONTROL = np.dtype(
+    [
+        ("every", np.int64),
+        ("interval", np.int64),
+        ("change", np.int64),
+        ("next_tick", np.int64),
+        ("place_told", np.int64),
+        ("exclusion", np.int64),
+        ("usual", np.int64),
+        ("reciprocal", np.int64),
+        ("place", np.int64),
+        ("trust", np.int64),
+        ("first_step", np.int64),
+        ("last_step", np.int64),
+    ]
+)
+
+
+class Predicted(NamedTuple):
+    """Metrics that the kernel adds evidence to.
+
+    Attributes
+    ----------
+    moving, paused : ndarray of int32, shape (K,)
+        `PlaceFilter.prediction` and `PlaceFilter.paused`.
+    metric : ndarray of int32, shape (K,)
+        Scratch.
+    """
+
+    moving: npt.NDArray[np.int32]
+    paused: npt.NDArray[np.int32]
+    metric: npt.NDArray[np.int32]
+
+
+@njit(cache=True, nogil=True)
+def follow_filtered(
+    s: Any, predicted: Any, control: Any, slots: Any, times: Any, until: int, out: Any
+) -> tuple[int, int, int]:
+    """Feed selected events, then let time pass to `until`; stop where a buffer is full.
+
+    Parameters
+    ----------
+    s : Sliding
+        Of one window.
+    predicted : Predicted
+    control : ndarray of CONTROL, shape (1,)
+        Changed in place: the next tick, and the place told last.
+    slots : ndarray of int32, shape (m,)
+    times : ndarray of int64, shape (m,)
+        Events at selected pixels, in time order, none after the end of the filter's window.
+    until : int
+        Time of the last event, selected or not, or the window's end, in microseconds.
+    out : ndarray of int64, shape (n, 8)
+        Matches are written here: the integers of MATCH_DTYPE, in its order.
+
+    Returns
+    -------
+    read, given, why : int
+        Events taken, matches written, and `DONE`, `MATCHES_FULL` or `RING_FULL`.
+    """
+    c = control[0]
+    mask = s.slot.size - 1
+    given, i = 0, 0
+    left = c.every - s.bound[0] % c.every if c.every > 0 else np.int64(-1)
+    while True:
+        now = times[i] if i < slots.size else until
+        tick = c.interval > 0 and c.next_tick <= now
+        if not tick and i == slots.size:
+            return i, given, DONE
+        if given == len(out):
+            return i, given, MATCHES_FULL
+        now = c.next_tick if tick else now
+        seen_until = now if tick else now + 1
+        while not (
+            age(s.time, s.slot, s.bound, s.moves, s.number, s.tau, 0 if tick else s.n, seen_until)
+            and s.number[MOVES] < len(s.moves)
+        ):
+            settle(s)
+        if tick:
+            c.next_tick += c.interval
+        else:
+            if s.bound[0] - s.bound[1] > mask:
+                return i, given, RING_FULL
+            s.slot[s.bound[0] & mask] = slots[i]
+            s.time[s.bound[0] & mask] = now
+            s.bound[0] += 1
+            s.moves[s.number[MOVES], 0] = slots[i]
+            s.moves[s.number[MOVES], 1] = -1
+            s.number[MOVES] += 1
+            i += 1
+            left -= 1
+            if left != 0:
+                continue
+            left = c.every
+        complete = seen_until >= s.tau if s.tau > 0 else s.bound[0] >= s.n
+        if not complete:
+            continue
+        settle(s)
+        # of a window of a number of events, the time of the oldest
+        begin = seen_until - s.tau if s.tau > 0 else s.time[s.bound[1] & mask]
+        given += _answer(s, predicted, c, (now, begin), out[given])
+
+
+@njit(cache=True, nogil=True)
+def _answer(s, predicted, c, span, row):  # type: ignore[no-untyped-def]
+    """Write the match of the present window; 0 if only changes are asked for and there is none."""
+    events = s.bound[0] - s.bound[1]
+    metric = predicted.metric
+    if events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < c.usual:
+        for k in range(metric.size):
+            metric[k] = min(predicted.paused[k], METRIC_TOP)
+    else:
+        sums = s.sums[: metric.size]
+        reciprocal = c.reciprocal
+        if reciprocal == 0:
+            reciprocal = reciprocal_of_spread(sums)
+        # a larger difference is clipped all the same, and this one fits 32 bits when multiplied
+        shift = RECIPROCAL_BITS - FRACTION_BITS
+        most = np.int64((EVIDENCE_TOP << shift) // reciprocal + 1)
+        least = np.int64(sums.min())
+        for k in range(metric.size):
+            difference = np.int32(min(np.int64(sums[k]) - least, most))
+            evidence = np.int32((difference * np.int32(reciprocal)) >> shift)
+            metric[k] = min(predicted.moving[k] + min(evidence, EVIDENCE_TOP), METRIC_TOP)
+    best, second, _ = least_and_second(metric, c.exclusion)
+    if c.change and best == c.place_told:
+        return 0
+    c.place_told = best
+    second_metric = np.int64(metric[second]) if second >= 0 else np.int64(-1)
+    margin = second_metric - metric[best] if second >= 0 else np.int64(METRIC_TOP)
+    step = best - c.place
+    follows = c.place >= 0 and c.first_step <= step <= c.last_step
+    trust = c.trust if follows else np.int64(0)
+    row[0], row[1], row[2], row[3], row[4] = span[0], best, metric[best], second, second_metric
+    row[5], row[6] = events, span[1]
+    row[7] = trust + (((margin << TRUST_BITS) - trust) >> TRUST_SHIFT)
+    return 1

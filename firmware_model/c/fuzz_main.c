@@ -1,0 +1,354 @@
+/* `fuzz IMAGES SEED FIRST NUMBER`: damage images, open them, and run what opens on random events
+ * beside plain.c. IMAGES is their number, and each one's bytes and contents, in 32-bit words. Image
+ * i of a seed is the same whatever FIRST and NUMBER are. Prints the numbers of images, of those that
+ * opened, of those that ran, and of their events, windows and matches. Not part of the firmware. */
+#define _POSIX_C_SOURCE 200809L
+
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "plain.h"
+
+#define WORDS (1U << 20)
+#define BASES_MAX 256U
+#define RAM_MAX (1U << 20)   /* larger ones open, and do not run */
+#define WORK_MAX 2000000.0   /* terms of sums in one match: those above do not run */
+#define EVENTS 240U
+#define SECONDS 20U          /* without an end: an endless loop */
+
+static uint32_t bundle[WORDS];
+static const uint32_t *base[BASES_MAX]; /* its bytes, and behind them the image */
+static uint32_t bases;
+static uint64_t state;
+static volatile unsigned long current;
+
+static struct {
+    unsigned long images;
+    unsigned long opened;
+    unsigned long ran;
+    unsigned long events;
+    unsigned long windows;
+    unsigned long matches;
+} done;
+
+static uint32_t random_word(void) /* splitmix64 */
+{
+    state += 0x9E3779B97F4A7C15U;
+    uint64_t z = state;
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9U;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBU;
+    return (uint32_t)((z ^ (z >> 31)) >> 32);
+}
+
+static uint32_t below(uint32_t limit)
+{
+    return (limit == 0U) ? 0U : (random_word() % limit);
+}
+
+/* Of the signals that end a run: says which image it was. */
+static void report(int number)
+{
+    char text[64];
+    const int size = snprintf(text, sizeof text, "fuzz: signal %d at image %lu\n", number, current);
+    if (write(STDERR_FILENO, text, (size_t)size) < 0) {
+        _exit(4);
+    }
+    _exit(3);
+}
+
+static void differs(const char *what)
+{
+    (void)fprintf(stderr, "fuzz: %s differs from the plain recomputation at image %lu\n", what,
+                  current);
+    exit(3);
+}
+
+/* A value that limits are made of. */
+static uint32_t telling(uint32_t now, const uint32_t *words)
+{
+    switch (below(9U)) {
+    case 0U:
+        return below(4U);
+    case 1U:
+        return now + 1U;
+    case 2U:
+        return now - 1U;
+    case 3U:
+        return 1U << below(32U);
+    case 4U:
+        return (1U << below(32U)) - 1U;
+    case 5U:
+        return words[below(VPR_HEADER_WORDS)];
+    case 6U:
+        return now * 2U;
+    case 7U:
+        return below(now);
+    default:
+        return random_word() >> below(32U);
+    }
+}
+
+/* Damage an image in one place; the number of its bytes from then on. */
+static uint32_t damage(uint8_t *image, uint32_t bytes)
+{
+    uint32_t words[VPR_HEADER_WORDS] = {0U};
+    memcpy(words, image, (bytes < sizeof words) ? bytes : sizeof words);
+    const uint32_t at = below(bytes);
+    switch (below(8U)) {
+    case 0U:
+    case 1U: { /* a word of the header, without those that no image has otherwise */
+        const uint32_t word = 3U + below(VPR_HEADER_WORDS - 3U);
+        words[word] = telling(words[word], words);
+        memcpy(image, words, (bytes < sizeof words) ? bytes : sizeof words);
+        break;
+    }
+    case 2U: { /* a header that says less or more */
+        words[below(VPR_HEADER_WORDS)] = random_word();
+        memcpy(image, words, (bytes < sizeof words) ? bytes : sizeof words);
+        break;
+    }
+    case 3U: /* a bit */
+        image[at] ^= (uint8_t)(1U << below(8U));
+        break;
+    case 4U: /* a byte of a table */
+        if (bytes > sizeof words) {
+            image[sizeof words + below(bytes - (uint32_t)sizeof words)] = (uint8_t)below(6U);
+        }
+        break;
+    case 5U: /* a word of a table */
+        if (bytes >= (sizeof words + 4U)) {
+            const uint32_t word =
+                (uint32_t)sizeof words + (below((bytes - (uint32_t)sizeof words) / 4U) * 4U);
+            uint32_t value;
+            memcpy(&value, &image[word], 4U);
+            value = telling(value, words);
+            memcpy(&image[word], &value, 4U);
+        }
+        break;
+    case 6U: /* a part of a table over another */
+        if (bytes > (sizeof words + 32U)) {
+            const uint32_t room = bytes - (uint32_t)sizeof words - 16U;
+            memmove(&image[sizeof words + below(room)], &image[sizeof words + below(room)],
+                    1U + below(16U));
+        }
+        break;
+    default: /* cut off; half of them say so */
+        bytes = (below(2U) == 0U) ? at : (bytes - below(17U));
+        if ((below(2U) == 0U) && (bytes >= 12U)) {
+            memcpy(&image[8], &bytes, 4U);
+        }
+        break;
+    }
+    return bytes;
+}
+
+/* An event near the open window's end, or anywhere in time; at a selected pixel, or elsewhere. */
+static vpr_event_t random_event(const plain_t *p)
+{
+    const uint32_t tau = plain_word(p, 13U);
+    const uint32_t end = (uint32_t)p->end;
+    const uint32_t depth = plain_word(p, 17U);
+    vpr_event_t e = {end - 1U - below(tau), random_word()};
+    switch (below(24U)) {
+    case 0U:
+        e.t = end;
+        break;
+    case 1U:
+        e.t = end + below(tau) + (tau * below(4U));
+        break;
+    case 2U:
+        e.t = end - tau - below(tau);
+        break;
+    case 3U:
+        e.t = (below(4U) == 0U) ? random_word() : e.t;
+        break;
+    default:
+        break;
+    }
+    if (plain_word(p, 14U) < 32U) { /* what the device is to ignore */
+        e.t += random_word() << plain_word(p, 14U);
+    }
+    const uint32_t entry = plain_word(p, 21U) + (below(depth) * 8U);
+    const uint32_t chosen = plain_word(p, entry / 4U);
+    const uint32_t row = below(plain_word(p, 4U) + 1U);
+    const uint32_t column = below(plain_word(p, 3U) + 1U);
+    switch (below(8U)) {
+    case 0U:
+        break;
+    case 1U:
+        e.pixel = (below(2U) << 31) | ((row & 0x7FFFU) << 16) | (column & 0xFFFFU);
+        break;
+    case 2U:
+        e.pixel = chosen ^ (1U << below(32U));
+        break;
+    default:
+        for (uint32_t i = 0U; i < depth; i++) { /* the next one that is somebody's */
+            const uint32_t at = (((entry - plain_word(p, 21U)) / 8U) + i) % depth;
+            const uint32_t pixel = plain_word(p, (plain_word(p, 21U) / 4U) + (at * 2U));
+            if (pixel != VPR_NONE) {
+                e.pixel = (below(2U) << 31) | pixel;
+                break;
+            }
+        }
+        break;
+    }
+    return e;
+}
+
+static void end_window(const vpr_design_t *d, vpr_state_t *s, plain_t *p)
+{
+    vpr_match_t got;
+    vpr_match_t wanted;
+    vpr_window_end(d, s);
+    if (memcmp(s->query, plain_window_end(p), d->slots) != 0) {
+        differs("a descriptor");
+    }
+    memset(&got, 0xA5, sizeof got);
+    const bool found = vpr_match_places(d, s, &got);
+    if (found != plain_match(p, &wanted)) {
+        differs("whether there is a match");
+    }
+    if (found &&
+        ((got.window != wanted.window) || (got.place != wanted.place) || (got.sum != wanted.sum) ||
+         (got.second != wanted.second) || (got.second_sum != wanted.second_sum) ||
+         (got.ties != wanted.ties) || (got.accepted != wanted.accepted))) {
+        differs("a match");
+    }
+    done.windows++;
+    done.matches += found ? 1U : 0U;
+}
+
+/* Events one after another, or a few that lie in one window: for which the time is what it was. */
+static void run(const vpr_design_t *d, const uint32_t *image, uint32_t bytes)
+{
+    const uint32_t ram_bytes = vpr_ram_bytes(d);
+    const uint32_t start = random_word();
+    vpr_state_t s;
+    plain_t p;
+    const double terms = (double)d->place_count * d->length * d->slots;
+    if ((ram_bytes > RAM_MAX) || ((d->length <= PLAIN_WINDOWS) && (terms > WORK_MAX))) {
+        return;
+    }
+    uint32_t *const ram = malloc(ram_bytes);
+    if (ram == NULL) {
+        abort();
+    }
+    memset(ram, (int)below(256U), ram_bytes);
+    memset(&s, 0xA5, sizeof s);
+    vpr_reset(d, &s, ram, start);
+    plain_begin(&p, (const uint8_t *)image, bytes, start);
+    uint32_t taken = 0U;
+    while ((taken < EVENTS) && (p.windows < PLAIN_WINDOWS)) {
+        vpr_event_t batch[4];
+        const uint32_t size = 1U + below(4U);
+        for (uint32_t i = 0U; i < size; i++) {
+            batch[i] = random_event(&p);
+        }
+        const vpr_event_t *next = batch;
+        const vpr_event_t *const end = &batch[size];
+        while ((next != end) && (p.windows < PLAIN_WINDOWS)) {
+            const vpr_event_t *const from = next;
+            const vpr_status_t status = vpr_events(d, &s, &next, end);
+            for (const vpr_event_t *e = from; e != next; e++) {
+                if (plain_is_behind(&p, e) || plain_is_full(&p)) {
+                    differs("the end of a window");
+                }
+                if (plain_take(&p, e) != vpr_slot(d, e)) {
+                    differs("a slot");
+                }
+                done.events++;
+                taken++;
+            }
+            const bool ends = plain_is_full(&p) || ((next != end) && plain_is_behind(&p, next));
+            if (ends != (status == VPR_WINDOW_ENDS)) {
+                differs("the end of a window");
+            }
+            for (uint32_t i = 0U; i < d->slots; i++) {
+                if (s.counts[i] != p.counts[i]) {
+                    differs("a count");
+                }
+            }
+            if (ends) {
+                end_window(d, &s, &p);
+            }
+        }
+    }
+    plain_free(&p);
+    free(ram);
+    done.ran++;
+}
+
+static void one(void)
+{
+    const uint32_t *const from = base[below(bases)];
+    uint32_t bytes = from[0];
+    uint32_t *const room = malloc(bytes);
+    if (room == NULL) {
+        abort();
+    }
+    memcpy(room, &from[1], bytes);
+    do {
+        bytes = damage((uint8_t *)room, bytes);
+    } while ((below(3U) == 0U) && (bytes > VPR_HEADER_WORDS));
+    /* as long as it is and no longer, so that reads behind it are found */
+    uint32_t *const image = malloc((bytes == 0U) ? 1U : bytes);
+    if (image == NULL) {
+        abort();
+    }
+    memcpy(image, room, bytes);
+    free(room);
+    vpr_design_t design;
+    memset(&design, 0xA5, sizeof design);
+    done.images++;
+    if (vpr_open(&design, image, bytes)) {
+        done.opened++;
+        run(&design, image, bytes);
+    }
+    free(image);
+}
+
+static bool read_bases(const char *path)
+{
+    FILE *const file = fopen(path, "rb");
+    if (file == NULL) {
+        return false;
+    }
+    const size_t words = fread(bundle, sizeof *bundle, WORDS, file);
+    (void)fclose(file);
+    size_t at = 1U;
+    bases = bundle[0];
+    for (uint32_t i = 0U; (i < bases) && (bases <= BASES_MAX); i++) {
+        base[i] = &bundle[at];
+        at += 1U + ((bundle[at] + 3U) / 4U);
+        if (at > words) {
+            return false;
+        }
+    }
+    return (bases > 0U) && (bases <= BASES_MAX);
+}
+
+int main(int argc, char **argv)
+{
+    if ((argc != 5) || !read_bases(argv[1])) {
+        (void)fprintf(stderr, "usage: fuzz IMAGES SEED FIRST NUMBER\n");
+        return 2;
+    }
+    const uint64_t seed = strtoull(argv[2], NULL, 10);
+    const unsigned long first = strtoul(argv[3], NULL, 10);
+    const unsigned long number = strtoul(argv[4], NULL, 10);
+    (void)signal(SIGABRT, report);
+    (void)signal(SIGALRM, report);
+    for (unsigned long i = 0U; i < number; i++) {
+        current = first + i;
+        state = (seed << 40) + (current << 8);
+        (void)alarm(SECONDS);
+        one();
+    }
+    (void)alarm(0U);
+    (void)printf("%lu %lu %lu %lu %lu %lu\n", done.images, done.opened, done.ran, done.events,
+                 done.windows, done.matches);
+    return 0;
+}

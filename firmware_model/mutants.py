@@ -1,0 +1,190 @@
+"""Generate faults of the firmware, and list those that no vector finds.
+
+``python -m firmware_model.mutants`` compiles every mutant of ``vpr.c`` and ``sad.h`` for this
+computer and runs the images and the suite ``corners`` on it. A mutant that passes them all must be
+equal to the firmware, and ``c/mutants.toml`` must say why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from firmware_model.build import HOST, SOURCES, build
+from firmware_model.design import Design
+from firmware_model.errors import ToolError
+from firmware_model.mutation import Mutant, mutants
+from firmware_model.vectors.bundle import bundle
+from firmware_model.vectors.corners import corner_cases
+from firmware_model.vectors.images import image_cases
+
+FILES = ("vpr.c", "sad.h")
+PROOFS = SOURCES / "mutants.toml"
+#: of the suite `corners`
+DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
+#: seconds after which a mutant loops for ever: the firmware takes some hundredths of one
+PATIENCE_S = 3.0
+
+Outcome = Literal["found", "survives", "does not compile"]
+Key = tuple[str, str, str]
+
+
+@dataclass
+class Survey:
+    """What became of the mutants.
+
+    Attributes
+    ----------
+    found, invalid : int
+        That some vector finds, and that do not compile.
+    equal, unproved : list of Mutant
+        That no vector finds, with and without a proof.
+    stale : list of tuple of str
+        Proofs of what is no mutant, or one that is found.
+    """
+
+    found: int = 0
+    invalid: int = 0
+    equal: list[Mutant] = field(default_factory=list)
+    unproved: list[Mutant] = field(default_factory=list)
+    stale: list[Key] = field(default_factory=list)
+
+
+class Bench:
+    """A folder in which mutants are compiled and run.
+
+    Parameters
+    ----------
+    folder : path
+
+    Raises
+    ------
+    ToolError
+        If Zig is not installed, or the firmware itself fails the vectors.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._folder = Path(folder)
+        self._sources = self._folder / "c"
+        shutil.copytree(SOURCES, self._sources)
+        self._bundle = self._folder / "bundle"
+        self._bundle.write_bytes(bundle(image_cases(), corner_cases(DESIGN)))
+        outcome = self._run()
+        if outcome != "survives":
+            raise ToolError(f"the firmware without a fault fails the vectors: {outcome}")
+
+    def run(self, mutant: Mutant) -> Outcome:
+        """Compile a mutant, and run the vectors up to the first difference."""
+        file = self._sources / mutant.file
+        original = file.read_text(encoding="ascii")
+        file.write_text(mutant.text, encoding="ascii")
+        try:
+            return self._run()
+        finally:
+            file.write_text(original, encoding="ascii")
+
+    def _run(self) -> Outcome:
+        options = ("-O1", "-w")
+        try:
+            program = build(
+                HOST,
+                self._folder,
+                sources=self._sources,
+                program="vectors_main.c",
+                name="mutant",
+                options=options,
+            )
+        except ToolError:
+            return "does not compile"
+        command = [str(program.absolute()), str(self._bundle)]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
+        except subprocess.TimeoutExpired:
+            return "found"
+        return "found" if done.returncode else "survives"
+
+
+def all_mutants() -> list[Mutant]:
+    """Generate the mutants of all files."""
+    return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
+
+
+def proofs(path: Path = PROOFS) -> dict[Key, str]:
+    """Read why mutants are equal to the firmware, by their keys."""
+    entries = tomllib.loads(path.read_text(encoding="utf-8"))["equal"]
+    return {
+        (entry["function"], entry["line"], becomes): entry["why"]
+        for entry in entries
+        for becomes in entry["becomes"]
+    }
+
+
+def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Survey:
+    """Run mutants, and hold those that survive against the proofs.
+
+    Parameters
+    ----------
+    bench : Bench
+    chosen : iterable of Mutant
+    proved : iterable of tuple of str
+        Keys of those that are proved to be equal.
+
+    Returns
+    -------
+    Survey
+    """
+    result, left = Survey(), set(proved)
+    known = frozenset(left)
+    for mutant in chosen:
+        outcome = bench.run(mutant)
+        if outcome == "found":
+            result.found += 1
+        elif outcome == "does not compile":
+            result.invalid += 1
+        elif mutant.key in known:
+            result.equal.append(mutant)
+            left.discard(mutant.key)
+        else:
+            result.unproved.append(mutant)
+    result.stale = sorted(left)
+    return result
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all mutants; say which survive, and why; 1 if one of them has no proof."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.parse_args(arguments)
+    proved, every = proofs(), all_mutants()
+    with tempfile.TemporaryDirectory() as folder:
+        result = survey(Bench(folder), every, proved)
+    for mutant in result.equal:
+        _show("equal", mutant)
+        sys.stdout.write(f"    {proved[mutant.key]}\n")
+    for mutant in result.unproved:
+        _show("SURVIVES WITHOUT A PROOF", mutant)
+    for function, line, becomes in result.stale:
+        sys.stdout.write(f"PROOF OF NO SURVIVOR: {function}: {line} -> {becomes}\n")
+    sys.stdout.write(
+        f"{len(every)} mutants, {result.invalid} of which do not compile; {result.found} found, "
+        f"{len(result.equal)} proved to be equal, {len(result.unproved)} neither\n"
+    )
+    return 1 if result.unproved or result.stale else 0
+
+
+def _show(what: str, mutant: Mutant) -> None:
+    sys.stdout.write(
+        f"{mutant.file}:{mutant.number} {mutant.function}: {what}\n"
+        f"  - {mutant.line}\n  + {mutant.becomes}\n"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,70 @@
+"""Random designs and their tables, small ones of every kind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from firmware_model.design import Design
+from firmware_model.memories import Memories
+
+
+def random_design(rng: np.random.Generator) -> Design:
+    """Draw a design that is small enough to be run in milliseconds.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Design
+        Within the reference firmware's limits.
+    """
+    width, height = (int(side) for side in rng.integers(1, 13, 2))
+    pixels = int(rng.integers(1, min(width * height, 20) + 1))
+    length = int(rng.integers(1, 5))
+    timestamp_bits = int(rng.integers(9, 33))
+    denominator = int(rng.integers(2, 40))
+    return Design(
+        width=width,
+        height=height,
+        pixels=pixels,
+        polarity=bool(rng.integers(2)),
+        code=("linear", "sqrt", "log")[rng.integers(3)],
+        code_bits=int(rng.integers(1, 9)),
+        full_scales=tuple(rng.integers(1, 12, int(rng.integers(1, 4))).tolist()),
+        window=("time", "count")[rng.integers(2)],
+        tau_us=int(rng.integers(1, 200)),
+        window_events=int(rng.integers(1, 3 * pixels + 1)),
+        timestamp_bits=timestamp_bits,
+        places=int(rng.integers(length, length + 12)),
+        length=length,
+        lanes=int(rng.integers(1, 10)),
+        exclusion=int(rng.integers(0, 5)),
+        accept=("margin", "ratio")[rng.integers(2)],
+        margin=int(rng.integers(0, 30)),
+        ratio=(int(rng.integers(1, denominator)), denominator),
+        lookup_depth=1 << int(max(width, 4 * pixels)).bit_length(),
+    )
+
+
+def random_memories(rng: np.random.Generator, design: Design) -> Memories:
+    """Draw distinct pixels, and places of codes that the design has, some of them alike.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    design : Design
+
+    Returns
+    -------
+    Memories
+    """
+    flat = rng.choice(design.width * design.height, design.pixels, replace=False)
+    places = rng.integers(0, design.code_max + 1, (design.places, design.slots))
+    for k in range(1, design.places):
+        if rng.random() < 0.3:
+            places[k] = places[rng.integers(k)]
+    pixels = [(f % design.width, f // design.width) for f in flat]
+    tables = rng.integers(0, len(design.full_scales), design.slots)
+    return Memories(design, pixels, places.tolist(), tables.tolist())

@@ -1,0 +1,104 @@
+"""Stimuli under construction: pixels to select, events by the clock of a design, and windows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+
+from firmware_model.descriptor import DescriptorModel, Event, WindowResult
+from firmware_model.design import Design
+from firmware_model.memories import Memories, Pixel
+
+
+class Stream:
+    """A stimulus under construction, by the clock of the design.
+
+    Parameters
+    ----------
+    design : Design
+    pixels : sequence of (x, y)
+    start : int
+    """
+
+    def __init__(self, design: Design, pixels: Sequence[Pixel], start: int = 0) -> None:
+        self.design = design
+        self.pixels = pixels
+        self.start = start
+        self.events: list[Event] = []
+        self._window = 0  # number of the open one
+        self._counted = 0
+
+    def at(self, x: int, y: int, offset: int = 0, on: bool = True) -> None:
+        """Add an event, `offset` microseconds after the start of the open window."""
+        t = self.start + self._window * self.design.tau_us + offset
+        self.events.append(Event(t % (1 << self.design.timestamp_bits), x, y, on))
+        if (x, y) in self.pixels:
+            self._counted = (self._counted + 1) % self.design.window_events
+
+    def slot(self, slot: int, times: int = 1, offset: int = 0) -> None:
+        """Add events that are counted by a slot."""
+        pixel, on = self.pixels[slot % self.design.pixels], slot < self.design.pixels
+        for _ in range(times):
+            self.at(*pixel, offset, on)
+
+    def fill(self, counts: Sequence[int]) -> None:
+        """Add events of one window, so many for each slot, and end it.
+
+        A window by count is ended by further events at the last slot.
+        """
+        for slot, count in enumerate(counts):
+            self.slot(slot, count)
+        self.end()
+
+    def end(self) -> None:
+        """End the open window."""
+        if self.design.window == "count" and self._counted:
+            self.slot(self.design.slots - 1, self.design.window_events - self._counted)
+        # by count, time goes on as well, and means nothing
+        self._window += 1
+
+    def skip(self, windows: int) -> None:
+        """Let time pass."""
+        self._window += windows
+
+    def close(self) -> None:
+        """Add the event that lets a device know that the last window by time has ended."""
+        if self.design.window == "time":
+            self.at(*self.pixels[0])
+
+
+def choose_pixels(design: Design) -> list[Pixel]:
+    """Pixels that lie in the sensor's corners, two in a column and two in a row, and elsewhere.
+
+    The last pixel of the last row is left out where not all are selected.
+    """
+    right, bottom = design.width - 1, design.height - 1
+    first = [(0, 0), (right, 0), (0, bottom), (right // 2, bottom // 2), (right // 2, 0)]
+    number = design.width * design.height
+    # steps of a prime visit every pixel, unless it divides their number
+    step = next(p for p in (7919, 104_729, 1) if number % p or p == 1)
+    visited = (i * step % number for i in range(number))
+    elsewhere = ((flat % design.width, flat // design.width) for flat in visited)
+    chosen: dict[Pixel, None] = {}
+    for pixel in chain(first, elsewhere):
+        if len(chosen) == design.pixels:
+            break
+        if pixel != (right, bottom) or design.pixels == number:
+            chosen[pixel] = None
+    return list(chosen)
+
+
+def unselected_pixel(design: Design, pixels: Sequence[Pixel]) -> Pixel:
+    """Return the first pixel that is not selected; one beside the sensor if all are."""
+    chosen = set(pixels)
+    for i in range(design.width * design.height):
+        if (i % design.width, i // design.width) not in chosen:
+            return i % design.width, i // design.width
+    return design.width, 0
+
+
+def ended_windows(memories: Memories, stream: Stream) -> list[WindowResult]:
+    """Return the windows that a stimulus ends."""
+    model = DescriptorModel(memories, stream.start)
+    results = [result for event in stream.events for result in model.take(event)]
+    return [result for result in results if isinstance(result, WindowResult)]

@@ -1,0 +1,156 @@
+"""The own-mean code: how far a count lies above its counter's usual count, in octaves.
+
+A change of light multiplies the counts of a pixel, which shifts their logarithms by about the same
+amount. The difference between a logarithm and its own mean over the drive does not shift. All of it
+is integer arithmetic: logarithms are a table in units of 1/256 octave, and a shift updates the
+running mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from operator import index
+
+import numpy as np
+import numpy.typing as npt
+
+from fixedpoint.errors import FixedPointError
+
+#: fraction bits of a logarithm: units of 1/256 octave
+LEVEL_BITS = 8
+#: fraction bits of a running mean beyond those of a logarithm
+MEAN_BITS = 8
+#: the running mean moves by 1 / 2**shift of the difference: 1/16 at first, 1/256 in the end
+FIRST_SHIFT, LAST_SHIFT = 4, 8
+#: largest count that is told apart, unless another is asked for
+FULL_SCALE = 1023
+MAX_FULL_SCALE = 65_535
+
+Integers = npt.NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class OwnMeanCode:
+    """Code ``round(log2(1 + c) - mean)``, saturated to `bits` bits with sign, stored without sign.
+
+    Parameters
+    ----------
+    bits : int
+        1 to 8. A code is stored plus ``2**(bits - 1)``: 0 to ``2**bits - 1``.
+    full_scale : int
+        Largest count that is told apart, 1 to 65,535; 0 takes 1,023.
+
+    Raises
+    ------
+    FixedPointError
+        If a parameter is out of range.
+    """
+
+    bits: int = 3
+    full_scale: int = FULL_SCALE
+
+    def __post_init__(self) -> None:
+        if not 1 <= index(self.bits) <= 8:
+            raise FixedPointError(f"own-mean code of {self.bits} bits: expected 1 to 8")
+        if not 0 <= index(self.full_scale) <= MAX_FULL_SCALE:
+            raise FixedPointError(
+                f"own-mean code up to a count of {self.full_scale}: expected 1 to {MAX_FULL_SCALE}"
+            )
+        if self.full_scale == 0:
+            object.__setattr__(self, "full_scale", FULL_SCALE)
+
+    @cached_property
+    def levels(self) -> npt.NDArray[np.int32]:
+        """``round(256 log2(1 + c))`` of each count c, shape (full_scale + 1,); exact."""
+        # floor(x + 1/2) = floor((floor(2 x) + 1) / 2), and floor(log2 n) is the bit length less 1
+        counts = range(1, self.full_scale + 2)
+        levels = np.array([(n ** (2 << LEVEL_BITS)).bit_length() // 2 for n in counts], np.int32)
+        levels.setflags(write=False)
+        return levels
+
+    def level(self, counts: Integers) -> npt.NDArray[np.int32]:
+        """Return the logarithm of ``1 + count`` in units of 1/256 octave, of the same shape."""
+        return self.levels[np.minimum(counts, np.uint16(self.full_scale))]
+
+    def encode(self, counts: Integers, mean: Integers) -> npt.NDArray[np.uint8]:
+        """Code counts, each against the mean of its counter.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (..., J)
+            Not negative.
+        mean : ndarray of int, shape (J,)
+            Of the logarithms, in units of 1/256 octave.
+
+        Returns
+        -------
+        ndarray of uint8, of the shape of `counts`
+        """
+        return self._of_levels(self.level(counts), mean)
+
+    def decode(self, codes: Integers, mean: Integers) -> npt.NDArray[np.int64]:
+        """Return a count of each code, for plots, of the same shape."""
+        octaves = codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_BITS)
+        counts = np.rint(np.exp2(octaves) - 1)
+        return np.clip(counts, 0, self.full_scale).astype(np.int64)
+
+    def tables(self, mean: Integers) -> npt.NDArray[np.uint16]:
+        """Tabulate the code of each count for each counter, shape (J, full_scale + 1)."""
+        return self._of_levels(self.levels, np.asarray(mean)[:, None]).astype(np.uint16)
+
+    def _of_levels(self, levels: Integers, mean: Integers) -> npt.NDArray[np.uint8]:
+        half = 1 << (self.bits - 1)
+        octaves = (levels - mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
+        return (np.clip(octaves, -half, half - 1) + half).astype(np.uint8)
+
+
+def mean_level(levels: Integers) -> npt.NDArray[np.int32]:
+    """Return the mean of each counter's logarithms over a drive, rounded to the nearest.
+
+    Parameters
+    ----------
+    levels : ndarray of int, shape (n, J)
+        n of at least 1.
+
+    Returns
+    -------
+    ndarray of int32, shape (J,)
+    """
+    n = len(levels)
+    return ((2 * levels.sum(axis=0, dtype=np.int64) + n) // (2 * n)).astype(np.int32)
+
+
+class RunningMean:
+    """Mean of each counter's logarithms, updated window by window from the reference's mean.
+
+    Window number w (from 0) moves the mean by ``1 / 2**shift`` of its difference, rounded down,
+    with ``shift = min(floor(log2(16 + w)), 8)``: quickly at first, then slowly.
+
+    Parameters
+    ----------
+    mean : ndarray of int, shape (J,)
+        Where it starts, in units of 1/256 octave.
+    windows : int
+        How many windows it has seen.
+
+    Attributes
+    ----------
+    total : ndarray of int32, shape (J,)
+        The mean in units of 1/65,536 octave.
+    """
+
+    def __init__(self, mean: Integers, windows: int = 0) -> None:
+        self.total = np.asarray(mean, dtype=np.int32) << MEAN_BITS
+        self.windows = windows
+
+    @property
+    def mean(self) -> npt.NDArray[np.int32]:
+        """The mean in units of 1/256 octave, rounded to the nearest, shape (J,)."""
+        return (self.total + (1 << (MEAN_BITS - 1))) >> MEAN_BITS
+
+    def update(self, levels: Integers) -> None:
+        """Take the logarithms of one window, shape (J,), in units of 1/256 octave."""
+        shift = min(((1 << FIRST_SHIFT) + self.windows).bit_length() - 1, LAST_SHIFT)
+        self.total = self.total + (((levels.astype(np.int32) << MEAN_BITS) - self.total) >> shift)
+        self.windows += 1

@@ -1,0 +1,221 @@
+"""The place filter event by event: the oracle after every event, and the batch at window ends."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from streams import Drive, as_tuples, cut_up, descriptors, random_events
+from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import make_events
+from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.pipeline import coded_map, describe_query
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+
+CODES = [
+    {},
+    {"counter_code": "log", "counter_bits": 3, "counter_full_scale": 7},
+    {"counter_code": "log", "counter_scaling": "own-mean"},
+]
+
+
+def map_of(counts, **changes):
+    figures = np.zeros((SENSOR.height, SENSOR.width))
+    chosen = Settings(
+        pixels=len(PIXELS), remove_bursts=False, matching="filter", query_mean="running"
+    ).replaced(changes, "test")
+    counted = ReferenceMap(
+        chosen.uncoded, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0
+    )
+    return coded_map(counted, chosen)
+
+
+def oracle_after_each_event(reference, events):
+    """Everything counted, coded, compared and filtered anew after each selected event."""
+    chosen, places = reference.settings, reference.places.counts.tolist()
+    tau = chosen.tau_us if chosen.window == "time" else 0
+    n = 0 if tau else chosen.events_per_window
+    counters = len(PIXELS)
+    selected, rows = [], []
+    for t, x, y, _ in as_tuples(events):
+        if (x, y) not in PIXELS:
+            continue
+        selected.append((t, PIXELS.index((x, y))))
+        if (t + 1 < tau) if tau else (len(selected) < n):
+            continue
+        # windows that are over: an event at the end of a window of fixed time is in the next
+        ended = t // tau if tau else (len(selected) - 1) // n
+        if tau:
+            spans = [[e for e in selected if e[0] // tau == w] for w in range(ended)]
+        else:
+            spans = [selected[w * n : (w + 1) * n] for w in range(ended)]
+        counted = [naive.lagged_counts(span, 0, 1, counters, 0, 10**9)[0] for span in spans]
+        counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])
+        coded = in_code(reference, counted)
+        distances = [[naive.sad(place, code) for place in places] for code in coded]
+        prices = (1, 0, 1) if tau else (1, 0, 0, 1)
+        metric, best, second, trust = naive.place_filter(
+            distances, list(map(sum, counted)), prices, (), chosen.filter_restart,
+            chosen.exclusion, usual_of(reference),
+        )[-1]  # fmt: skip
+        second_metric = metric[second] if second >= 0 else -1
+        rows.append((t, best, metric[best], second, second_metric, sum(counted[-1]), trust))
+    return rows
+
+
+def usual_of(reference):
+    return 256 * int(reference.places.selected.sum()) // len(reference)
+
+
+def in_code(reference, counted):
+    """The oracle's codes of windows, each against the mean of those before it."""
+    chosen = reference.settings
+    if chosen.counter_code == "none":
+        return counted
+    if chosen.counter_scaling == "shared":
+        code = partial(naive.counter_code, "log", chosen.counter_bits, chosen.counter_full_scale)
+        return [list(map(code, row)) for row in counted]
+    usual, means, coded, moved = usual_of(reference), reference.mean.tolist(), [], []
+    for row in counted:
+        pairs = [
+            (c, naive.running_means([naive.log_level(m[j]) for m in moved], means[j])[-1])
+            for j, c in enumerate(row)
+        ]
+        coded.append([naive.own_mean_code(c, mean, 3, 1023) for c, mean in pairs])
+        if sum(row) and 16 * 256 * sum(row) >= usual:
+            moved.append(row)
+        usual += (256 * sum(row) - usual) // 64
+    return coded
+
+
+def without_ratio(matches):
+    names = [name for name in matches.dtype.names if name not in ("ratio", "start")]
+    return [tuple(int(match[name]) for name in names) for match in matches]
+
+
+def random_map(rng, places, largest, **changes):
+    return map_of(rng.integers(0, largest + 1, (places, len(PIXELS))), **changes)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n=st.integers(0, 90),
+    places=st.integers(1, 80),
+    largest=st.sampled_from([2, 9, 300]),
+    window=st.sampled_from(["time", "count"]),
+    tau=st.sampled_from([40, 300, 700]),
+    per_pixel=st.sampled_from([0.4, 1.0, 3.0]),
+    code=st.sampled_from(CODES),
+    exclusion=st.integers(0, 4),
+    pieces=st.integers(1, 7),
+)
+@settings(max_examples=40)
+def test_every_match_equals_the_oracle_however_the_stream_is_cut(
+    seed, n, places, largest, window, tau, per_pixel, code, exclusion, pieces
+):
+    rng = np.random.default_rng(seed)
+    reference = random_map(
+        rng, places, largest, window=window, tau_us=tau, events_per_pixel=per_pixel,
+        exclusion=exclusion, **code,
+    )  # fmt: skip
+    events = random_events(rng, n, SENSOR, 2_000)
+    found = feed(Localiser(reference, check_every=7), cut_up(rng, events, pieces))
+    assert without_ratio(found) == oracle_after_each_event(reference, events)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    window=st.sampled_from(["time", "count"]),
+    code=st.sampled_from(CODES),
+    back=st.sampled_from([(), (1,), (0, 2)]),
+    pieces=st.integers(1, 5),
+)
+@settings(max_examples=40)
+def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, pieces):
+    rng = np.random.default_rng(seed)
+    reference = random_map(
+        rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, filter_back=back, **code
+    )
+    # from time to time the camera stands
+    times = np.sort(rng.choice(rng.choice(2_000, 1_200, replace=False), 800))
+    events = make_events(
+        times, rng.integers(0, SENSOR.width, 800), rng.integers(0, SENSOR.height, 800), [0] * 800
+    )
+    queries = describe_query(reference, Drive(events, SENSOR))
+    batch = match_descriptors(reference.places, queries, reference.settings)
+    localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
+    live = feed(localiser, cut_up(rng, events, pieces))[: len(batch)]
+    for theirs, ours in (
+        (batch.place, live["place"]),
+        (batch.distance_sum, live["distance_sum"]),
+        (batch.second, live["second"]),
+        (batch.trust, live["trust"]),
+        (queries.selected, live["events"]),
+    ):
+        assert theirs.tolist() == ours.tolist()
+
+
+@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize("window", ["time", "count"])
+def test_a_saved_state_goes_on_as_if_it_had_not_been_saved(tmp_path, code, window):
+    rng = np.random.default_rng(5)
+    reference = random_map(rng, 20, 9, window=window, tau_us=130, events_per_pixel=1.0, **code)
+    events = random_events(rng, 900, SENSOR, 2_000)
+    whole = Localiser(reference).update(events)
+    for cut in (0, 1, 333, 899):
+        first = Localiser(reference)
+        begin = first.update(events[:cut])
+        first.save(tmp_path / "state.npz")
+        rest = Localiser.load(tmp_path / "state.npz").update(events[cut:])
+        assert without_ratio(np.concatenate([begin, rest])) == without_ratio(whole)
+
+
+def test_a_silence_of_a_year_is_passed_over_at_once():
+    rng = np.random.default_rng(6)
+    reference = random_map(rng, 20, 9, tau_us=100)
+    before = random_events(rng, 500, SENSOR, 1_000)
+    after = random_events(rng, 500, SENSOR, 1_000)
+    year = 365 * 24 * 3600 * 10**6
+    after["t"] += year
+    localiser = Localiser(reference)
+    localiser.update(before)
+    place = localiser.advance(year)
+    assert place.size == 0
+    assert localiser.update(after).size > 50
+    # windows after the silence end where they would have ended
+    assert localiser.complete
+
+
+def test_a_silence_says_the_same_whether_it_is_passed_over_or_not():
+    """With ticks the windows of a silence are gone through one by one."""
+    rng = np.random.default_rng(7)
+    reference = random_map(rng, 20, 9, tau_us=100, counter_code="log", counter_scaling="own-mean")
+    events = np.concatenate([random_events(rng, 500, SENSOR, 1_000) for _ in range(2)])
+    events["t"][500:] += 300_000
+    told = [
+        without_ratio(localiser.update(events))
+        for localiser in (
+            Localiser(reference, every=MatchSchedule(events=1)),
+            Localiser(reference, every=MatchSchedule(events=1, interval_us=299_950)),
+        )
+    ]
+    ticks = [row for row in told[1] if row not in told[0]]
+    assert len(ticks) <= 1
+    assert [row for row in told[1] if row not in ticks] == told[0]
+
+
+def test_what_only_sequences_can_do_is_refused():
+    reference = random_map(np.random.default_rng(8), 10, 5)
+    with pytest.raises(UsageError, match="recent places are left out by sequences only"):
+        Localiser(reference, recent=2)
+    with pytest.raises(UsageError, match="added while matching by sequences only"):
+        Localiser(reference).append(np.zeros(len(PIXELS), dtype=np.uint8))

@@ -1,0 +1,93 @@
+"""Generated faults of the firmware: what is generated, and that no vector misses one unproved."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_model.build import SOURCES
+from firmware_model.mutants import Bench, all_mutants, proofs, survey
+from firmware_model.mutation import DELETED, mutants
+
+pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
+
+SOURCE = """\
+/* 1 + 2 */
+enum {
+    AT = 3
+};
+#define MOST 7U
+
+static uint32_t more(const uint8_t *a, uint32_t n)
+{
+    uint32_t sum = 0U;
+    if (n <= MOST) {
+        sum += a[n];
+    }
+    return sum;
+}
+"""
+
+
+def test_each_operator_number_and_statement_is_changed_once():
+    """In the code; not in comments, enumerations and types."""
+    found = {(m.number, m.becomes) for m in mutants("a.c", SOURCE)}
+    assert found == {
+        (5, "#define MOST 8U"),
+        (5, "#define MOST 6U"),
+        (9, "uint32_t sum = 1U;"),
+        (10, "if (true) {"),
+        (10, "if (false) {"),
+        (10, "if (n < MOST) {"),
+        (10, "if (n >= MOST) {"),
+        (11, "sum -= a[n];"),
+        (11, "sum = a[n];"),
+        (11, DELETED),
+    }
+    assert {m.function for m in mutants("a.c", SOURCE)} == {"", "more"}
+
+
+def test_a_mutant_is_told_by_its_text_and_not_by_its_line_number():
+    """So that a proof holds when something else is changed above it."""
+    keys = [m.key for m in mutants("a.c", SOURCE)]
+    moved = SOURCE.replace("/* 1 + 2 */", "/* 1 + 2\n\n */")
+    assert [m.key for m in mutants("a.c", moved)] == keys
+
+
+def test_some_hundreds_are_generated_and_each_is_another_source():
+    """Of every function of the firmware."""
+    every = all_mutants()
+    assert len(every) > 500 and len({(m.file, m.text) for m in every}) == len(every)
+    text = (SOURCES / "vpr.c").read_text(encoding="ascii")
+    assert all(f" {m.function}(" in text for m in every if m.file == "vpr.c" and m.function)
+    assert {m.function for m in every} >= {"vpr_open", "vpr_events", "vpr_match_places", "sad"}
+
+
+def test_every_proof_is_of_a_mutant_and_says_something():
+    """A proof of a line that was changed since is found here already."""
+    keys = {m.key for m in all_mutants()}
+    assert [key for key in proofs() if key not in keys] == []
+    assert all(len(why) > 10 for why in proofs().values())
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory) -> Bench:
+    """The firmware, which passes, and a place for its mutants."""
+    return Bench(tmp_path_factory.mktemp("mutants"))
+
+
+def test_a_sample_of_the_mutants_is_found_or_proved_to_be_equal(bench):
+    """One in eighty; `python -m firmware_model.mutants` takes all."""
+    result = survey(bench, all_mutants()[7::80], proofs())
+    assert result.unproved == []
+    assert result.found > 4
+
+
+def test_a_survivor_without_a_proof_and_a_proof_without_a_survivor_are_told(bench):
+    """Either makes the command fail."""
+    proved = proofs()
+    equal = next(m for m in all_mutants() if m.key in proved)
+    wrong = next(m for m in all_mutants() if m.becomes == "s->windows--;")
+    assert [m.key for m in survey(bench, [equal], []).unproved] == [equal.key]
+    result = survey(bench, [equal, wrong], [equal.key, wrong.key])
+    assert [m.key for m in result.equal] == [equal.key]
+    assert (result.found, result.stale) == (1, [wrong.key])

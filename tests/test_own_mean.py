@@ -1,0 +1,104 @@
+"""Own-mean codes: exact integers, and the same for a scene in other light."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import descriptors
+
+from edge_vpr.descriptors.own_mean import drive_mean, encode_own, encode_running
+from edge_vpr.descriptors.pauses import find_pauses
+from fixedpoint.errors import FixedPointError
+from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
+
+
+def test_the_table_of_logarithms_is_exact():
+    code = OwnMeanCode(full_scale=3000)
+    assert code.levels.tolist() == [naive.log_level(count) for count in range(3001)]
+
+
+@given(
+    counts=st.lists(st.integers(0, 5000), min_size=1, max_size=8),
+    mean=st.integers(-300, 3000),
+    bits=st.integers(1, 8),
+    full_scale=st.sampled_from([1, 127, 1023, 4000]),
+)
+def test_codes_equal_the_oracle_and_their_tables(counts, mean, bits, full_scale):
+    code = OwnMeanCode(bits, full_scale)
+    found = code.encode(np.array(counts)[:, None], np.array([mean]))
+    assert found[:, 0].tolist() == [naive.own_mean_code(c, mean, bits, full_scale) for c in counts]
+    table = code.tables(np.array([mean]))[0]
+    assert table[np.minimum(counts, full_scale)].tolist() == found[:, 0].tolist()
+    assert (np.diff(table.astype(int)) >= 0).all() and table.max() < 2**bits
+
+
+@given(
+    levels=st.lists(st.integers(0, 4096), max_size=300),
+    mean=st.integers(0, 4096),
+)
+def test_the_running_mean_equals_the_oracle(levels, mean):
+    running, found = RunningMean(np.array([mean])), []
+    for level in levels:
+        found.append(int(running.mean[0]))
+        running.update(np.array([level]))
+    assert [*found, int(running.mean[0])] == naive.running_means(levels, mean)
+    assert min([mean, *levels]) - 1 <= running.mean[0] <= max([mean, *levels]) + 1
+
+
+@given(seed=st.integers(0, 2**32), windows=st.integers(1, 20))
+def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows):
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(0, 300, (windows, 4)) * (rng.random((windows, 1)) > 0.2)
+    code, usual = OwnMeanCode(), 256 * 200
+    paused = find_pauses(counts.sum(axis=1), usual)
+    moving = [row for row, pause in zip(counts.tolist(), paused, strict=True) if not pause]
+    moving = moving or counts.tolist()
+    own = encode_own(descriptors(counts), code, np.zeros(4, np.int32), usual)
+    for j in range(4):
+        levels = [naive.log_level(row[j]) for row in moving]
+        mean = (2 * sum(levels) + len(levels)) // (2 * len(levels))
+        expected = [naive.own_mean_code(c, mean, 3, 1023) for c in counts[:, j].tolist()]
+        assert own.counts[:, j].tolist() == expected
+    assert own.selected.tolist() == counts.sum(axis=1).tolist()
+
+
+@given(seed=st.integers(0, 2**32), windows=st.integers(1, 20), cut=st.integers(0, 20))
+def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut):
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(0, 300, (windows, 3))
+    mean, code = np.array([500, 900, 0], np.int32), OwnMeanCode()
+    found = encode_running(descriptors(counts), code, mean, 0).counts
+    for j in range(3):
+        levels = [naive.log_level(c) for c in counts[:, j].tolist()]
+        means = naive.running_means(levels, int(mean[j]))
+        expected = [
+            naive.own_mean_code(c, m, 3, 1023)
+            for c, m in zip(counts[:, j].tolist(), means, strict=False)
+        ]
+        assert found[:, j].tolist() == expected
+    # later windows change no earlier code
+    first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0).counts
+    assert np.array_equal(first, found[: len(first)])
+
+
+def test_other_light_moves_the_mean_and_not_the_codes():
+    rng = np.random.default_rng(0)
+    bright = rng.integers(32, 256, (50, 5)) * 4 - 1  # log2(1 + c) falls by exactly 2 in dim light
+    dim = (bright + 1) // 4 - 1
+    code, nothing = OwnMeanCode(), np.zeros(50, dtype=np.bool_)
+    codes = [code.encode(c, drive_mean(c, nothing, code)) for c in (bright, dim)]
+    assert np.count_nonzero(codes[0] != codes[1]) <= 2  # one unit of 1/256 may round otherwise
+
+
+def test_the_mean_of_levels_is_rounded_to_the_nearest():
+    assert mean_level(np.array([[1, 2], [2, 2]])).tolist() == [2, 2]
+    assert mean_level(np.array([[-1, 1], [0, 1], [0, 2]])).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("wrong", [{"bits": 0}, {"bits": 9}, {"full_scale": -1}])
+def test_codes_out_of_range_are_refused(wrong):
+    with pytest.raises(FixedPointError, match="expected 1 to"):
+        OwnMeanCode(**wrong)

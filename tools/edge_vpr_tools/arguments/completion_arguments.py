@@ -1,0 +1,16 @@
+"""Arguments of `edge-vpr completion`."""
+
+from __future__ import annotations
+
+import argparse
+
+SHELLS = ("bash", "zsh", "fish")
+EXAMPLES = """\
+  eval "$(edge-vpr completion bash)"          # in ~/.bashrc
+  eval "$(edge-vpr completion zsh)"           # in ~/.zshrc, after compinit
+  edge-vpr completion fish > ~/.config/fish/completions/edge-vpr.fish"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("shell", choices=SHELLS, help="the shell: bash, zsh or fish")

@@ -1,0 +1,26 @@
+"""Arguments of `edge-vpr experiment`."""
+
+from __future__ import annotations
+
+import argparse
+
+from edge_vpr_tools.experiments import EXPERIMENTS
+
+EXAMPLES = """\
+  edge-vpr experiment simulated
+  edge-vpr experiment codes --data recordings --figure codes.png"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "name", choices=tuple(EXPERIMENTS), help=f"which one: {', '.join(EXPERIMENTS)}"
+    )
+    group = parser.add_argument_group("experiment")
+    group.add_argument(
+        "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
+    )
+    group.add_argument("--figure", metavar="PNG", help="also draw the figure (codes only)")
+    group.add_argument(
+        "--seeds", type=int, default=5, metavar="N", help="trials with different seeds"
+    )

@@ -1,0 +1,38 @@
+"""Arguments of `edge-vpr golden`."""
+
+from __future__ import annotations
+
+import argparse
+
+from edge_vpr_tools.arguments.reading_flags import add_reading_arguments
+
+EXAMPLES = """\
+  edge-vpr golden --design design.toml -o vectors
+  edge-vpr golden --map monday.npz --recording tuesday.raw -o vectors
+  edge-vpr golden verify vectors --results device.jsonl"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    design = parser.add_argument_group("design", "one of --design and --map is needed")
+    design.add_argument("--design", metavar="FILE.toml", help="design of the device")
+    design.add_argument("--map", metavar="MAP.npz", help="take the design and the places from it")
+    design.add_argument("--lanes", type=int, default=8, metavar="P", help="with --map, P")
+    vectors = parser.add_argument_group("vectors")
+    vectors.add_argument(
+        "--recording", metavar="QUERY", help="with --map, a drive for the suite `recording`"
+    )
+    vectors.add_argument(
+        "--max-events",
+        metavar="N",
+        type=int,
+        default=20_000,
+        help="events of the recording to take, from its start",
+    )
+    vectors.add_argument("--seed", type=int, default=0, help="of the random suite")
+    output = parser.add_argument_group("output")
+    output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    output.add_argument(
+        "--overwrite", action="store_true", help="replace a folder of vectors that exists"
+    )
+    add_reading_arguments(parser)

@@ -1,0 +1,23 @@
+"""Arguments of `edge-vpr map`."""
+
+from __future__ import annotations
+
+import argparse
+
+from edge_vpr_tools.arguments.reading_flags import add_reading_arguments, add_window_argument
+from edge_vpr_tools.arguments.setting_flags import add_map_flags
+
+EXAMPLES = """\
+  edge-vpr map monday.raw -o monday.npz
+  edge-vpr map monday.raw -o small.npz --preset tiny --counter-code log --counter-bits 3
+  edge-vpr map frames/ -o map.npz --frame-period 1/30 --frames-as-windows"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("recording", metavar="REFERENCE", help="recording of the reference drive")
+    output = parser.add_argument_group("output")
+    output.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
+    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    add_window_argument(add_reading_arguments(parser))
+    add_map_flags(parser)

@@ -1,0 +1,35 @@
+"""Arguments of `edge-vpr match`."""
+
+from __future__ import annotations
+
+import argparse
+
+from edge_vpr_tools.arguments.reading_flags import add_reading_arguments, add_window_argument
+from edge_vpr_tools.arguments.setting_flags import add_match_flags
+
+EXAMPLES = """\
+  edge-vpr match monday.npz tuesday.raw -o results/tuesday
+  edge-vpr match monday.npz tuesday.raw -o results/online --online --every 50ms
+  edge-vpr match monday.npz tuesday.raw -o results/long -L 20 --overwrite"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("map", metavar="MAP.npz", help="reference map from edge-vpr map")
+    parser.add_argument("recording", metavar="QUERY", help="recording of the query drive")
+    output = parser.add_argument_group("output")
+    output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
+    online = parser.add_argument_group("online matching")
+    online.add_argument(
+        "--online", action="store_true", help="match event by event, as on the board"
+    )
+    online.add_argument(
+        "--every",
+        metavar="WHEN",
+        help="with --online, when to give a match: event (at a selected pixel), N events, a time "
+        "such as 10ms, window, or change (of the best place) (default: event)",
+    )
+    add_match_flags(parser.add_argument_group("matching (over the map's settings)"), "the map's")
+    add_window_argument(add_reading_arguments(parser))

@@ -1,0 +1,61 @@
+"""Open recordings as the flags say, and describe their faults."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+
+from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import Recording, open_recording, parse_period
+
+
+def open_from(
+    args: argparse.Namespace, path: str | Path, *, on_fault: str | None = None
+) -> Recording:
+    """Open `path` as the flags of :func:`add_reading_arguments` say.
+
+    Raises
+    ------
+    EdgeVprError
+        If a flag is wrong or the recording cannot be opened.
+    """
+    return open_recording(
+        path,
+        format=args.format,
+        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+        on_fault=args.on_fault if on_fault is None else on_fault,
+        frame_period=None if args.frame_period is None else parse_period(args.frame_period),
+        topic=args.topic,
+        time_unit=args.time_unit,
+        columns=args.columns,
+    )
+
+
+def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:
+    """Open `path` as events, or as published windows where ``--frames-as-windows`` asks for it.
+
+    Raises
+    ------
+    EdgeVprError
+        If a flag is wrong or the file cannot be opened.
+    """
+    if not args.frames_as_windows:
+        return open_from(args, path)
+
+    return PublishedWindows(
+        path,
+        period=None if args.frame_period is None else parse_period(args.frame_period),
+        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+    )
+
+
+def fault_counts(recording: Recording | PublishedWindows) -> dict[str, int]:
+    """Count what the newest pass over a recording dropped, by kind, for programs."""
+    return asdict(recording.faults)
+
+
+def describe_faults(recording: Recording | PublishedWindows) -> str:
+    """Say what the newest pass dropped as the end of a sentence; empty if nothing."""
+    return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""

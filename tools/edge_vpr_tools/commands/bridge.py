@@ -1,0 +1,42 @@
+"""`edge-vpr bridge`: a recording goes out as if a camera sent it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from edge_vpr.errors import UsageError
+from edge_vpr.stream.bridge import Bridge, LineFaults
+from edge_vpr.stream.links import open_device_link
+from edge_vpr.stream.protocols import open_encoder
+from edge_vpr_tools.arguments.reading import open_from
+from edge_vpr_tools.output.interrupt import stopped_by_signals
+
+
+def run(args: argparse.Namespace) -> None:
+    """Wait for a host and send everything.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong or the recording cannot be read.
+    """
+    if not 0 <= args.speed < math.inf:
+        raise UsageError(f"speed {args.speed}: give 1 for real time, 2 for twice that, 0: no limit")
+    faults = LineFaults.parse(args.faults)
+    recording = open_from(args, args.recording)
+    encoder = open_encoder(args.protocol, recording.sensor)
+    link = open_device_link(args.port, baud=args.baud, flow_control=args.flow_control)
+    try:
+        bridge = Bridge(link, encoder, speed=args.speed, faults=faults, seed=args.seed)
+        # a host finds out the options of a device, but for its channel or its layout
+        name = args.protocol.partition(":")[0]
+        host = args.protocol if name in ("openmv", "aer") else name
+        print(f"{link.address} waits for a host: edge-vpr stream --port {link.address} "
+              f"--protocol {host} --sensor {recording.sensor}", flush=True)  # fmt: skip
+        with stopped_by_signals(bridge.stopping):
+            bridge.run(recording)
+    finally:
+        link.close()
+    dropped = f", dropped {bridge.dropped_events:,}" if bridge.dropped_events else ""
+    print(f"sent {bridge.sent_events:,} events in {bridge.sent_bytes:,} bytes{dropped}")

@@ -1,0 +1,38 @@
+"""`edge-vpr experiment`: the figures that the documentation quotes, made anew."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+from pathlib import Path
+
+from rich.console import Console
+
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.experiments import EXPERIMENTS
+
+
+def run(args: argparse.Namespace) -> None:
+    """Run one experiment and print its table as Markdown.
+
+    Raises
+    ------
+    EdgeVprError
+        If the data is not there.
+    """
+    if args.seeds < 1:
+        raise UsageError(f"{args.seeds} seeds: expected 1 or more")
+    module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[args.name]}")
+    folder = getattr(module, "FOLDER", None)
+    data = None if args.data is None else Path(args.data)
+    if args.figure is not None and args.name != "codes":
+        raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
+    if folder is not None and (data is None or not (data / folder).is_dir()):
+        raise UsageError(
+            f"experiment {args.name} reads the folder {folder}, which is not in "
+            f"{args.data or 'any folder given'}: name the folder that holds it with --data"
+        )
+    with Console(stderr=True).status("starting") as status:
+        more = () if args.figure is None else (Path(args.figure),)
+        table = module.run(data, args.seeds, status.update, *more)
+    print(table)

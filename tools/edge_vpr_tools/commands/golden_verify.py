@@ -1,0 +1,39 @@
+"""`edge-vpr golden verify`: check vectors, and compare a device's results with them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr_tools.commands.golden import design_errors
+from firmware_model.vectors import check_files, read_results, verify
+from firmware_model.vectors.verify import COMPARED
+
+
+@design_errors()
+def run(args: argparse.Namespace) -> None:
+    """Verify vectors, and the results of a device if they are given.
+
+    Raises
+    ------
+    EdgeVprError
+        If a file was changed, or the results differ from the vectors.
+    """
+    folder = Path(args.vectors)
+    files = check_files(folder)
+    if args.results is None:
+        print(f"{folder}: {files} files are as they were made")
+        return
+    kinds = tuple(args.only.split(","))
+    if not set(kinds) <= set(COMPARED):
+        raise UsageError(f"--only {args.only}: choose from {', '.join(COMPARED)}")
+    verdict = verify(folder, read_results(args.results), case=args.case, kinds=kinds)
+    compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
+    if verdict.differences:
+        print("\n".join(verdict.differences))
+        raise EdgeVprError(
+            f"{args.results}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
+            f"vectors in {folder}; the first difference of each is above"
+        )
+    print(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")

@@ -1,0 +1,63 @@
+"""`edge-vpr map`: one drive becomes a reference map."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.errors import UsageError
+from edge_vpr.pipeline import map_traverse
+from edge_vpr.whole_files import check_output
+from edge_vpr_tools.arguments.reading import (
+    describe_faults,
+    open_source,
+)
+from edge_vpr_tools.arguments.setting_flags import map_settings
+from edge_vpr_tools.output.messages import summary
+from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.results import check_parent
+
+
+def run(args: argparse.Namespace) -> None:
+    """Map the recording and save the map.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong or the recording cannot be mapped.
+    """
+    output = Path(args.output)
+    listed = args.hot_pixels not in (None, "find", "keep")
+    inputs = [args.recording, args.hot_pixels if listed else None, getattr(args, "config", None)]
+    check_output(output, [given for given in inputs if given is not None])
+    if output.suffix != ".npz":
+        raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
+    if output.exists() and not args.overwrite:
+        raise UsageError(f"output {output} exists: name another, or replace it with --overwrite")
+    check_parent(output)
+    settings = map_settings(args)
+    recording = open_source(args, args.recording)
+    hot = load_hot_pixels(args.hot_pixels, recording.sensor) if listed else None
+
+    start = time.perf_counter()
+    reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot)
+    elapsed = time.perf_counter() - start
+    reference.save(output)
+
+    places = reference.places
+    counts = places.counts
+    packed = ""
+    if reference.codes is not None:
+        packed = f", {reference.packed_bytes_per_place} packed at {reference.counter_bits} bits"
+    summary(
+        f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels of "
+        f"{reference.pixel_map.sensor}, {reference.bytes_per_place} bytes a place "
+        f"({counts.dtype}){packed}, {counts.nbytes / 1e3:.1f} kB in all"
+    )
+    summary(
+        f"read {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
+        f"in {elapsed:.2f} s; {reference.hot.sum()} hot pixels left out"
+        f"{describe_faults(recording)}"
+    )

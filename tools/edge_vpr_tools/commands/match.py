@@ -1,0 +1,88 @@
+"""`edge-vpr match`: a query drive is matched against a map."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import time
+from pathlib import Path
+
+from edge_vpr.archive import write_archive
+from edge_vpr.errors import UsageError
+from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.pipeline import describe_query
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.reading import (
+    describe_faults,
+    fault_counts,
+    open_source,
+)
+from edge_vpr_tools.arguments.setting_flags import match_flags
+from edge_vpr_tools.commands.match_online import match_online
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import summary
+from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.provenance import run_record, write_json
+
+
+def run(args: argparse.Namespace) -> None:
+    """Match the recording and write the folder of results.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong or the recording cannot be matched.
+    """
+    output = Path(args.output)
+    results.check_output_folder(output, args.overwrite, [args.map, args.recording])
+    reference = ReferenceMap.load(args.map)
+    given = {name: value for name, value in match_flags(args).items() if value is not None}
+    settings = reference.settings.replaced(given, "the command line")
+    if args.every is not None and not args.online:
+        raise UsageError("--every says when to match online: add --online, or leave it out")
+    if args.online:
+        match_online(args, dataclasses.replace(reference, settings=settings))
+        return
+    recording = open_source(args, args.recording)
+
+    start = time.perf_counter()
+    queries = describe_query(reference, tracked(recording, "counting"), settings)
+    length = settings.windows_per_match
+    match_descriptors(reference.places, queries.first(length), settings)  # compiled before timing
+    described = time.perf_counter()
+    matches = match_descriptors(reference.places, queries, settings)
+    matched = time.perf_counter()
+
+    metrics = {
+        "queries": len(matches),
+        "places": len(reference),
+        "pixels": len(reference.pixel_map),
+        "bytes_per_place": reference.bytes_per_place,
+        "packed_bytes_per_place": reference.packed_bytes_per_place,
+        "events": int(queries.events.sum()),
+        "counting_s": described - start,
+        "matching_s": matched - described,
+        "tied_queries": int((matches.ties > 0).sum()),
+        "faults_dropped": fault_counts(recording),
+    }
+    with results.results_folder(output, args.overwrite) as folder:
+        reference.save(folder / results.MAP)
+        matches.save(folder / results.MATCHES)
+        matches.save_csv(folder / results.MATCHES_CSV)
+        write_archive(folder / results.QUERIES, results.QUERIES_KIND, queries.to_arrays(), {})
+        write_json(folder / results.RUN, run_record(settings.to_dict(), [args.map, args.recording]))
+        write_json(folder / results.METRICS, metrics)
+        if not args.no_figures:
+            from edge_vpr_tools.report.traverse import write_report
+
+            write_report(folder)
+    summary(
+        f"{output}: {len(matches)} queries matched against {len(reference)} places of "
+        f"{reference.bytes_per_place} bytes{describe_faults(recording)}"
+    )
+    summary(
+        f"counting {queries.events.sum():,} events took {described - start:.2f} s, matching "
+        f"{(matched - described) * 1e6 / len(matches):.1f} us a query"
+    )
+    if not args.no_figures:
+        summary(f"see {output / results.REPORT}; is it right? edge-vpr evaluate {output} --help")

@@ -1,0 +1,68 @@
+"""`edge-vpr simulate`: two drives of one route as recordings, with their ground truth."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from edge_vpr.recordings import write_recording
+from edge_vpr.simulate import QUERY, SimulatedRecording, simulate_pair
+from edge_vpr_tools.output.messages import summary
+from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.provenance import run_record, write_json
+from edge_vpr_tools.output.results import RUN, check_output_folder, results_folder
+
+
+def run(args: argparse.Namespace) -> None:
+    """Simulate both drives and write them.
+
+    Raises
+    ------
+    UsageError
+        If a value is out of range or the folder exists.
+    """
+    output = Path(args.output)
+    check_output_folder(output, args.overwrite)
+    pair = simulate_pair(
+        args.seed,
+        args.sensor,
+        length_m=args.length,
+        query=replace(QUERY, speed_range=args.speed_range, stops=args.stops),
+    )
+    lines = []
+    with results_folder(output, args.overwrite) as folder:
+        for name, recording in zip(("reference", "query"), pair, strict=True):
+            path = folder / f"{name}.npz"
+            written = write_recording(
+                path, tracked(recording, f"driving the {name}"), sensor=recording.sensor
+            )
+            write_track(folder / f"{name}_track.csv", recording)
+            seconds = recording.duration_us / 1e6
+            lines.append(
+                f"{output / path.name}: {written:,} events of {recording.sensor} over "
+                f"{args.length:g} m in {seconds:.1f} s; ground truth in {name}_track.csv"
+            )
+        settings = {
+            name: {
+                "world": asdict(recording.world),
+                "camera": asdict(recording.camera),
+                "drive": asdict(recording.drive),
+                "seed": recording.seed,
+                "device": recording.device,
+            }
+            for name, recording in zip(("reference", "query"), pair, strict=True)
+        }
+        write_json(folder / RUN, run_record(settings, ()))
+    summary("\n".join(lines))
+
+
+def write_track(path: Path, recording: SimulatedRecording) -> None:
+    """Write where the camera was as ``time_s,position_m``, which `edge-vpr evaluate` reads."""
+    track = recording.track
+    with path.open("w", encoding="utf-8") as file:
+        file.write("time_s,position_m\n")
+        for time_us, (position_m,) in zip(
+            track.time_us.tolist(), track.position.tolist(), strict=True
+        ):
+            file.write(f"{time_us / 1e6:.6f},{position_m:.4f}\n")

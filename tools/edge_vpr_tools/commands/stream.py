@@ -1,0 +1,236 @@
+"""`edge-vpr stream`: localise live from a camera on a line, or learn a map from it."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from io import FileIO
+from itertools import count
+from pathlib import Path
+
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.pipeline import map_traverse
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+from edge_vpr.stream.health import Health
+from edge_vpr.stream.intake import Intake
+from edge_vpr.stream.links import open_link
+from edge_vpr.stream.live import LiveLocaliser, Step
+from edge_vpr.stream.protocols import open_decoder
+from edge_vpr_tools.arguments.schedule import parse_every
+from edge_vpr_tools.arguments.setting_flags import duration_us, map_settings, match_flags
+from edge_vpr_tools.arguments.stream_arguments import check_arguments
+from edge_vpr_tools.output.interrupt import stopped_by_signals
+from edge_vpr_tools.output.live_view import View, ends_early, open_view
+from edge_vpr_tools.output.rerun_view import RerunView, open_rerun
+
+STALLED_S = 1.0
+#: More than a protocol's beginning takes, and than a bad line puts together by chance.
+SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
+
+
+def run(args: argparse.Namespace) -> None:
+    """Follow the stream to its end, or until Ctrl-C or SIGTERM.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong, the link cannot be opened, or a file cannot be written.
+    """
+    check_arguments(args)
+    if args.learn:
+        _learn(args, map_settings(args))
+        return
+    reference = None if args.map is None else _with_flags(args, ReferenceMap.load(args.map))
+    _follow(args, reference, None)
+
+
+def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
+
+    given = {name: value for name, value in match_flags(args).items() if value is not None}
+    settings = reference.settings.replaced(given, "the command line")
+    return dataclasses.replace(reference, settings=settings)
+
+
+def _learn(args: argparse.Namespace, settings: Settings) -> None:
+    """Record a drive beside the map that is to be, and make it; a drive without a map is kept."""
+    output = Path(args.output)
+    try:
+        folder = Path(tempfile.mkdtemp(dir=output.parent, prefix=f".{output.name}."))
+    except OSError as error:
+        raise UsageError(
+            f"cannot write {output}: {error.strerror}: name a folder that is writable"
+        ) from error
+    drive = folder / "drive.npz"
+    try:
+        _follow(args, None, drive)
+        reference = map_traverse(open_recording(drive), settings)
+        reference.save(output)
+        drive.unlink()
+    finally:
+        if drive.exists():
+            names = (output.with_name(f"{output.stem}_drive{n or ''}.npz") for n in count())
+            kept = next(name for name in names if not name.exists())
+            drive.replace(kept)
+            print(f"the drive is kept: edge-vpr map {kept} -o {output}", file=sys.stderr)
+        folder.rmdir()
+    if not args.json:
+        print(f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels")
+
+
+def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Path | None) -> None:
+    """Open everything, follow the stream, and close everything whatever happens."""
+    sensor = Sensor.parse(args.sensor) if args.sensor else None
+    if sensor is None:
+        assert reference is not None
+        sensor = reference.pixel_map.sensor
+    decoder = open_decoder(args.protocol, sensor)
+    max_lag_s = duration_us(args.max_lag) / 1e6
+    every = None if reference is None else parse_every(args.every, reference)
+    live = LiveLocaliser(decoder, reference, every)
+    decoder.warm_up()
+    with ExitStack() as stack:
+        rerun = stack.enter_context(open_rerun(args.rerun, sensor))
+        stopping = threading.Event()
+        stack.enter_context(stopped_by_signals(stopping))
+        intake = Intake(
+            lambda: open_link(
+                args.port, baud=args.baud or decoder.baud, flow_control=args.flow_control
+            ),
+            setup=decoder.setup(),
+            teardown=decoder.teardown(),
+            retry=not args.once,
+            drop=None if args.on_overload is None else args.on_overload == "drop",
+            max_lag_s=max_lag_s,
+        )
+        stack.callback(intake.stop)
+        # files only now, or a camera that is not there would cost the run before
+        view = stack.enter_context(open_view(args.json, args.log, len(reference or ())))
+        raw = [
+            stack.enter_context(Path(name).open("wb", buffering=0))
+            for name in args.record
+            if Path(name).suffix == ".bin"
+        ]
+        events = _events(intake, live, view, raw, rerun, stopping)
+        files = [Path(name) for name in args.record if Path(name).suffix != ".bin"]
+        try:
+            _record(events, drive or (files[0] if files else None), args, live, view)
+        finally:
+            view.summary(decoder.health, live.bursts_removed)
+        if intake.error is not None:
+            raise intake.error
+        if view.unwritten:
+            raise RecordingError(view.unwritten)
+
+
+def _record(
+    events: Iterator[Events],
+    target: Path | None,
+    args: argparse.Namespace,
+    live: LiveLocaliser,
+    view: View,
+) -> None:
+    """Follow events to their end, and write them if there is a target."""
+    if target is not None:
+        sensor = live.decoder.sensor
+        try:
+            write_recording(target, events, sensor=sensor, overwrite=args.overwrite)
+        except RecordingError as error:
+            if live.decoder.health.events == 0:
+                raise RecordingError(
+                    f"no events came from {args.port}: check --protocol and --baud"
+                ) from error
+            if args.learn:
+                raise
+            view.give_up(str(error))
+    for _ in events:
+        pass
+
+
+def _events(
+    intake: Intake,
+    live: LiveLocaliser,
+    view: View,
+    raw: list[FileIO],
+    rerun: RerunView | None,
+    stopping: threading.Event,
+) -> Iterator[Events]:
+    """Yield the stream's events while it is matched and shown."""
+    begin = heard = time.monotonic()
+    silent = closed = False
+    remark = senseless = ""
+    health = live.decoder.health
+    while not (stopping.is_set() or intake.ended or view.unread):
+        piece = intake.take(live.decoder.tick_s)
+        step: Step | None = None
+        health.line_errors = intake.line_errors
+        if piece is not None:
+            heard, silent = piece.at_s, False
+            _write_raw(raw, piece.data, view)
+            step = live.feed(
+                piece.data,
+                int((piece.at_s - begin) * 1e6),
+                lost=piece.lost,
+                reopened=piece.reopened,
+            )
+            view.matches(step, time.monotonic() - piece.at_s)
+        elif bool(intake.lost_link) != closed:
+            closed = not closed
+            view.say("link", f"{intake.lost_link}; trying again" if closed else "open again")
+        elif not (silent or closed or intake.ended) and time.monotonic() - heard > STALLED_S:
+            silent = True
+            health.stalls += 1
+            view.say("stalled", f"no bytes for {STALLED_S:g} s from {intake.address}")
+        if not senseless and (senseless := _senseless(health)):
+            view.say("senseless", senseless)
+        intake.send(live.decoder.to_send(time.monotonic()))
+        if live.decoder.remark != remark:
+            remark = live.decoder.remark
+            view.say("device", remark or "the device answers")
+        if step is not None:
+            if rerun is not None:
+                rerun.show(step)
+            if step.events.size:
+                yield step.events
+        view.tick(live)
+    step = live.finish()
+    view.matches(step, 0.0)
+    if step.events.size:
+        yield step.events
+
+
+def _senseless(health: Health) -> str:
+    """Say that what comes is not what was expected, if most of it is not."""
+    if health.skipped_bytes > SENSELESS_BYTES and (
+        health.decoded == 0 or health.skipped_bytes > 9 * health.decoded_bytes
+    ):
+        return (
+            f"{health.skipped_bytes:,} of {health.bytes:,} bytes are not of this protocol: check "
+            "--protocol and --baud"
+        )
+    if health.off_sensor > max(SENSELESS_EVENTS, health.events):
+        return (
+            f"{health.off_sensor:,} of {health.decoded:,} events are not on this sensor: check "
+            "--sensor, or the map"
+        )
+    return ""
+
+
+def _write_raw(raw: list[FileIO], data: bytes, view: View) -> None:
+    """Write bytes to all files; one that cannot be written is given up."""
+    for file in list(raw):
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except OSError as error:
+            raw.remove(file)
+            view.give_up(ends_early(str(file.name), error))

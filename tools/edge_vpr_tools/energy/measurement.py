@@ -1,0 +1,192 @@
+"""Idle and load by turns, and the energy of a match from their differences."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from edge_vpr_tools.energy.intervals import LEAST_PAIRS, interval, paired_energy
+from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
+from edge_vpr_tools.energy.sensors.sensor import About, Sensor
+
+#: runs the load for so many seconds and gives the number of matches
+Load = Callable[[float], int]
+
+#: of a window, for a figure that can be published
+LEAST_S, LEAST_SAMPLES = 10.0, 100
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to measure.
+
+    Attributes
+    ----------
+    pairs : int
+        Of an idle and a load window.
+    window_s : float
+        Of each.
+    quick : bool
+        Shorter than a figure to be published needs; said with it.
+    """
+
+    pairs: int = LEAST_PAIRS
+    window_s: float = LEAST_S
+    quick: bool = False
+
+    def for_period(self, period_s: float) -> Plan:
+        """Lengthen the windows so that each holds a hundred native samples."""
+        if self.quick:
+            return self
+        return Plan(self.pairs, max(self.window_s, LEAST_SAMPLES * period_s))
+
+
+def take_turns(
+    plan: Plan,
+    load: Load,
+    *,
+    sleep: Callable[[float], None] = time.sleep,
+    clock: Callable[[], float] = time.monotonic,
+) -> list[Window]:
+    """Alternate idle and load windows, the first of each pair alternating too.
+
+    A drift of the board's power that is steady cancels over two pairs: idle, load, load, idle. Idle
+    is this process asleep.
+
+    Parameters
+    ----------
+    plan : Plan
+    load : callable
+        Already warm: compiled, and in the caches.
+    sleep, clock : callable
+        For tests.
+
+    Returns
+    -------
+    list of Window
+    """
+    windows = []
+    for pair in range(plan.pairs):
+        for loaded in (False, True) if pair % 2 == 0 else (True, False):
+            start, matches = clock(), 0
+            if loaded:
+                matches = load(plan.window_s)
+            else:
+                sleep(plan.window_s)
+            windows.append(Window(loaded, start, clock(), matches))
+    return windows
+
+
+def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> dict[str, Any]:
+    """Measure the energy of a match.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    plan : Plan
+    load : callable
+    rate : float
+        Matches a second of the mission.
+
+    Returns
+    -------
+    dict
+        See `analyse`; with the cost of sampling, and the trace for a figure.
+
+    Raises
+    ------
+    SensorError
+        If the sensor fails meanwhile.
+    """
+    plan = plan.for_period(sensor.about.period_s)
+    cpu = time.process_time()
+    with Sampler(sensor) as sampler:
+        time.sleep(3 * sensor.about.period_s)
+        windows = take_turns(plan, load)
+        time.sleep(3 * sensor.about.period_s)
+    cpu = time.process_time() - cpu
+    found = analyse(sampler.trace(), windows, sensor.about, rate)
+    matches = sum(window.matches for window in windows)
+    found["cpu_s_per_match"] = (cpu - sampler.cpu_s) / max(matches, 1)
+    elapsed = windows[-1].end_s - windows[0].start_s
+    found["sampler_cpu_share"] = (sampler.cpu_s + sampler.commands_s) / elapsed
+    found["quick"] = plan.quick
+    return found
+
+
+def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) -> dict[str, Any]:
+    """Say what a match costs, with intervals; marginal, saturated, and at the mission's rate.
+
+    Parameters
+    ----------
+    trace : Trace
+    windows : sequence of Window
+        Pairs of idle and load.
+    about : About
+        Of the meter.
+    rate : float
+        Matches a second of the mission.
+
+    Returns
+    -------
+    dict
+        Plain values. Joules a match are None where the difference is not resolved: then
+        ``pairs_needed`` says how many pairs would, if the spread stays.
+    """
+    idle_w, load_w = paired_energy(trace, windows)
+    loads = [window for window in windows if window.load]
+    # by the matches of its own window: a slow window is not a cheap match
+    a_match_s = np.array([(w.end_s - w.start_s) / max(w.matches, 1) for w in loads])
+    marginal = interval((load_w - idle_w) * a_match_s)
+    saturated = interval(load_w * a_match_s)
+    idle = interval(idle_w)
+    low, high = marginal.with_gain(about.gain_error)
+    resolved = marginal.resolved
+    value = marginal.value
+    mission = idle_w / rate + (load_w - idle_w) * a_match_s
+    at_mission = interval(mission)
+    start = windows[0].start_s
+    samples = [trace.native_samples(w.start_s, w.end_s) for w in windows]
+    return {
+        "sensor": about.__dict__ | {},
+        "resolved": resolved,
+        "pairs": marginal.pairs,
+        "window_s": float(np.median([w.end_s - w.start_s for w in windows])),
+        "native_samples_per_window": int(np.median(samples)),
+        "marginal_j_per_match": value if resolved else None,
+        "marginal_j_per_match_interval": [marginal.low, marginal.high],
+        "marginal_j_per_match_interval_with_gain": [low, high],
+        "pairs_needed": None if resolved else marginal.pairs_needed(),
+        "saturated_matches_per_s": float(np.median(1 / a_match_s)),
+        "saturated_j_per_match": saturated.value,
+        "saturated_j_per_match_interval": [saturated.low, saturated.high],
+        "mission_matches_per_s": rate,
+        "mission_j_per_match": at_mission.value,
+        "mission_j_per_match_interval": [at_mission.low, at_mission.high],
+        "matches_per_joule": 1 / value if resolved else None,
+        "matches_per_joule_interval": [1 / marginal.high, 1 / marginal.low] if resolved else None,
+        "idle_w": idle.value,
+        "idle_w_interval": [idle.low, idle.high],
+        "load_w": float(np.median(load_w)),
+        "differences_w": (load_w - idle_w).tolist(),
+        "windows": [
+            {"load": w.load, "start_s": w.start_s - start, "end_s": w.end_s - start,
+             "matches": w.matches}
+            for w in windows
+        ],
+        "trace": _thinned(trace, start),
+    }  # fmt: skip
+
+
+def _thinned(trace: Trace, start: float) -> dict[str, list[float]]:
+    """At most a thousand points of power, for a figure."""
+    step = 1 + trace.time_s.size // 1_000
+    time_s, energy = trace.time_s[::step], trace.energy_j[::step]
+    return {
+        "time_s": ((time_s[1:] + time_s[:-1]) / 2 - start).tolist(),
+        "watts": (np.diff(energy) / np.diff(time_s)).tolist(),
+    }

@@ -1,0 +1,252 @@
+"""Samples of power over time, the energy between two moments, and traces of external meters."""
+
+from __future__ import annotations
+
+import csv
+import resource
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.energy.sensors.sensor import Sensor, SensorError
+
+Floats = npt.NDArray[np.float64]
+
+
+class Window(NamedTuple):
+    """A span of one kind of load, by the monotonic clock."""
+
+    load: bool
+    start_s: float
+    end_s: float
+    matches: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Cumulated energy, at increasing times.
+
+    Attributes
+    ----------
+    time_s : ndarray of float64, shape (n,)
+    energy_j : ndarray of float64, shape (n,)
+        Since the first sample.
+    fresh : ndarray of bool, shape (n,)
+        Whether the reading differs from the one before: a meter that is asked more often than it
+        measures repeats itself.
+    """
+
+    time_s: Floats
+    energy_j: Floats
+    fresh: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of_energy(cls, time_s: Floats, joules: Floats) -> Trace:
+        """Take a counter's readings."""
+        return cls(time_s, joules - joules[0], _fresh(joules))
+
+    @classmethod
+    def of_power(cls, time_s: Floats, watts: Floats) -> Trace:
+        """Integrate power by trapezoids; repeated readings do not change the integral's mean."""
+        steps = np.diff(time_s) * (watts[1:] + watts[:-1]) / 2
+        return cls(time_s, np.concatenate([[0.0], np.cumsum(steps)]), _fresh(watts))
+
+    def energy(self, start_s: float, end_s: float) -> float:
+        """Joules between two moments, a straight line between samples.
+
+        Raises
+        ------
+        SensorError
+            If the trace does not reach over both.
+        """
+        if not self.time_s[0] <= start_s < end_s <= self.time_s[-1]:
+            raise SensorError(
+                f"the power trace covers {self.time_s[0]:g} to {self.time_s[-1]:g} s and not "
+                f"{start_s:g} to {end_s:g} s: let the meter run longer"
+            )
+        before, after = np.interp([start_s, end_s], self.time_s, self.energy_j)
+        return float(after - before)
+
+    def native_samples(self, start_s: float, end_s: float) -> int:
+        """Count the readings between two moments that are not repeated ones."""
+        inside = (self.time_s >= start_s) & (self.time_s <= end_s)
+        return int(np.count_nonzero(inside & self.fresh))
+
+
+def _fresh(readings: Floats) -> npt.NDArray[np.bool_]:
+    return np.concatenate([[True], np.diff(readings) != 0])
+
+
+@dataclass
+class Sampler:
+    """Reads a sensor at its period, in a thread of its own.
+
+    Attributes
+    ----------
+    cpu_s, commands_s : float
+        Processor time that the thread took, and the commands that it ran meanwhile: it is part of
+        idle and load alike.
+    error : SensorError, optional
+        Why it stopped early.
+    """
+
+    sensor: Sensor
+    cpu_s: float = 0.0
+    commands_s: float = 0.0
+    error: SensorError | None = None
+    _times: list[float] = field(default_factory=list)
+    _values: list[float] = field(default_factory=list)
+    _stop: threading.Event = field(default_factory=threading.Event)
+    _thread: threading.Thread | None = None
+
+    def __enter__(self) -> Sampler:
+        self._take()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self._stop.set()
+        assert self._thread is not None
+        self._thread.join()
+        if self.error is None:
+            try:
+                self._take()
+            except SensorError as error:
+                self.error = error
+
+    def trace(self) -> Trace:
+        """Give what was sampled.
+
+        Raises
+        ------
+        SensorError
+            If the sensor failed meanwhile.
+        """
+        if self.error is not None:
+            raise self.error
+        times, values = np.array(self._times), np.array(self._values)
+        if self.sensor.about.kind == "energy":
+            return Trace.of_energy(times, values)
+        return Trace.of_power(times, values)
+
+    def _take(self) -> None:
+        when, value = self.sensor.sample()
+        if self._times and when <= self._times[-1]:
+            return  # a sensor that was asked before it had something new
+        self._times.append(when)
+        self._values.append(value)
+
+    def _run(self) -> None:
+        period, before = self.sensor.about.period_s, _commands_s()
+        try:
+            while not self._stop.wait(period):
+                self._take()
+        except SensorError as error:
+            self.error = error
+        self.cpu_s, self.commands_s = time.thread_time(), _commands_s() - before
+
+
+def _commands_s() -> float:
+    """Processor time of all commands that this process has run."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def read_csv(path: Path) -> tuple[Floats, Floats]:
+    """Read times and watts that an external meter wrote.
+
+    Parameters
+    ----------
+    path : path
+        With a header: a column of time in seconds (``time``, ``time_s``, ``timestamp``), and either
+        of power in watts (``power``, ``power_w``) or of volts and amperes (``voltage``,
+        ``current``, with ``_v`` and ``_a`` or not).
+
+    Returns
+    -------
+    time_s, watts : ndarray of float64, shape (n,)
+
+    Raises
+    ------
+    UsageError
+        If columns are missing, a cell is no number, or time does not increase.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            header, *rows = [row for row in csv.reader(file) if row]
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot read a power trace from {path}: {error}") from error
+    names = [name.strip().lower() for name in header]
+    values = np.empty((len(rows), len(names)))
+    for i, row in enumerate(rows):
+        try:
+            values[i] = [float(cell) for cell, _ in zip(row, names, strict=True)]
+        except ValueError:
+            raise UsageError(
+                f"cannot read a power trace from {path}, sample {i + 1}, {','.join(row)!r}: "
+                f"expected {len(names)} numbers with commas between them, time in seconds"
+            ) from None
+
+    def column(*choices: str) -> Floats | None:
+        found = next((names.index(name) for name in choices if name in names), None)
+        return None if found is None else values[:, found]
+
+    if len(values) < 2:
+        raise UsageError(f"{path}: a power trace needs two samples or more")
+    when, watts = column("time", "time_s", "timestamp"), column("power", "power_w")
+    if watts is None:
+        volts, amperes = column("voltage", "voltage_v"), column("current", "current_a")
+        watts = None if volts is None or amperes is None else volts * amperes
+    if when is None or watts is None:
+        raise UsageError(
+            f"{path} has the columns {', '.join(names)}: expected time_s, and power_w or both "
+            "voltage_v and current_a"
+        )
+    if not (np.diff(when) > 0).all() or not np.isfinite(values).all():
+        raise UsageError(f"{path}: time does not increase from row to row, or a cell is no number")
+    return when, watts
+
+
+def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
+    """Find by how much a meter's clock is ahead: where its trace steps as the load did.
+
+    Parameters
+    ----------
+    windows : sequence of Window
+    time_s, watts : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    float
+        To be subtracted from `time_s`.
+
+    Raises
+    ------
+    UsageError
+        If the trace is shorter than the windows.
+    """
+    start, end = windows[0].start_s, windows[-1].end_s
+    span = end - start
+    room = time_s[-1] - time_s[0] - span
+    if room < 0:
+        raise UsageError(
+            f"the meter's trace of {time_s[-1] - time_s[0]:g} s is shorter than the measurement of "
+            f"{span:g} s: let it run before and after"
+        )
+    step = min(0.05, span / 2_000)
+    grid = np.arange(0.0, span, step)
+    edges = np.array([window.start_s - start for window in windows])
+    which = np.searchsorted(edges, grid, side="right") - 1
+    loaded = np.array([window.load for window in windows], dtype=np.float64)[which]
+    pattern = loaded - loaded.mean()
+    fine = np.interp(np.arange(0.0, room + span, step), time_s - time_s[0], watts)
+    scores = np.correlate(fine - fine.mean(), pattern, mode="valid")
+    return float(time_s[0] + int(np.argmax(scores)) * step - start)

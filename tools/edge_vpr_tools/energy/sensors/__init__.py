@@ -1,0 +1,1 @@
+"""Readers of power and energy sensors."""

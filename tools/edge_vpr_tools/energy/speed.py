@@ -1,0 +1,147 @@
+"""The paper's speed claim, measured again: few pixels against all of them (Fischer & Milford, IV).
+
+Counting and matching apart; the two variants by turns, so that they share what else the machine
+does.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import DescriptorStream, FixedTime, collect
+from edge_vpr.events import Events, Sensor
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr_tools.energy.intervals import Estimate, interval_of_times
+
+#: DAVIS346 of Brisbane-Event-VPR, J of the paper; the number of places and the counts are made up
+PAPER_SENSOR, PAPER_PIXELS, _PAPER_PLACES = Sensor(346, 260), 150, 500
+_REPEATS = 31
+#: enough to be timed, and to be held beside the recording
+_MOST_EVENTS, _MOST_COUNTS, _MOST_WINDOWS = 500_000, 1 << 25, 64
+_LEAST_S = 2e-3
+
+Counts = npt.NDArray[np.unsignedinteger]
+
+
+@dataclass(frozen=True)
+class Against:
+    """Seconds of one unit of work at few pixels and at all, with 95 % intervals.
+
+    Attributes
+    ----------
+    unit : str
+        Of what the seconds are.
+    sparse_pixels, all_pixels, places : int
+        J of the two, and K; 0 places where none are matched.
+    sparse_s, all_s, times : dict
+        `Estimate` as plain values; `times` is of the ratios of neighbouring measurements.
+    """
+
+    unit: str
+    sparse_pixels: int
+    all_pixels: int
+    places: int
+    sparse_s: dict[str, float]
+    all_s: dict[str, float]
+    times: dict[str, float]
+
+
+def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> dict[str, object]:
+    """Time counting and matching of a recording, and matching at the paper's sizes.
+
+    Parameters
+    ----------
+    events : ndarray of events
+        In time order.
+    pixel_map : PixelMap
+        The selected pixels.
+    places : int
+        K; fewer are taken where all pixels of so many would not be held easily.
+
+    Returns
+    -------
+    dict of str to dict
+        Of `Against`: ``counting`` an event, ``matching`` a query, ``matching_paper`` a query.
+    """
+    sensor = pixel_map.sensor
+    events = events[:_MOST_EVENTS]
+    everything = PixelMap.all_of(sensor)
+    windows = max(2, min(_MOST_WINDOWS, _MOST_COUNTS // sensor.pixels))
+    span = int(events["t"][-1]) - int(events["t"][0])
+    tau = FixedTime(max(1, span // (windows + 1)))
+
+    def count(pixels: PixelMap) -> Counts:
+        stream = DescriptorStream(pixels, tau)
+        return collect(stream.windows(events), len(pixels)).counts
+
+    few, all_of_them = count(pixel_map), count(everything)
+    places = max(2, min(places, _MOST_COUNTS // sensor.pixels))
+    counting = _against(
+        "an event", lambda: count(pixel_map), lambda: count(everything), events.size,
+        (len(pixel_map), len(everything), 0),
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    made_up = rng.integers(0, 16, (_PAPER_PLACES, PAPER_SENSOR.pixels), dtype=np.uint8)
+    return {
+        "counting": asdict(counting),
+        "matching": asdict(_matching(few, all_of_them, places)),
+        "matching_paper": asdict(_matching(made_up[:, :PAPER_PIXELS], made_up, _PAPER_PLACES)),
+    }
+
+
+def _matching(few: Counts, everything: Counts, places: int) -> Against:
+    """Time the distances of one query to every place."""
+    indices = [
+        ReferenceIndex(np.resize(counts, (places, counts.shape[1]))) for counts in (few, everything)
+    ]
+    queries = [counts[0] for counts in (few, everything)]
+    return _against(
+        "a query",
+        lambda: indices[0].distances(queries[0]),
+        lambda: indices[1].distances(queries[1]),
+        1,
+        (few.shape[1], everything.shape[1], places),
+    )
+
+
+def _against(
+    unit: str,
+    sparse: Callable[[], object],
+    dense: Callable[[], object],
+    units: int,
+    sizes: tuple[int, int, int],
+) -> Against:
+    rounds = [_rounds(work) for work in (sparse, dense)]
+    took = np.empty((_REPEATS, 2))
+    for i in range(_REPEATS):
+        # each goes first every other time
+        for which in (0, 1) if i % 2 == 0 else (1, 0):
+            took[i, which] = _time((sparse, dense)[which], rounds[which]) / units
+    return Against(
+        unit,
+        *sizes,
+        *(_told(interval_of_times(values)) for values in (*took.T, took[:, 1] / took[:, 0])),
+    )
+
+
+def _rounds(work: Callable[[], object]) -> int:
+    """How often a work is done in one measurement; it is compiled and in the caches by then."""
+    work()
+    return max(1, round(_LEAST_S / max(_time(work, 1), 1e-9)))
+
+
+def _time(work: Callable[[], object], rounds: int) -> float:
+    start = time.perf_counter()
+    for _ in range(rounds):
+        work()
+    return (time.perf_counter() - start) / rounds
+
+
+def _told(found: Estimate) -> dict[str, float]:
+    return {"value": found.value, "low": found.low, "high": found.high}

@@ -1,0 +1,68 @@
+"""Notes on standard error and summaries on standard output, as ``-q`` and ``-v`` ask for."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import IntEnum
+
+from edge_vpr.errors import printable
+
+
+class Verbosity(IntEnum):
+    """How much a command says while it runs."""
+
+    QUIET = -1
+    NORMAL = 0
+    VERBOSE = 1
+
+
+_now = [Verbosity.NORMAL]
+
+
+@contextmanager
+def verbosity(level: Verbosity) -> Iterator[None]:
+    """Say as much as `level` within the block."""
+    _now.append(level)
+    try:
+        yield
+    finally:
+        _now.pop()
+
+
+def is_quiet() -> bool:
+    """Whether neither progress nor notes nor summaries are wanted."""
+    return _now[-1] <= Verbosity.QUIET
+
+
+def summary(text: str) -> None:
+    """Print what a command wrote, on standard output; not if quiet."""
+    if not is_quiet():
+        print(text)
+
+
+def note(text: str) -> None:
+    """Print a line on standard error; not if quiet."""
+    if not is_quiet():
+        _line(text)
+
+
+def detail(text: str) -> None:
+    """Print a line on standard error if more was asked for."""
+    if _now[-1] >= Verbosity.VERBOSE:
+        _line(text)
+
+
+def warning(text: str) -> None:
+    """Print a warning on standard error, whatever was asked for."""
+    _line(f"warning: {text}")
+
+
+def error_line(text: str) -> None:
+    """Print why a command ended, on standard error."""
+    _line(text)
+
+
+def _line(text: str) -> None:
+    print("edge-vpr:", printable(text), file=sys.stderr, flush=True)

@@ -1,0 +1,70 @@
+"""A progress bar on a terminal, and nothing in a pipe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from edge_vpr.events import Events
+
+
+class Tracked:
+    """A recording whose every pass shows a progress bar on standard error.
+
+    Attributes are the recording's own (``sensor``, ``start_us``, ...).
+    """
+
+    def __init__(self, recording: Iterable[Events], label: str) -> None:
+        self._recording = recording
+        self._label = label
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._recording, name)
+
+    def __iter__(self) -> Iterator[Events]:
+
+        console = Console(stderr=True)
+        if not console.is_terminal:
+            return iter(self._recording)
+        return self._shown(console)
+
+    def _shown(self, console: Any) -> Iterator[Events]:
+
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[events]}"),
+            TimeElapsedColumn(),
+        )
+        # transient: the bar goes when the pass ends, and the command's own lines stay
+        with Progress(*columns, console=console, transient=True) as progress:
+            task = progress.add_task(self._label, total=None, events="")
+            n = 0
+            for events in self._recording:
+                yield events
+                n += events.size
+                position = getattr(self._recording, "position", None)
+                progress.update(
+                    task,
+                    events=f"{n:,} events",
+                    total=None if position is None else 1.0,
+                    completed=0.0 if position is None else position,
+                )
+
+
+def tracked(recording: Any, label: str) -> Any:
+    """Wrap a recording so that each pass over it shows its progress under `label`.
+
+    Published windows, which are not iterated, pass through as they are.
+
+    Returns
+    -------
+    Tracked
+        Typed as `Any`, because it stands in for the recording.
+    """
+    return Tracked(recording, label)
