@@ -69,8 +69,8 @@ def one(files: dict[str, list[Path]], folder: Path, seed: int, number: int) -> t
     return kind, outcome(kind, path)
 
 
-def run(inputs: int, seed: int) -> Result:
-    """Load so many inputs in forked children."""
+def run(inputs: int, seed: int, *, tell: bool = False) -> Result:
+    """Load so many inputs in forked children; tell how far it has come on standard error."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = write_originals(folder)
@@ -78,9 +78,13 @@ def run(inputs: int, seed: int) -> Result:
             for path in paths:  # kernels are compiled before the children inherit them
                 assert outcome(kind, path), f"an original {kind} is refused: {path}"
         result = Result(Counter(), Counter(), [], 0)
-        first = 0
+        first = told = 0
         while first < inputs:
             last = min(first + _AT_ONCE, inputs)
+            if tell:  # a run that is stopped has told what it found
+                print(f"{first} inputs, {len(result.finds)} finds", file=sys.stderr, flush=True)
+                print(*result.finds[told:], sep="\n", end="", file=sys.stderr, flush=True)
+                told = len(result.finds)
             for line in _child(files, folder, seed, first, last):
                 number, what, *rest = line.split(" ", 2)
                 first = int(number) + 1
@@ -157,7 +161,7 @@ def main() -> int:
             print(*one(write_originals(Path(name)), Path(name), args.seed, args.only))
         return 0
     begin = time.monotonic()
-    result = run(args.inputs, args.seed)
+    result = run(args.inputs, args.seed, tell=True)
     for kind in LOADERS:
         print(f"{kind}: {result.accepted[kind]} accepted, {result.refused[kind]} refused")
     for find in result.finds[:50]:

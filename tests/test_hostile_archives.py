@@ -339,12 +339,12 @@ def test_a_folder_is_not_an_archive(tmp_path):
 
 def test_changed_files_of_every_kind_are_refused_or_give_what_the_oracle_gives():
     """A bounded part of `python tests/fuzz_archives.py`."""
-    result = fuzz_archives.run(inputs=500, seed=20)
+    result = fuzz_archives.run(inputs=300, seed=20)
     assert not result.finds
     assert result.most_bytes < 600 << 20
     for kind in ("map", "state"):
-        assert result.accepted[kind] > 10
-        assert result.refused[kind] > 50
+        assert result.accepted[kind] > 5
+        assert result.refused[kind] > 30
 
 
 @pytest.mark.parametrize("fault", ["raise", "die", "hang"])
