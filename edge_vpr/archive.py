@@ -71,6 +71,16 @@ def write_archive(
         np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
 
 
+def kind_of(path: str | Path) -> str | None:
+    """Return the kind of a file that `write_archive` wrote, or None for any other file."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{_HEADER}.npy") as member:
+            header = np.lib.format.read_array(member, allow_pickle=False)
+        return str(dict(json.loads(str(header)))["kind"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
+        return None
+
+
 def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     """Read what `write_archive` wrote.
 

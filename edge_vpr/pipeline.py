@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -29,6 +29,27 @@ from edge_vpr.matching.matches import Matches, match_descriptors
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from fixedpoint.codes import learn_full_scale
+
+
+@dataclass
+class Removed:
+    """What cleaning left out of the newest pass over a recording; filled while it is read.
+
+    Attributes
+    ----------
+    events : int
+        Read in all.
+    burst_events : int
+        Removed as bursts.
+    """
+
+    events: int = 0
+    burst_events: int = 0
+
+    @property
+    def burst_share(self) -> float:
+        """Share of the events that were removed as bursts."""
+        return self.burst_events / self.events if self.events else 0.0
 
 
 class EventSource(Protocol):
@@ -73,6 +94,7 @@ def map_traverse(
     settings: Settings,
     *,
     hot: npt.NDArray[np.bool_] | None = None,
+    removed: Removed | None = None,
 ) -> ReferenceMap:
     """Make a reference map of one drive, in one pass over its events or two.
 
@@ -86,6 +108,8 @@ def map_traverse(
     settings : Settings
     hot : ndarray of bool, shape (height, width), optional
         Hot pixels; by default they are found, if the settings ask for it.
+    removed : Removed, optional
+        Is filled with what was left out.
 
     Returns
     -------
@@ -114,7 +138,7 @@ def map_traverse(
         else:
             everything = PixelMap.all_of(sensor)
             stream = DescriptorStream(everything, FixedTime(settings.tau_us))
-            windows = _windows(recording, stream, settings)
+            windows = _windows(recording, stream, settings, removed)
         for window in windows:
             first.add(window)
         if first.windows == 0:
@@ -141,7 +165,7 @@ def map_traverse(
         needs_events = settings.window == "count" or settings.polarity
         places = None if needs_events else first.descriptors(pixel_map)
     if places is None:
-        places = describe(recording, pixel_map, settings.uncoded)
+        places = describe(recording, pixel_map, settings.uncoded, removed=removed)
     places, full_scale = code_places(places, settings)
     return ReferenceMap(settings, pixel_map, places, saliency.astype(np.float32), hot, full_scale)
 
@@ -177,6 +201,8 @@ def describe(
     pixel_map: PixelMap,
     settings: Settings,
     full_scale: npt.NDArray[np.uint16] | None = None,
+    *,
+    removed: Removed | None = None,
 ) -> Descriptors:
     """Count the events of a drive at the selected pixels, window by window, in one pass.
 
@@ -188,6 +214,8 @@ def describe(
         Of the map.
     full_scale : ndarray of uint16, shape (J,), optional
         Of the map, where its code is scaled to each pixel.
+    removed : Removed, optional
+        Is filled with what was left out.
 
     Returns
     -------
@@ -215,7 +243,7 @@ def describe(
         stream = DescriptorStream(
             pixel_map, window_of(settings), polarity=settings.polarity, code=codes
         )
-        windows = _windows(recording, stream, settings)
+        windows = _windows(recording, stream, settings, removed)
     descriptors = collect(windows, counters)
     if len(descriptors) == 0:
         raise _too_short(window_of(settings))
@@ -268,21 +296,44 @@ def window_of(settings: Settings) -> Window:
     return FixedCount(settings.events_per_window)
 
 
-def cleaned(recording: EventSource, settings: Settings) -> Iterator[Events]:
-    """Yield a recording's events without bursts, if the settings ask for it."""
-    if not settings.remove_bursts:
-        yield from recording
-        return
-    bursts = BurstFilter(recording.sensor)
+def cleaned(
+    recording: EventSource, settings: Settings, removed: Removed | None = None
+) -> Iterator[Events]:
+    """Yield a recording's events without bursts, if the settings ask for it.
+
+    Parameters
+    ----------
+    recording : EventSource
+    settings : Settings
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Yields
+    ------
+    Events
+    """
+    removed = Removed() if removed is None else removed
+    removed.events = removed.burst_events = 0
+    bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
     for events in recording:
-        yield from bursts.pieces(events)
-    yield bursts.finish()
+        removed.events += int(events.size)
+        if bursts is None:
+            yield events
+        else:
+            yield from bursts.pieces(events)
+            removed.burst_events = bursts.removed
+    if bursts is not None:
+        yield bursts.finish()
+        removed.burst_events = bursts.removed
 
 
 def _windows(
-    recording: EventSource, stream: DescriptorStream, settings: Settings
+    recording: EventSource,
+    stream: DescriptorStream,
+    settings: Settings,
+    removed: Removed | None,
 ) -> Iterator[WindowCounts]:
-    for events in cleaned(recording, settings):
+    for events in cleaned(recording, settings, removed):
         yield from stream.windows(events)
     if settings.keep_incomplete:
         yield from stream.last()
