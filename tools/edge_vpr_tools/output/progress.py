@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from rich.console import Console
@@ -10,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from edge_vpr.events import Events
 from edge_vpr.pipeline import WindowSource
+from edge_vpr.simulate import SimulatedRecording
 from edge_vpr_tools.output.messages import is_quiet
 
 
@@ -72,3 +75,15 @@ def tracked(recording: Any, label: str) -> Any:
         Typed as `Any`, because it stands in for the recording.
     """
     return recording if isinstance(recording, WindowSource) else Tracked(recording, label)
+
+
+def keep_shown(recording: SimulatedRecording, label: str) -> SimulatedRecording:
+    """Simulate a drive under a progress bar, and hold its events in memory."""
+    return recording.keep(partial(tracked, label=label))
+
+
+@contextmanager
+def status(text: str) -> Iterator[Callable[[str], None]]:
+    """Show what is being done, on a terminal; give a function that shows what is next."""
+    with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
+        yield shown.update
