@@ -284,3 +284,16 @@ def test_golden_overwrites_vectors_and_nothing_else(tmp_path, capsys, monkeypatc
     (tmp_path / "other" / "a").write_text("")
     assert cli.main([*words[:-1], str(tmp_path / "other"), "--overwrite"]) == 2
     assert (tmp_path / "other" / "a").exists()
+
+
+def test_results_are_shown_in_one_short_line(drive):
+    """In a notebook; not a page of arrays."""
+    reference = edge_vpr.ReferenceMap.load(drive / "map.npz")
+    assert repr(reference) == "ReferenceMap(19 places, 5 pixels of 16x12, 8 bits a counter)"
+    assert repr(reference.pixel_map) == "PixelMap(5 pixels of 16x12)"
+    recording = edge_vpr.open_recording(drive / "drive.npz")
+    matches, _ = edge_vpr.match_traverse(reference, recording)
+    assert repr(matches) == "Matches(18 queries, 19 places, L = 2, 0 tied)"
+    truth = edge_vpr.from_matrix(np.eye(19, dtype=np.uint8), 19, 19, rows="reference")
+    found = edge_vpr.evaluate(matches, truth)
+    assert repr(found) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
