@@ -32,6 +32,7 @@ MOST_COMPRESSION = 32
 _HEADER = "edge_vpr"
 _MEMBERS = 64
 _HEADER_BYTES = 4_096  # of one array
+_LONGEST_HEADER = 1 << 20  # of ours: settings as JSON
 
 
 @contextmanager
@@ -84,6 +85,21 @@ def write_archive(
     header = json.dumps({"kind": kind, "version": SCHEMA_VERSION, **meta})
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
+
+
+def kind_of(path: str | Path) -> str | None:
+    """Return the kind of a file that `write_archive` wrote, or None for any other file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            member = archive.getinfo(f"{_HEADER}.npy")
+            if member.file_size > _LONGEST_HEADER:
+                return None
+            with archive.open(member) as stream:
+                header = _read_array(stream, _HEADER, member.file_size)
+        return printable(dict(json.loads(str(header)))["kind"], 40)
+    # as in `damaged`: of a file that is none of ours, every kind of error may come
+    except Exception:
+        return None
 
 
 def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -31,6 +31,27 @@ from edge_vpr.matching.matches import Matches, match_descriptors
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from fixedpoint.codes import learn_full_scale
+
+
+@dataclass
+class Removed:
+    """What cleaning left out of the newest pass over a recording; filled while it is read.
+
+    Attributes
+    ----------
+    events : int
+        Read in all.
+    burst_events : int
+        Removed as bursts.
+    """
+
+    events: int = 0
+    burst_events: int = 0
+
+    @property
+    def burst_share(self) -> float:
+        """Share of the events that were removed as bursts."""
+        return self.burst_events / self.events if self.events else 0.0
 
 
 class EventSource(Protocol):
@@ -75,6 +96,7 @@ def map_traverse(
     settings: Settings,
     *,
     hot: npt.NDArray[np.bool_] | None = None,
+    removed: Removed | None = None,
 ) -> ReferenceMap:
     """Make a reference map of one drive, in one pass over its events or two.
 
@@ -88,6 +110,8 @@ def map_traverse(
     settings : Settings
     hot : ndarray of bool, shape (height, width), optional
         Hot pixels; by default they are found, if the settings ask for it.
+    removed : Removed, optional
+        Is filled with what was left out.
 
     Returns
     -------
@@ -116,7 +140,7 @@ def map_traverse(
         else:
             everything = PixelMap.all_of(sensor)
             stream = DescriptorStream(everything, FixedTime(settings.tau_us))
-            windows = _windows(recording, stream, settings)
+            windows = _windows(recording, stream, settings, removed)
         for window in windows:
             first.add(window)
         if first.windows == 0:
@@ -143,7 +167,7 @@ def map_traverse(
         needs_events = settings.window == "count" or settings.polarity
         places = None if needs_events else first.descriptors(pixel_map)
     if places is None:
-        places = count_windows(recording, pixel_map, settings)
+        places = count_windows(recording, pixel_map, settings, removed)
     return coded_map(
         ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
@@ -185,16 +209,20 @@ def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
 
 
 def count_windows(
-    recording: EventSource | WindowSource, pixel_map: PixelMap, settings: Settings
+    recording: EventSource | WindowSource,
+    pixel_map: PixelMap,
+    settings: Settings,
+    removed: Removed | None = None,
 ) -> Descriptors:
     """Count the events of a drive at the selected pixels, window by window; see `describe`."""
-    return describe(recording, pixel_map, settings.uncoded)
+    return describe(recording, pixel_map, settings.uncoded, removed=removed)
 
 
 def describe_query(
     reference: ReferenceMap,
     recording: EventSource | WindowSource,
     settings: Settings | None = None,
+    removed: Removed | None = None,
 ) -> Descriptors:
     """Describe a query drive as the places of a map are described, in its codes.
 
@@ -204,6 +232,8 @@ def describe_query(
     recording : EventSource or WindowSource
     settings : Settings, optional
         To use in place of the map's.
+    removed : Removed, optional
+        Filled with how much the cleaning took.
 
     Returns
     -------
@@ -217,7 +247,8 @@ def describe_query(
     """
     if settings is not None:
         reference = replace(reference, settings=settings)
-    return reference.coded(count_windows(recording, reference.pixel_map, reference.settings))
+    counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
+    return reference.coded(counted)
 
 
 def describe(
@@ -225,6 +256,8 @@ def describe(
     pixel_map: PixelMap,
     settings: Settings,
     full_scale: npt.NDArray[np.uint16] | None = None,
+    *,
+    removed: Removed | None = None,
 ) -> Descriptors:
     """Count the events of a drive at the selected pixels, window by window, in one pass.
 
@@ -236,6 +269,8 @@ def describe(
         Of the map.
     full_scale : ndarray of uint16, shape (J,), optional
         Of the map, where its code is scaled to each pixel.
+    removed : Removed, optional
+        Is filled with what was left out.
 
     Returns
     -------
@@ -260,7 +295,7 @@ def describe(
         )
     else:
         stream = DescriptorStream(pixel_map, window_of(settings), polarity=settings.polarity)
-        windows = _windows(recording, stream, settings)
+        windows = _windows(recording, stream, settings, removed)
     descriptors = collect(windows, counters)
     if len(descriptors) == 0:
         raise _too_short(window_of(settings))
@@ -316,21 +351,44 @@ def window_of(settings: Settings) -> Window:
     return FixedCount(settings.events_per_window)
 
 
-def cleaned(recording: EventSource, settings: Settings) -> Iterator[Events]:
-    """Yield a recording's events without bursts, if the settings ask for it."""
-    if not settings.remove_bursts:
-        yield from recording
-        return
-    bursts = BurstFilter(recording.sensor)
+def cleaned(
+    recording: EventSource, settings: Settings, removed: Removed | None = None
+) -> Iterator[Events]:
+    """Yield a recording's events without bursts, if the settings ask for it.
+
+    Parameters
+    ----------
+    recording : EventSource
+    settings : Settings
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Yields
+    ------
+    Events
+    """
+    removed = Removed() if removed is None else removed
+    removed.events = removed.burst_events = 0
+    bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
     for events in recording:
-        yield from bursts.pieces(events)
-    yield bursts.finish()
+        removed.events += int(events.size)
+        if bursts is None:
+            yield events
+        else:
+            yield from bursts.pieces(events)
+            removed.burst_events = bursts.removed
+    if bursts is not None:
+        yield bursts.finish()
+        removed.burst_events = bursts.removed
 
 
 def _windows(
-    recording: EventSource, stream: DescriptorStream, settings: Settings
+    recording: EventSource,
+    stream: DescriptorStream,
+    settings: Settings,
+    removed: Removed | None,
 ) -> Iterator[WindowCounts]:
-    for events in cleaned(recording, settings):
+    for events in cleaned(recording, settings, removed):
         yield from stream.windows(events)
     if settings.keep_incomplete:
         yield from stream.last()

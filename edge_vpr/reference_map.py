@@ -67,6 +67,12 @@ class ReferenceMap:
     def __len__(self) -> int:
         return len(self.places)
 
+    def __repr__(self) -> str:
+        return (
+            f"ReferenceMap({len(self)} places, {len(self.pixel_map)} pixels of "
+            f"{self.pixel_map.sensor}, {self.counter_bits} bits a counter)"
+        )
+
     @property
     def codes(self) -> PixelCodes | None:
         """What the places hold in place of event counts; None where they hold those.

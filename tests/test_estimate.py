@@ -655,7 +655,7 @@ def test_the_command_says_modelled_and_unknown(capsys, tmp_path, drive):  # noqa
         (["--ground-truth", "x.csv"], "--accuracy-on"),
         (["--map", "a.npz", "--pixels", "9"], "leave it out"),
         (["--route-km", "8", "--places", "9"], "name one"),
-        (["--places-per-metre", "nan"], "positive"),
+        (["--places-per-metre", "nan"], "not a finite number"),
         (["--pareto", "nowhere"], "no evaluated run"),
         (["--accuracy-on", "one.npz"], "expected `simulated`"),
         (["--accuracy-on", "simulated", "--pareto", "x"], "name one"),

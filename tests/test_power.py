@@ -650,7 +650,8 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
             running.send_signal(number)
             rest = running.stderr.read()
             assert running.wait(20) == 130
-        assert rest == "edge-vpr: interrupted; nothing half written was left\n"
+        assert rest.splitlines()[-1] == "edge-vpr: interrupted; nothing half written was left"
+        assert "Traceback" not in rest
         assert list((tmp_path / str(number)).iterdir()) == []
 
 
@@ -715,7 +716,7 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         (["--ground-truth", "t.csv"], "name --map"),
         (["--meter", "--meter-port", "x"], "name one"),
         (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),
-        (["compare", "a.json"], "expected `profile`"),
+        (["compare", "a.json"], "required: B.json"),
         (["compare", "a.json", "b.json"], "cannot read a profile"),
     ],
 )

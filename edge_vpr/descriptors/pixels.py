@@ -65,6 +65,9 @@ class PixelMap:
     def __len__(self) -> int:
         return self.x.size
 
+    def __repr__(self) -> str:
+        return f"PixelMap({len(self)} pixels of {self.sensor})"
+
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, PixelMap)

@@ -159,6 +159,12 @@ class Evaluation:
     score: str
     recall_denominator: str
 
+    def __repr__(self) -> str:
+        return (
+            f"Evaluation({self.queries} queries, P@100R {self.precision_at_100_recall:.3f}, "
+            f"R@99P {self.recall_at_99_precision:.3f})"
+        )
+
     @property
     def precision_at_100_recall(self) -> float:
         """P@100R: share of correct matches when every query is matched."""

@@ -14,10 +14,11 @@ from edge_vpr.evaluation.tracks import Floats, Track, distances
 QUERY_POINTS = 200
 #: and at most so many of the reference's, else two for each tolerance
 REFERENCE_POINTS = 2_000
-#: Less of a log's time in common with its drive's than this share is worth a note: loggers start
-#: and stop within seconds of the camera in all data sets we know, so that they share 95 % and more.
+#: Less of a log's time in common with its drive's than this share is worth a note: loggers usually
+#: start and stop within seconds of the camera. Set by judgement.
 LEAST_COMMON = 0.8
-#: so much better must the logs fit the other way round, to say that they may be swapped
+#: So much better must the logs fit the other way round, to say that they may be swapped; set by
+#: judgement.
 SWAPPED_BY = 0.05
 
 

@@ -73,6 +73,12 @@ class Matches:
     def __len__(self) -> int:
         return len(self.query)
 
+    def __repr__(self) -> str:
+        return (
+            f"Matches({len(self)} queries, {self.places_in_map} places, "
+            f"L = {self.settings.sequence_length}, {np.count_nonzero(self.ties)} tied)"
+        )
+
     @property
     def distance(self) -> npt.NDArray[np.float64]:
         """D_seq of the best place."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -118,10 +118,23 @@ class SimulatedRecording:
             yield from _rechunk(self._blocks(), self.chunk)
         self.position = 1.0
 
-    def keep(self) -> SimulatedRecording:
-        """Simulate now and hold the events in memory, at 13 bytes each, for later iterations."""
+    def keep(
+        self, shown: Callable[[SimulatedRecording], Iterable[Events]] | None = None
+    ) -> SimulatedRecording:
+        """Simulate now and hold the events in memory, at 13 bytes each, for later iterations.
+
+        Parameters
+        ----------
+        shown : callable, optional
+            Wraps the recording while it is simulated, for a progress bar.
+
+        Returns
+        -------
+        SimulatedRecording
+            This one.
+        """
         if self._kept is None:
-            self._kept = list(self)
+            self._kept = list(self if shown is None else shown(self))
         return self
 
     def view(self) -> View:

@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     try:
         if "_ARGCOMPLETE" in os.environ:
-            importlib.import_module("edge_vpr_tools.output.completions").answer()
+            importlib.import_module("edge_vpr_tools.arguments.completions").answer()
         run(argv)
         sys.stdout.flush()
     except KeyboardInterrupt:

@@ -104,7 +104,7 @@ class EvprDecoder(Decoder):
         brought = np.zeros(1, dtype=_BROUGHT)
         t, x, y, p = self._room
         events = _take_frames(self._plain, spans, checks, self._memory, brought, t, x, y, p)
-        self._account(brought.item())
+        self._account(brought.tolist()[0])
         return Columns(t[:events], x[:events], y[:events], p[:events])
 
     def _account(self, brought: tuple[int, ...]) -> None:

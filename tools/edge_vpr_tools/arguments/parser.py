@@ -150,7 +150,9 @@ def _checked(action: argparse.Action) -> Any:
     """Return the type of an action, with clear errors in place of argparse's own."""
     if action.choices is not None and action.type is None:
         return _OneOf(list(action.choices))
-    return {int: whole_number, float: number}.get(action.type, action.type)  # type: ignore[arg-type]
+    if action.type is int:
+        return whole_number
+    return number if action.type is float else action.type
 
 
 class _OneOf:

@@ -6,7 +6,9 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
+from edge_vpr.archive import kind_of
 from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, open_recording, parse_period
 from edge_vpr_tools.output.messages import warning
@@ -24,6 +26,9 @@ def open_from(
     EdgeVprError
         If a flag is wrong or the recording cannot be opened.
     """
+    kind = kind_of(path)
+    if kind is not None:
+        raise UsageError(f"{path} is a {kind}, and a recording is expected in its place")
     recording = open_recording(
         path,
         format=args.format,

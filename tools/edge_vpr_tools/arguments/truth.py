@@ -82,6 +82,11 @@ def load_truth(
         )
         return from_tracks(reference, query, places_us, queries_us, tolerance)
     alignment = load_alignment(files[0])
+    if alignment.unit == "frame" and frame_period is None:
+        raise UsageError(
+            f"{files[0]} is in frames, and how long a frame lasts is not given: say for example "
+            "--frame-period 1/30"
+        )
     period = None if frame_period is None else float(parse_period(frame_period) * 1_000_000)
     return from_alignment(
         alignment.pairs,

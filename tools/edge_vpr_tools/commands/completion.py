@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-import argcomplete
+from argcomplete.shell_integration import shellcode
 
 
 def run(args: argparse.Namespace) -> None:
     """Print the script."""
-    print(argcomplete.shellcode(["edge-vpr"], shell=args.shell), end="")
+    print(shellcode(["edge-vpr"], shell=args.shell), end="")

@@ -14,6 +14,8 @@ from edge_vpr_tools.experiments import simulated
 from edge_vpr_tools.experiments.latency import Latency
 from edge_vpr_tools.experiments.trial import Trial
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import is_quiet
+from edge_vpr_tools.output.progress import keep_shown, status
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page
@@ -32,16 +34,14 @@ def run(args: argparse.Namespace) -> None:
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
-    progress = Console(stderr=True)
-    with progress.status("simulating the reference drive") as status:
-        reference, query = simulate_pair(args.seed)
-        reference.keep()
-        status.update("simulating the query drive: other speed, other light, other traffic")
-        query.keep()
-        trials = simulated.run_variants(reference, query, args.seed, status.update)
-        status.update("matching event by event")
+    reference, query = simulate_pair(args.seed)
+    keep_shown(reference, "simulating the reference drive")
+    keep_shown(query, "simulating the query drive: other speed, other light, other traffic")
+    with status("mapping and matching") as show:
+        trials = simulated.run_variants(reference, query, args.seed, show)
+        show("matching event by event")
         latencies = simulated.compare_latencies(reference, query, trials[simulated.BEST])
-        status.update("drawing the report")
+        show("drawing the report")
         with results.results_folder(output, args.overwrite) as folder:
             metrics = {
                 "variants": {name: _metrics(trial) for name, trial in trials.items()},
@@ -111,7 +111,7 @@ def _print(trials: dict[str, Trial], latencies: dict[str, Latency], report: Path
         table.add_column(title, justify="left" if i == 0 else "right")
     for row in _rows(trials):
         table.add_row(*row)
-    console = Console(width=None if Console().is_terminal else 100)
+    console = Console(width=None if Console().is_terminal else 100, quiet=is_quiet())
     console.print(table)
     for line in [*_reading(trials), _latency_line(latencies)]:
         console.print(line, highlight=False)

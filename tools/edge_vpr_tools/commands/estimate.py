@@ -11,8 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.recordings import open_recording
@@ -24,6 +22,7 @@ from edge_vpr_tools.estimate.pareto import Evaluated
 from edge_vpr_tools.estimate.request import calibrated, compared, design_and_mission
 from edge_vpr_tools.estimate.targets import Constant, Target, find, names
 from edge_vpr_tools.experiments.trial import Kept, Times
+from edge_vpr_tools.output.progress import status
 from edge_vpr_tools.output.provenance import write_json
 from edge_vpr_tools.report.style import save
 from firmware_model.design import Design
@@ -86,9 +85,9 @@ def _evaluated(args: argparse.Namespace, design: Design) -> tuple[str, list[Eval
             )
         return "its own drives", pareto.evaluated_runs(Path(args.pareto))
 
-    with Console(stderr=True).status("opening the drives") as status:
+    with status("opening the drives") as show_stage:
         drives = _drives(args)
-        found = accuracy.try_designs(drives, design, status.update)
+        found = accuracy.try_designs(drives, design, show_stage)
     return drives.name, found
 
 

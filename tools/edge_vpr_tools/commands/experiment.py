@@ -6,10 +6,9 @@ import argparse
 from importlib import import_module
 from pathlib import Path
 
-from rich.console import Console
-
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.experiments import EXPERIMENTS
+from edge_vpr_tools.output.progress import status
 
 
 def run(args: argparse.Namespace) -> None:
@@ -32,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
             f"experiment {args.name} reads the folder {folder}, which is not in "
             f"{args.data or 'any folder given'}: name the folder that holds it with --data"
         )
-    with Console(stderr=True).status("starting") as status:
+    with status("starting") as show:
         more = () if args.figure is None else (Path(args.figure),)
-        table = module.run(data, args.seeds, status.update, *more)
+        table = module.run(data, args.seeds, show, *more)
     print(table)

@@ -8,15 +8,18 @@ from pathlib import Path
 
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.errors import UsageError
-from edge_vpr.pipeline import map_traverse
+from edge_vpr.pipeline import Removed, map_traverse
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
     open_source,
 )
 from edge_vpr_tools.arguments.setting_flags import map_settings
-from edge_vpr_tools.output.messages import summary
+from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
+from edge_vpr_tools.output.messages import detail_settings, summary
 from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import check_parent
 
 
@@ -34,17 +37,25 @@ def run(args: argparse.Namespace) -> None:
     check_output(output, [given for given in inputs if given is not None])
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
-    if output.exists() and not args.overwrite:
-        raise UsageError(f"output {output} exists: name another, or replace it with --overwrite")
+    run_file = output.with_suffix(".run.json")
+    for file in (output, run_file):
+        if file.exists() and not args.overwrite:
+            raise UsageError(f"output {file} exists: name another, or replace it with --overwrite")
     check_parent(output)
     settings = map_settings(args)
     recording = open_source(args, args.recording)
     hot = load_hot_pixels(args.hot_pixels, recording.sensor) if listed else None
 
     start = time.perf_counter()
-    reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot)
+    detail_settings(settings.to_dict())
+    removed = Removed()
+    reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot, removed=removed)
     elapsed = time.perf_counter() - start
+    check_matchable(reference)
     reference.save(output)
+    record = run_record(reference.settings.to_dict(), [args.recording])
+    hot_pixels = int(reference.hot.sum())
+    write_json(run_file, record | {"removed": removed_record(removed, hot_pixels)})
 
     places = reference.places
     counts = places.counts
@@ -58,6 +69,24 @@ def run(args: argparse.Namespace) -> None:
     )
     summary(
         f"read {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
-        f"in {elapsed:.2f} s; {reference.hot.sum()} hot pixels left out"
+        f"in {elapsed:.2f} s; {hot_pixels} hot pixels left out"
+        f"{describe_removed(removed, settings)}"
         f"{describe_faults(recording)}"
     )
+    warn_if_much(removed, args.recording, "keep them with --bursts keep")
+
+
+def check_matchable(reference: ReferenceMap) -> None:
+    """Refuse a map that no drive can be matched against with its own sequence length.
+
+    Raises
+    ------
+    UsageError
+        If it has fewer places than a sequence has windows.
+    """
+    length, places = reference.settings.sequence_length, len(reference)
+    if length > places:
+        raise UsageError(
+            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
+            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
+        )

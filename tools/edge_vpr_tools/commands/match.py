@@ -7,10 +7,11 @@ import dataclasses
 import time
 from pathlib import Path
 
-from edge_vpr.archive import write_archive
+from edge_vpr.archive import kind_of, write_archive
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.matches import match_descriptors
-from edge_vpr.pipeline import describe_query
+from edge_vpr.pipeline import Removed, describe_query
+from edge_vpr.reference_map import KIND as MAP_KIND
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
@@ -20,7 +21,8 @@ from edge_vpr_tools.arguments.reading import (
 from edge_vpr_tools.arguments.setting_flags import match_flags
 from edge_vpr_tools.commands.match_online import match_online
 from edge_vpr_tools.output import results
-from edge_vpr_tools.output.messages import summary
+from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
+from edge_vpr_tools.output.messages import detail_settings, summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 
@@ -35,18 +37,25 @@ def run(args: argparse.Namespace) -> None:
     """
     output = Path(args.output)
     results.check_output_folder(output, args.overwrite, [args.map, args.recording])
+    if kind_of(args.map) != MAP_KIND and kind_of(args.recording) == MAP_KIND:
+        raise UsageError(
+            f"{args.recording} is the map and {args.map} is not: the map comes first, then the "
+            "recording of the query drive"
+        )
     reference = ReferenceMap.load(args.map)
     given = {name: value for name, value in match_flags(args).items() if value is not None}
     settings = reference.settings.replaced(given, "the command line")
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
+    detail_settings(settings.to_dict())
     if args.online:
         match_online(args, dataclasses.replace(reference, settings=settings))
         return
     recording = open_source(args, args.recording)
 
+    removed = Removed()
     start = time.perf_counter()
-    queries = describe_query(reference, tracked(recording, "counting"), settings)
+    queries = describe_query(reference, tracked(recording, "counting"), settings, removed=removed)
     length = settings.windows_per_match
     match_descriptors(reference.places, queries.first(length), settings)  # compiled before timing
     described = time.perf_counter()
@@ -70,7 +79,9 @@ def run(args: argparse.Namespace) -> None:
         matches.save(folder / results.MATCHES)
         matches.save_csv(folder / results.MATCHES_CSV)
         write_archive(folder / results.QUERIES, results.QUERIES_KIND, queries.to_arrays(), {})
-        write_json(folder / results.RUN, run_record(settings.to_dict(), [args.map, args.recording]))
+        record = run_record(settings.to_dict(), [args.map, args.recording])
+        record["removed"] = removed_record(removed, int(reference.hot.sum()))
+        write_json(folder / results.RUN, record)
         write_json(folder / results.METRICS, metrics)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
@@ -78,7 +89,8 @@ def run(args: argparse.Namespace) -> None:
             write_report(folder)
     summary(
         f"{output}: {len(matches)} queries matched against {len(reference)} places of "
-        f"{reference.bytes_per_place} bytes{describe_faults(recording)}"
+        f"{reference.bytes_per_place} bytes{describe_removed(removed, settings)}"
+        f"{describe_faults(recording)}"
     )
     summary(
         f"counting {queries.events.sum():,} events took {described - start:.2f} s, matching "
@@ -86,3 +98,4 @@ def run(args: argparse.Namespace) -> None:
     )
     if not args.no_figures:
         summary(f"see {output / results.REPORT}; is it right? edge-vpr evaluate {output} --help")
+    warn_if_much(removed, args.recording, "make the map with --bursts keep")

@@ -13,11 +13,12 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.pipeline import check_sensor, cleaned
+from edge_vpr.pipeline import Removed, check_sensor, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_from
 from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
@@ -53,7 +54,8 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
     localiser = Localiser(reference, every=every)
     found: list[npt.NDArray[np.void]] = []
     events_fed, busy_s = 0, 0.0
-    for events in cleaned(tracked(recording, "localising"), settings):
+    removed = Removed()
+    for events in cleaned(tracked(recording, "localising"), settings, removed):
         if not found:  # compiled before the clock runs
             Localiser(reference, every=every).update(events[:1])
         start = time.perf_counter()
@@ -81,6 +83,7 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         matches.save(folder / results.MATCHES)
         matches.save_csv(folder / results.MATCHES_CSV)
         record = run_record(settings.to_dict(), [args.map, args.recording])
+        record["removed"] = removed_record(removed, int(reference.hot.sum()))
         write_json(folder / results.RUN, record)
         write_json(folder / results.METRICS, metrics)
         if not args.no_figures:
@@ -90,6 +93,7 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
             save(online_places(matches), folder / ONLINE_FIGURE)
     summary(
         f"{output}: {len(matches):,} matches of {events_fed:,} events over {duration_s:.1f} s"
-        f"{describe_faults(recording)}"
+        f"{describe_removed(removed, settings)}{describe_faults(recording)}"
     )
     summary(f"localising took {busy_s:.2f} s, {duration_s / busy_s:,.0f} times real time")
+    warn_if_much(removed, args.recording, "make the map with --bursts keep")

@@ -16,6 +16,7 @@ from edge_vpr_tools.energy import profiling, show
 from edge_vpr_tools.energy.intervals import LEAST_PAIRS
 from edge_vpr_tools.energy.measurement import LEAST_S, Plan
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import is_quiet, summary
 from edge_vpr_tools.output.provenance import write_json
 
 _LEAST_QUICK_S = 0.1
@@ -53,8 +54,9 @@ def run(args: argparse.Namespace) -> None:
     with terminated_as_interrupted():
         found = profiling.profile(args, plan)
         _write(args, output, found)
-    show.table(found)
-    print(f"see {output / (profiling.PROFILE if args.no_figures else results.REPORT)}")
+    if not is_quiet():
+        show.table(found)
+    summary(f"see {output / (profiling.PROFILE if args.no_figures else results.REPORT)}")
 
 
 def _write(args: argparse.Namespace, output: Path, found: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from edge_vpr_tools.energy import profiling, show
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import is_quiet, summary
 from edge_vpr_tools.output.provenance import write_json
 
 
@@ -24,5 +25,6 @@ def run(args: argparse.Namespace) -> None:
     show.write_csv(found, profile.with_name("profile.csv"))
     if not args.no_figures:
         show.write_report(found, profile.parent)
-    show.table(found)
-    print(f"see {profile.parent / results.REPORT}")
+    if not is_quiet():
+        show.table(found)
+    summary(f"see {profile.parent / results.REPORT}")

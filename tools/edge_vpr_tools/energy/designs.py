@@ -22,6 +22,7 @@ from edge_vpr_tools.energy.measurement import Plan, measure
 from edge_vpr_tools.energy.sensors.sensor import Sensor, SensorError
 from edge_vpr_tools.energy.workload import Workload
 from edge_vpr_tools.experiments.trial import TruthOf
+from edge_vpr_tools.output.messages import note
 
 #: J of the designs, and codes of their counters
 PIXELS = (10, 25, 50, 150)
@@ -128,6 +129,7 @@ def compare(
     """
     found = []
     for design in designs:
+        note(f"design: {design.name}")
         reference, settings = design.reference, design.reference.settings
         queries = describe_query(reference, query)
         matches = match_descriptors(reference.places, queries, settings)

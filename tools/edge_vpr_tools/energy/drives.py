@@ -17,6 +17,7 @@ from edge_vpr_tools.arguments.truth import load_truth
 from edge_vpr_tools.energy.designs import Compared, of_map, of_pair
 from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import Times, TruthOf
+from edge_vpr_tools.output.progress import keep_shown
 
 #: of the simulated street: some 70 places
 _STREET_M = 400.0
@@ -84,8 +85,8 @@ def load_of(args: argparse.Namespace) -> Load:
 def _simulated(seed: int) -> Load:
 
     pair = simulate_pair(seed, length_m=_STREET_M)
-    for drive in pair:
-        drive.keep()
+    for name, drive in zip(("reference", "query"), pair, strict=True):
+        keep_shown(drive, f"simulating the {name}")
     # N as a window of tau holds on average
     fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": 0.0}, "profile")
     reference = map_traverse(pair[0], fixed_n)

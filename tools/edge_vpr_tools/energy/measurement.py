@@ -12,6 +12,7 @@ import numpy as np
 from edge_vpr_tools.energy.intervals import LEAST_PAIRS, interval, paired_energy
 from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
 from edge_vpr_tools.energy.sensors.sensor import About, Sensor
+from edge_vpr_tools.output.messages import note
 
 #: runs the load for so many seconds and gives the number of matches
 Load = Callable[[float], int]
@@ -71,6 +72,8 @@ def take_turns(
     """
     windows = []
     for pair in range(plan.pairs):
+        left_s = 2 * plan.window_s * (plan.pairs - pair)
+        note(f"idle and load, pair {pair + 1} of {plan.pairs}: {left_s:.0f} s left")
         for loaded in (False, True) if pair % 2 == 0 else (True, False):
             start, matches = clock(), 0
             if loaded:

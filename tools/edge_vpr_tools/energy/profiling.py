@@ -6,7 +6,6 @@ import argparse
 import json
 import platform
 import resource
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -34,6 +33,7 @@ from edge_vpr_tools.energy.sensors.sensor import (
 from edge_vpr_tools.energy.sensors.um_meter import UmMeter
 from edge_vpr_tools.energy.speed import sparse_against_all
 from edge_vpr_tools.energy.workload import Workload
+from edge_vpr_tools.output.messages import note
 from edge_vpr_tools.output.provenance import run_record
 
 PROFILE = "profile.json"
@@ -94,6 +94,7 @@ def _measured(
     if sensor is not None:
         _say_how_long(plan.for_period(sensor.about.period_s), designs)
     before = Conditions.now(root)
+    note(f"speed: {_duration(plan.window_s)}")
     throughput = _throughput(workload, plan)
     # at once: a governor lowers the clock of a processor that rests
     loaded = Conditions.now(root)
@@ -115,6 +116,10 @@ def _measured(
             known,
         )  # fmt: skip
     after = Conditions.now(root)
+    note("few pixels against all: some 10 s")
+    # last: all pixels take memory that the method does not
+    everything = np.concatenate(load.events)
+    sparse = sparse_against_all(everything, reference.pixel_map, len(reference))
     void = void_because(before, loaded, after)
     if void:
         for one in [energy, *(design["energy"] for design in compared)]:
@@ -137,10 +142,7 @@ def _measured(
             "after": asdict(after),
             "void_because": void,
         },
-        # last: all pixels take memory that the method does not
-        "sparse_against_all": sparse_against_all(
-            np.concatenate(load.events), reference.pixel_map, len(reference)
-        ),
+        "sparse_against_all": sparse,
     }
 
 
@@ -207,11 +209,10 @@ def _provenance(root: Path, found: dict[str, Any]) -> dict[str, Any]:
 
 def _say_how_long(plan: Plan, designs: bool) -> None:
     one = plan.pairs * 2 * plan.window_s
-    print(
-        f"edge-vpr: measuring energy takes about {_duration(one)}"
+    note(
+        f"measuring energy takes about {_duration(one)}"
         + f", and {_duration(one * (len(PIXELS) + 1))} more for other designs (--no-designs: none)"
-        * designs,
-        file=sys.stderr,
+        * designs
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from enum import IntEnum
 
@@ -52,6 +52,12 @@ def detail(text: str) -> None:
     """Print a line on standard error if more was asked for."""
     if _now[-1] >= Verbosity.VERBOSE:
         _line(text)
+
+
+def detail_settings(settings: Mapping[str, object]) -> None:
+    """Print each setting in effect, if more was asked for."""
+    for name, value in settings.items():
+        detail(f"setting {name} = {value}")
 
 
 def warning(text: str) -> None:

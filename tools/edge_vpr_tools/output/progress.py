@@ -1,14 +1,19 @@
-"""A progress bar on a terminal, and nothing in a pipe."""
+"""Progress bars on a terminal, and nothing in a pipe or if quiet."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from edge_vpr.events import Events
+from edge_vpr.pipeline import WindowSource
+from edge_vpr.simulate import SimulatedRecording
+from edge_vpr_tools.output.messages import is_quiet
 
 
 class Tracked:
@@ -29,7 +34,7 @@ class Tracked:
     def __iter__(self) -> Iterator[Events]:
 
         console = Console(stderr=True)
-        if not console.is_terminal:
+        if is_quiet() or not console.is_terminal:
             return iter(self._recording)
         return self._shown(console)
 
@@ -40,6 +45,8 @@ class Tracked:
             BarColumn(),
             TextColumn("{task.fields[events]}"),
             TimeElapsedColumn(),
+            TextColumn("left:"),
+            TimeRemainingColumn(),
         )
         # transient: the bar goes when the pass ends, and the command's own lines stay
         with Progress(*columns, console=console, transient=True) as progress:
@@ -67,4 +74,16 @@ def tracked(recording: Any, label: str) -> Any:
     Tracked
         Typed as `Any`, because it stands in for the recording.
     """
-    return Tracked(recording, label)
+    return recording if isinstance(recording, WindowSource) else Tracked(recording, label)
+
+
+def keep_shown(recording: SimulatedRecording, label: str) -> SimulatedRecording:
+    """Simulate a drive under a progress bar, and hold its events in memory."""
+    return recording.keep(partial(tracked, label=label))
+
+
+@contextmanager
+def status(text: str) -> Iterator[Callable[[str], None]]:
+    """Show what is being done, on a terminal; give a function that shows what is next."""
+    with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
+        yield shown.update

@@ -1,0 +1,299 @@
+"""How the command line answers: help, typos, wrong values, notes, completion, hints."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from edge_vpr_tools import cli
+from edge_vpr_tools.arguments.completions import tree
+from edge_vpr_tools.arguments.parser import takes_value
+from edge_vpr_tools.output import compiling, messages
+from edge_vpr_tools.verbs import EXAMPLES, GROUPS, VERBS, find_verb, module_name
+from streams import random_events
+
+import edge_vpr
+from edge_vpr.archive import kind_of
+from edge_vpr.errors import MissingExtraError, did_you_mean
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.recordings import write_recording
+from edge_vpr.settings import PRESETS
+
+SENSOR = Sensor(16, 12)
+SMALL = ["--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drive")
+    events = random_events(np.random.default_rng(0), 4_000, SENSOR, 2_000_000)
+    write_recording(folder / "drive.npz", [events], sensor=SENSOR)
+    words = ["map", str(folder / "drive.npz"), "-o", str(folder / "map.npz"), *SMALL]
+    assert cli.main(words) == 0
+    return folder
+
+
+def refused(capsys, *words):
+    """The one line of a command line that is wrong use."""
+    capsys.readouterr()
+    assert cli.main([str(word) for word in words]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and err.startswith("edge-vpr: error: ")
+    return err
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("map a.npz -o b.npz --pixel 50", "no flag --pixel: did you mean --pixels?"),
+        ("map a.npz -o b.npz --strateggy top", "no flag --strateggy: did you mean --strategy?"),
+        ("map a.npz --otput b.npz", "no flag --otput: did you mean --output?"),
+        ("map a.npz -o b.npz -x", "no flag -x"),
+        ("map a.npz -o b.npz --strategy varience", "did you mean variance?"),
+        ("map a.npz -o b.npz --preset papr", "did you mean paper?"),
+        ("mpa a.npz", "no command 'mpa': did you mean map?"),
+        ("golden verfy vectors", "unexpected argument 'verfy': did you mean verify?"),
+        ("profile compre a b", "unexpected argument 'compre': did you mean compare?"),
+        ("map a.npz b.npz -o c.npz", "unexpected argument 'b.npz'"),
+        ("--vresion", "no flag --vresion: did you mean --version?"),
+        ("experiment speck-walk", "did you mean speck-walks?"),
+        ("map a.npz -o b.npz --tau -1s", "duration '-1s': expected a time"),
+        ("map a.npz -o b.npz --tau=-1s", "duration '-1s': expected a time"),
+        ("map a.npz -o b.npz -L -5", "sequence_length = -5: expected 1 or more"),
+        ("map a.npz -o b.npz --pixels many", "--pixels: 'many' is not a whole number"),
+        ("map a.npz -o b.npz --sigma wide", "--sigma: 'wide' is not a number"),
+        ("evaluate r --ground-truth t --tolerance nan", "'nan' is not a finite number"),
+        ("map a.npz", "required: -o/--output"),
+        ("match a.npz b.npz -o", "-o/--output: expected one argument"),
+    ],
+)
+def test_wrong_use_is_one_line_that_says_what_was_meant(capsys, line, says):
+    assert says in refused(capsys, *line.split())
+
+
+def test_suggestions_are_of_similar_names_alone():
+    assert did_you_mean("zzz", ["map", "match"]) == ""
+    assert did_you_mean("--hot", ["--hot-pixels", "--seed"]) == ": did you mean --hot-pixels?"
+
+
+@pytest.mark.parametrize(("verb"), VERBS)
+def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse(verb, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([*verb.split(), "--help"])
+    assert stop.value.code == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(f"usage: edge-vpr {verb} ")
+    parser = cli.parser_of(verb)
+    for action in parser._actions:
+        if takes_value(action) and not action.required:
+            text = " ".join(parser._get_formatter()._expand_help(action).split())
+            assert "(default: " in text, (verb, action.option_strings)
+    assert "examples:" in shown
+    for example in parser.epilog.splitlines()[1:]:
+        words = shlex.split(example, comments=True)
+        if words[0] == "eval":
+            words = shlex.split(words[1].strip("$()"))
+        assert words.pop(0) == "edge-vpr"
+        words = words[: words.index(">")] if ">" in words else words
+        found, rest = find_verb(words)
+        cli.parser_of(found).parse(rest)
+
+
+def test_defaults_in_the_help_are_those_of_the_preset(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["map", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    for name in ("pixels", "strategy", "clip", "sequence_length", "anchor", "exclusion"):
+        assert f"(default: {getattr(PRESETS['paper'], name)})" in shown
+
+
+def test_help_and_version_stand_without_a_verb(capsys):
+    assert cli.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"  {verb} " in shown for verb in VERBS)
+    assert all(f"{group}:" in shown for group in GROUPS)
+    for example in EXAMPLES.splitlines():
+        verb, rest = find_verb(example.split()[1:])
+        cli.parser_of(verb).parse(rest)
+    assert cli.main(["--version"]) == 0
+    assert edge_vpr.__version__ in capsys.readouterr().out
+    assert cli.main([]) == 2
+    assert "no command was given" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["--debug", "info", "x"], ["info", "--debug", "x"]])
+def test_debug_shows_the_trace_wherever_it_stands(words, capsys):
+    assert cli.main(words) != 0
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_general_flags_stand_before_and_between_and_after_words():
+    assert find_verb(["-q", "golden", "-v", "verify", "x"]) == ("golden verify", ["-q", "-v", "x"])
+    assert find_verb(["golden", "--map", "verify"]) == ("golden", ["--map", "verify"])
+    assert find_verb(["--help"]) == ("", ["--help"])
+
+
+def test_quiet_says_nothing_and_verbose_says_more(drive, tmp_path, capsys):
+    words = ["map", str(drive / "drive.npz"), "-o", str(tmp_path / "map.npz"), *SMALL]
+    capsys.readouterr()
+    assert cli.main(["-q", *words]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert cli.main([*words, "-v", "--overwrite"]) == 0
+    out, err = capsys.readouterr()
+    assert "19 places" in out and "edge-vpr: setting pixels = 5" in err
+    assert not messages.is_quiet()  # the next command is as loud as ever
+
+
+def test_a_map_and_a_recording_in_each_others_place(drive, tmp_path, capsys):
+    output = tmp_path / "out"
+    says = refused(capsys, "match", drive / "drive.npz", drive / "map.npz", "-o", output)
+    assert "the map comes first" in says
+    says = refused(capsys, "map", drive / "map.npz", "-o", tmp_path / "b.npz")
+    assert "map.npz is a reference map, and a recording is expected" in says
+    assert kind_of(drive / "map.npz") == "reference map"
+    assert kind_of(drive / "drive.npz") is None and kind_of(drive / "none") is None
+
+
+@pytest.mark.parametrize(("flag", "value"), [("-L", "100000"), ("--tau", "1900ms")])
+def test_a_map_that_nothing_matches_is_not_written(drive, tmp_path, capsys, flag, value):
+    """Its sequences are longer than the drive, or there is one place."""
+    words = ["map", drive / "drive.npz", "-o", tmp_path / "map.npz", *SMALL, flag, value]
+    words += ["--strategy", "random"]
+    assert "does not fit the" in refused(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_alignment_in_frames_needs_their_length(drive, tmp_path, capsys):
+    results, truth = tmp_path / "results", tmp_path / "truth.csv"
+    match = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(results)]
+    assert cli.main([*match, "--no-figures"]) == 0
+    truth.write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
+    words = ["evaluate", results, "--ground-truth", truth, "--tolerance", "2"]
+    assert "--frame-period 1/30" in refused(capsys, *words)
+
+
+def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys):
+    """Half of the events are of moments when every pixel fires."""
+    rng = np.random.default_rng(0)
+    scene = random_events(rng, 4_000, SENSOR, 2_000_000)
+    y, x = np.divmod(np.arange(SENSOR.pixels), SENSOR.width)
+    flashes = [
+        make_events(np.full(x.size, t), x, y, np.ones(x.size)) for t in range(0, 2_000_000, 100_000)
+    ]
+    events = np.concatenate([scene, *flashes])
+    write_recording(
+        tmp_path / "a.npz", [events[np.argsort(events["t"], kind="stable")]], sensor=SENSOR
+    )
+    words = ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "m.npz"), *SMALL]
+    assert cli.main(words) == 0
+    out, err = capsys.readouterr()
+    assert "removed as bursts" in out
+    assert "warning: 52% of the events" in err and "--bursts keep" in err
+    assert cli.main([*words, "--bursts", "keep", "--overwrite"]) == 0
+    out, err = capsys.readouterr()
+    assert "bursts kept" in out and err == ""
+
+
+def test_compilation_that_takes_long_is_announced(capsys, monkeypatch):
+    """Once; what is compiled in no time is not worth a line."""
+    import numba as nb
+
+    monkeypatch.setattr(compiling, "SILENT_S", 0.0)
+    with compiling.compiling_noted():
+        kernel = nb.njit(lambda x: x * 3 + 1)
+        if not isinstance(kernel, nb.core.dispatcher.Dispatcher):
+            pytest.skip("Numba compiles nothing (NUMBA_DISABLE_JIT)")
+        assert kernel(2) == 7
+        assert kernel(2.5) == 8.5
+    time.sleep(0.05)
+    assert capsys.readouterr().err.count("compiling kernels") == 1
+    monkeypatch.setattr(compiling, "SILENT_S", 60.0)
+    with compiling.compiling_noted():
+        nb.njit(lambda x: x * 5 + 1)(2)
+    assert capsys.readouterr().err == ""
+
+
+def test_control_characters_of_a_file_name_do_not_reach_the_terminal(tmp_path, capsys):
+    assert cli.main(["info", str(tmp_path / "a\x1b[2J\x07.npz")]) != 0
+    err = capsys.readouterr().err
+    assert "\x1b" not in err and "\x07" not in err and r"\x1b[2J" in err
+
+
+def test_the_hint_to_install_an_extra_works_from_here(monkeypatch):
+    root = str(edge_vpr.__path__[0]).removesuffix("/edge_vpr")
+    monkeypatch.chdir("/")
+    assert str(MissingExtraError("x", "y", "parquet")).endswith(f"pip install '{root}[parquet]'")
+    monkeypatch.chdir(root)
+    assert str(MissingExtraError("x", "y", "parquet")).endswith("pip install '.[parquet]'")
+
+
+def completions(line, tmp_path):
+    """What a shell is answered."""
+    answer = tmp_path / "answer"
+    environment = os.environ | {
+        "_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n", "COMP_LINE": line,
+        "COMP_POINT": str(len(line)), "COMP_TYPE": "9", "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
+    }  # fmt: skip
+    subprocess.run([sys.executable, "-m", "edge_vpr_tools.cli"], env=environment, check=False)
+    return {word.strip() for word in answer.read_text().split("\n")}
+
+
+def test_completion_offers_verbs_flags_and_choices(tmp_path):
+    assert {"map", "match"} <= completions("edge-vpr ma", tmp_path)
+    assert {"--pixels", "--preset"} == completions("edge-vpr map --p", tmp_path) - {"--polarity"}
+    assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
+    assert {"verify"} == completions("edge-vpr golden v", tmp_path)
+    assert {"--only"} == completions("edge-vpr golden verify --on", tmp_path)
+
+
+def test_the_tree_for_completion_has_every_verb():
+    for verb in VERBS:
+        tree(verb)
+        assert module_name(verb).isidentifier()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts_are_of_their_shell(shell, capsys):
+    assert cli.main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert "edge-vpr" in script
+    if shutil.which(shell):
+        subprocess.run([shell, "-n"], input=script, text=True, check=True)
+
+
+def test_golden_overwrites_vectors_and_nothing_else(tmp_path, capsys, monkeypatch):
+    from firmware_model import Design
+
+    monkeypatch.setattr("edge_vpr_tools.commands.golden.standard_suites", lambda *unused: {})
+    Design(width=16, height=12, pixels=3, places=4, length=2).save(tmp_path / "design.toml")
+    vectors = tmp_path / "vectors"
+    words = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(vectors)]
+    assert cli.main(words) == 0
+    assert "add --overwrite" in refused(capsys, *words)
+    assert cli.main([*words, "--overwrite"]) == 0
+    (vectors / "notes.txt").write_text("mine")
+    assert "also holds notes.txt" in refused(capsys, *words, "--overwrite")
+    assert (vectors / "notes.txt").read_text() == "mine"
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "a").write_text("")
+    assert cli.main([*words[:-1], str(tmp_path / "other"), "--overwrite"]) == 2
+    assert (tmp_path / "other" / "a").exists()
+
+
+def test_results_are_shown_in_one_short_line(drive):
+    """In a notebook; not a page of arrays."""
+    reference = edge_vpr.ReferenceMap.load(drive / "map.npz")
+    assert repr(reference) == "ReferenceMap(19 places, 5 pixels of 16x12, 8 bits a counter)"
+    assert repr(reference.pixel_map) == "PixelMap(5 pixels of 16x12)"
+    recording = edge_vpr.open_recording(drive / "drive.npz")
+    matches, _ = edge_vpr.match_traverse(reference, recording)
+    assert repr(matches) == "Matches(18 queries, 19 places, L = 2, 0 tied)"
+    truth = edge_vpr.from_matrix(np.eye(19, dtype=np.uint8), 19, 19, rows="reference")
+    found = edge_vpr.evaluate(matches, truth)
+    assert repr(found) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"

@@ -1,0 +1,250 @@
+"""Every flag of every verb is run once through the real command line.
+
+A flag without a run fails the first test: add it to `RUNS`.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import h5py
+import numpy as np
+import pytest
+from edge_vpr_tools import cli
+from edge_vpr_tools.energy import profiling
+from edge_vpr_tools.estimate import accuracy
+from edge_vpr_tools.experiments import codes_frontier
+from edge_vpr_tools.verbs import GENERAL_FLAGS, VERBS, find_verb
+from streams import random_events
+
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import write_recording
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulate import simulate_pair
+from edge_vpr.stream.protocols import open_encoder
+from firmware_model import Design
+
+SENSOR = Sensor(16, 12)
+SMALL = "--pixels 5 --sigma 1 --tau 100ms -L 2"
+TABLE = "--sensor 16x12 --on-fault drop --format csv --time-unit us --columns txyp"
+SETTINGS = (
+    "--preset tiny --config {f}/settings.toml --pixels 5 --strategy random --sigma 1.5 --seed 3 "
+    "--window count --tau 100ms --events-per-pixel 4 --polarity --keep-incomplete "
+    "--counter-code log --counter-bits 3 --counter-full-scale 9 --counter-scaling shared "
+    "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --anchor end --exclusion 1"
+)
+STREAM = "stream --port {f}/sent.bin --protocol evpr"
+PROFILE = (
+    "profile --map {f}/map.npz --recording {f}/query.npz --quick --window-s 0.1 --pairs 5 "
+    "--no-designs"
+)
+
+#: command lines in order, each with the exit code that is expected of it; {f} is the folder
+RUNS = [
+    ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed-range 1.5 --stops 1", 0),
+    ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
+    ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json", 0),
+    ("info {f}/query.h5 --sensor 16x12 --topic left", 0),
+    ("info {f}/frames.npz --frame-period 1/10", 0),
+    (f"convert {{f}}/table.txt {{f}}/out.csv {TABLE}", 0),
+    ("convert {f}/frames.npz {f}/out.csv --frame-period 1/10 --overwrite", 0),
+    ("convert {f}/query.h5 {f}/out.csv --sensor 16x12 --topic left --overwrite", 0),
+    (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL}", 0),
+    (f"map {{f}}/reference.npz -o {{f}}/map.npz {SETTINGS} --overwrite", 0),
+    (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity --no-keep-incomplete "
+     "--clip 200 --overwrite", 0),
+    (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
+     "--frames-as-windows", 0),
+    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE}", 0),
+    (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
+    ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1", 0),
+    ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
+    ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
+    (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
+    ("match {f}/map.npz {f}/query.h5 -o {f}/topic --no-figures --sensor 16x12 --topic left", 0),
+    ("match {f}/frames_map.npz {f}/frames.npz -o {f}/windows --no-figures --frame-period 1/10 "
+     "--frames-as-windows", 0),
+    ("evaluate {f}/results --ground-truth {f}/truth.csv --tolerance 0.2 --score ratio "
+     "--recall-denominator all-with-place --thresholds 20", 0),
+    ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10", 0),
+    ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference", 0),
+    (f"{STREAM} --map {{f}}/map.npz --once --sensor 16x12 --every 20ms --log {{f}}/run.jsonl "
+     "--record {f}/raw.bin --json --baud 115200 --flow-control --on-overload wait --max-lag 1s",
+     0),
+    (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
+     "--exclusion 1", 0),
+    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS}", 0),
+    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
+     "--no-keep-incomplete --clip 200 --overwrite", 0),
+    # 2: the viewer is an extra of 160 MB, which may not be installed
+    (f"{STREAM} --map {{f}}/map.npz --once --rerun {{f}}/run.rrd", (0, 2)),
+    ("bridge {f}/query.npz --port udp://127.0.0.1:9 --protocol evpr --speed 0 --baud 9600 "
+     "--flow-control --faults drop=0.01 --seed 1", 0),
+    (f"bridge {{f}}/table.txt --port udp://127.0.0.1:9 --speed 0 {TABLE}", 0),
+    ("bridge {f}/query.h5 --port udp://127.0.0.1:9 --sensor 16x12 --speed 0 --topic left", 0),
+    ("bridge {f}/frames.npz --port udp://127.0.0.1:9 --speed 0 --frame-period 1/10", 0),
+    ("ports --json", 0),
+    ("estimate --sensor 16x12 --pixels 5 --places 20 -L 2 --counter-code log --counter-bits 3 "
+     "--polarity --tau 100ms --lanes 2 --event-rate 1e4 --selected-share 0.1 --match-rate 10 "
+     "--target cortex-m4 --vs all-pixels --fit 64KiB --json {f}/estimate.json", 0),
+    ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
+     "--target cortex-m0plus", 0),
+    ("estimate --design {f}/design.toml --target cortex-m4", 0),
+    ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
+     "--figure {f}/pareto.png", 0),
+    ("estimate --accuracy-on {f}/reference.npz {f}/query.npz --ground-truth {f}/truth.csv "
+     "--tolerance 0.2 --tau 100ms -L 2 --target cortex-m4", 0),
+    ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),
+    ("golden --map {f}/map.npz --recording {f}/query.npz --max-events 500 --lanes 2 "
+     "-o {f}/vectors --overwrite", 0),
+    (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-events 100 "
+     "-o {f}/vectors2", 0),
+    ("golden --map {f}/map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "
+     "--max-events 100 -o {f}/vectors3", 0),
+    ("golden --map {f}/map.npz --recording {f}/frames.npz --frame-period 1/10 --max-events 100 "
+     "-o {f}/vectors4", 0),
+    ("golden verify {f}/vectors", 0),
+    # the results that it names are of another case
+    ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
+    (f"{PROFILE} -o {{f}}/profile --sysroot {{f}}/board --sensor-name ina226@hwmon2 "
+     "--shunt-mohm 20 --packet 256 --every 20ms --mission-rate 2 --ground-truth {f}/truth.csv "
+     "--tolerance 0.2", 0),
+    (f"{PROFILE} -o {{f}}/profile --overwrite --no-figures --sysroot {{f}}/none --meter "
+     "--ground-truth {f}/truth.npy --rows reference --seed 1", 0),
+    (f"{PROFILE.replace('query.npz', 'table.txt')} {TABLE} -o {{f}}/refused --meter-port "
+     "{f}/no_meter", 1),
+    (f"{PROFILE.replace('query.npz', 'query.h5')} --sensor 16x12 --topic left "
+     "-o {f}/refused --meter-port {f}/no_meter", 1),
+    (f"{PROFILE.replace('query.npz', 'frames.npz')} --frame-period 1/10 -o {{f}}/refused "
+     "--meter-port {f}/no_meter", 1),
+    ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
+    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --no-figures", 0),
+    # 2: nothing was resolved in so short a time
+    ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
+    ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
+    ("completion bash", 0),
+    ("demo -o {f}/demo --seed 1 --overwrite", 0),
+]  # fmt: skip
+
+
+def flags_of(verb):
+    """Every spelling of a flag but the short ones, by the longest of each pair."""
+    for action in cli.parser_of(verb)._actions:
+        for flag in action.option_strings:
+            if flag.startswith("--") and flag not in GENERAL_FLAGS:
+                yield flag, set(action.option_strings)
+
+
+def missing(verb, runs):
+    """Flags of a verb that no run has."""
+    used = set()
+    for line in runs:
+        found, words = find_verb(line.split())
+        if found == verb:
+            used |= set(words)
+    for flag, spellings in flags_of(verb):
+        # --no-x is a flag of its own
+        no = flag.startswith("--no-")
+        if not used & {other for other in spellings if other.startswith("--no-") == no}:
+            yield flag
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_flag_of_every_verb_has_a_run(verb):
+    lines = [line for line, _ in RUNS]
+    assert any(find_verb(line.split())[0] == verb for line in lines)
+    assert not list(missing(verb, lines))
+
+
+def test_a_flag_without_a_run_is_found():
+    assert list(missing("ports", ["ports"])) == ["--json"]
+    assert list(missing("golden", [line for line, _ in RUNS[:5]]))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flags")
+    rng = np.random.default_rng(0)
+    for name in ("reference", "query"):
+        events = random_events(rng, 4_000, SENSOR, 2_000_000)
+        write_recording(folder / f"{name}.npz", [events], sensor=SENSOR)
+    with h5py.File(folder / "query.h5", "w") as file:
+        for name in "txyp":
+            file[f"left/{name}"] = events[name].astype(np.int64)
+            file[f"right/{name}"] = events[name].astype(np.int64)
+    rows = [f"{t},{x},{y},{int(p)}" for t, x, y, p in events.tolist()]
+    (folder / "table.txt").write_text("\n".join(rows) + "\n")
+    np.savez(folder / "frames.npz", frames=rng.integers(0, 9, (12, 12, 16)))
+    (folder / "settings.toml").write_text("sigma = 2.0\n")
+    (folder / "hot.txt").write_text("1, 1\n")
+    (folder / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
+    np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))
+    encoder = open_encoder("evpr", SENSOR)
+    (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    Design(width=16, height=12, pixels=3, places=4, length=2).save(folder / "design.toml")
+    (folder / "none.csv").write_text("event,0,0,0\n")
+    (folder / "meter.csv").write_text("time_s,power_w\n0,1\n1,2\n2,1\n")
+    (folder / codes_frontier.FOLDER).mkdir()
+    monitor = folder / "board/sys/class/hwmon/hwmon2"
+    monitor.mkdir(parents=True)
+    for name, text in {"name": "ina226", "power1_input": 2_000_000, "shunt_resistor": 10_000,
+                       "update_interval": 10}.items():  # fmt: skip
+        (monitor / name).write_text(f"{text}\n")
+    return folder
+
+
+class _Pair:
+    def __init__(self, name):
+        self.name, self.settings = name, PRESETS["tiny"]
+
+
+def scores(pair, seeds, variants):
+    rng = np.random.default_rng(0)
+    return {variant: rng.random(seeds).tolist() for variant in variants}
+
+
+@pytest.fixture
+def small_loads(monkeypatch):
+    """Short streets, few designs, and no timing: what those give is the matter of other tests."""
+    monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: {})
+    monkeypatch.setattr(accuracy, "PIXELS", (5,))
+    monkeypatch.setattr("edge_vpr_tools.commands.golden.standard_suites", lambda *unused: {})
+    monkeypatch.setattr(codes_frontier, "pairs", lambda data: map(_Pair, "abcdef"))
+    monkeypatch.setattr(codes_frontier, "score", scores)
+    for module in ("edge_vpr_tools.commands.evaluate", "edge_vpr_tools.report.traverse"):
+        monkeypatch.setattr(f"{module}.write_report", lambda *unused: None)
+    street = partial(simulate_pair, length_m=60.0)
+    monkeypatch.setattr("edge_vpr_tools.commands.demo.simulate_pair", street)
+
+
+@pytest.mark.usefixtures("small_loads")
+@pytest.mark.parametrize("run", RUNS, ids=[line[:60] for line, _ in RUNS])
+def test_a_command_line_ends_as_it_should(run, folder, capsys):
+    line, code = run
+    found = cli.main(line.format(f=folder).split())
+    err = capsys.readouterr().err
+    assert found in (code if isinstance(code, tuple) else (code,)), err
+    assert "internal error" not in err
+
+
+def test_published_windows_are_not_wrapped_by_a_progress_bar(folder):
+    """A wrapper has no `windows` of its own, so that Python 3.12 does not take it for such."""
+    from edge_vpr_tools.output.progress import tracked
+
+    from edge_vpr.descriptors.precounted import PublishedWindows
+    from edge_vpr.recordings import parse_period
+
+    windows = PublishedWindows(folder / "frames.npz", period=parse_period("1/10"))
+    assert tracked(windows, "counting") is windows
+
+
+def test_what_was_removed_is_in_the_record_of_the_run(folder, tmp_path):
+    output = tmp_path / "map.npz"
+    words = f"map {folder / 'reference.npz'} -o {output} {SMALL}".split()
+    assert cli.main(words) == 0
+    record = json.loads((tmp_path / "map.run.json").read_text())
+    assert record["removed"] == {
+        "events_read": 4_000, "burst_events": 0, "burst_share": 0.0, "hot_pixels": 0,
+    }  # fmt: skip
