@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -107,7 +108,7 @@ class EvprDecoder(Decoder):
         self._account(brought.item())
         return Columns(t[:events], x[:events], y[:events], p[:events])
 
-    def _account(self, brought: tuple[int, ...]) -> None:
+    def _account(self, brought: Any) -> None:
         health = self.health
         frames, damaged, skipped, repeats, gaps, lost, dropped, resets, base, idle_at = brought
         health.frames += frames
