@@ -40,7 +40,16 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "events", "archive", "settings", "recordings", "descriptors", "reference_map"),
+    *(
+        "errors",
+        "events",
+        "evt_words",
+        "archive",
+        "settings",
+        "recordings",
+        "descriptors",
+        "reference_map",
+    ),
     *("matching", "pipeline", "evaluation", "simulate", "datasets", "online", "stream"),
     "baselines",
 ]
