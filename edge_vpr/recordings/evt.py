@@ -18,6 +18,7 @@ from numba import njit
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.evt_words import evt2_event_words, evt2_time_words
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.prophesee import header_lines, read_header
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
@@ -290,13 +291,8 @@ class Evt2Sink:
         new = steps != 0
         at = np.arange(events.size) + np.cumsum(new)
         words = np.empty(events.size + int(new.sum()), "<u4")
-        words[at] = (
-            events["p"].astype(np.uint32) << 28
-            | (events["t"] & 63).astype(np.uint32) << 22
-            | events["x"].astype(np.uint32) << 11
-            | events["y"]
-        )
-        words[at[new] - 1] = 8 << 28 | (high[new] & 0xFFFFFFF)
+        words[at] = evt2_event_words(events)
+        words[at[new] - 1] = evt2_time_words(events["t"][new])
         self._file.write(words.tobytes())
         self._high = int(high[-1])
 

@@ -163,7 +163,9 @@ class LiveLocaliser:
         if known > self._time:
             # events held back are later than this, and a device that sees nothing may say so
             self._near(self._localiser, known, matches)
-            matches.append(self._localiser.advance(known))
+            if self._localiser.every.interval_us and self._localiser.next_match_us <= known:
+                # without a tick, the windows age with the next event
+                matches.append(self._localiser.advance(known))
             self._time = known
         some = [each for each in matches if each.size]
         found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]

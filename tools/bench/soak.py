@@ -88,7 +88,7 @@ class Watched:
         self._reader.join(timeout=10)
 
 
-def soak(protocol: str, minutes: float, baud: int, every: str) -> dict[str, Any]:
+def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str) -> dict[str, Any]:
     """Run once; return what was seen."""
     rng = np.random.default_rng(0)
     sensor = SENSORS.get(protocol.partition(":")[0], Sensor(346, 260))
@@ -104,6 +104,7 @@ def soak(protocol: str, minutes: float, baud: int, every: str) -> dict[str, Any]
         link = VirtualLink()
         words = ["stream", "--port", link.address, "--baud", str(baud), "--map", str(path)]
         words += ["--protocol", protocol.partition(":")[0], "--json", "--every", every]
+        words += ["--burst-filter", burst_filter]
         watched = Watched(words)
         bridge = Bridge(link, encoder)
         bridge.wait_for_host()
@@ -193,8 +194,9 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=10)
     parser.add_argument("--baud", type=int, default=12_000_000)
     parser.add_argument("--every", default="50ms")
+    parser.add_argument("--burst-filter", default="exact", choices=("exact", "causal"))
     args = parser.parse_args()
-    seen = soak(args.protocol, args.minutes, args.baud, args.every)
+    seen = soak(args.protocol, args.minutes, args.baud, args.every, args.burst_filter)
     # the first tenth is the start
     memory = np.array(seen["memory"])[len(seen["memory"]) // 10 :] / 1e6
     half, most, worst = seen["latency_ms"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -104,10 +105,10 @@ class EvprDecoder(Decoder):
         brought = np.zeros(1, dtype=_BROUGHT)
         t, x, y, p = self._room
         events = _take_frames(self._plain, spans, checks, self._memory, brought, t, x, y, p)
-        self._account(brought.tolist()[0])
+        self._account(cast("tuple[int, ...]", brought.item()))
         return Columns(t[:events], x[:events], y[:events], p[:events])
 
-    def _account(self, brought: tuple[int, ...]) -> None:
+    def _account(self, brought: Any) -> None:
         health = self.health
         frames, damaged, skipped, repeats, gaps, lost, dropped, resets, base, idle_at = brought
         health.frames += frames

@@ -11,6 +11,7 @@ from numba import njit
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.evt_words import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
 from edge_vpr.recordings.evt import Decoder as WordsDecoder
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
@@ -24,8 +25,8 @@ _COPIED_BYTES = 4_096
 #: Cameras say the time's high bits every 16 us, changed or not.
 _SLOT_BITS = 4
 #: Kinds of word that exist, one bit each.
-_KINDS_EVT2 = sum(1 << kind for kind in (0, 1, 8, 10, 14, 15))
-_KINDS_EVT3 = sum(1 << kind for kind in (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15))
+_KINDS_EVT2 = sum(1 << kind for kind in EVT2_KINDS)
+_KINDS_EVT3 = sum(1 << kind for kind in EVT3_KINDS)
 
 
 class EvtDecoder(WordDecoder):
@@ -139,16 +140,8 @@ class Evt2Encoder(EvtEncoder):
         """Encode events."""
         if events.size == 0:
             return b""
-        high, new = events["t"] >> 6, self._says_time(events["t"])
-        time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u4")
-        low = (events["t"] & 63).astype(np.uint32) << 22
-        word = (
-            events["p"].astype(np.uint32) << 28
-            | low
-            | events["x"].astype(np.uint32) << 11
-            | events["y"]
-        )
-        return _interleaved(time, new, word.astype("<u4"))
+        new = self._says_time(events["t"])
+        return _interleaved(evt2_time_words(events["t"]), new, evt2_event_words(events))
 
 
 class Evt21Encoder(EvtEncoder):
@@ -158,17 +151,13 @@ class Evt21Encoder(EvtEncoder):
         """Encode events."""
         if events.size == 0:
             return b""
-        high, new = events["t"] >> 6, self._says_time(events["t"])
-        time = (8 << 28 | (high & 0xFFFFFFF)).astype("<u8") << np.uint64(32)
+        new = self._says_time(events["t"])
+        # the upper half is a word of EVT 2.0 whose column is a multiple of 32; the lower half has a
+        # bit for each of 32 columns from there on
         x = events["x"].astype(np.uint64)
-        top = (
-            events["p"].astype(np.uint64) << np.uint64(28)
-            | (events["t"] & 63).astype(np.uint64) << np.uint64(22)
-            | (x & ~np.uint64(31)) << np.uint64(11)
-            | events["y"].astype(np.uint64)
-        )
+        top = evt2_event_words(events).astype("<u8") & ~np.uint64(31 << 11)
         word = top << np.uint64(32) | np.uint64(1) << (x & np.uint64(31))
-        return _interleaved(time, new, word)
+        return _interleaved(evt2_time_words(events["t"]).astype("<u8") << np.uint64(32), new, word)
 
 
 class Evt3Encoder(EvtEncoder):
