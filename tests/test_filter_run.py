@@ -196,7 +196,7 @@ def test_a_silence_of_a_year_is_passed_over_at_once():
 
 
 def test_a_silence_says_the_same_whether_it_is_passed_over_or_not():
-    """With ticks the windows of a silence are gone through one by one."""
+    """A tick within the silence ends what is passed over, and says what the windows say."""
     rng = np.random.default_rng(7)
     reference = random_map(rng, 20, 9, tau_us=100, counter_code="log", counter_scaling="own-mean")
     events = np.concatenate([random_events(rng, 500, SENSOR, 1_000) for _ in range(2)])
@@ -219,3 +219,15 @@ def test_what_only_sequences_can_do_is_refused():
         Localiser(reference, recent=2)
     with pytest.raises(UsageError, match="added while matching by sequences only"):
         Localiser(reference).append(np.zeros(len(PIXELS), dtype=np.uint8))
+
+
+def test_ticks_that_are_skipped_give_no_match():
+    rng = np.random.default_rng(9)
+    reference = random_map(rng, 20, 9, tau_us=100)
+    localiser = Localiser(reference, every=MatchSchedule(interval_us=10))
+    localiser.update(random_events(rng, 200, SENSOR, 1_000))
+    later = random_events(rng, 200, SENSOR, 1_000)
+    later["t"] += 10**9
+    localiser.skip_ticks(int(later["t"][0]))
+    assert localiser.next_match_us == int(later["t"][0]) // 10 * 10
+    assert 90 < localiser.update(later).size < 110

@@ -62,6 +62,10 @@ class FilterRun:
         """Time of the next match that the schedule's interval asks for, in microseconds."""
         return int(self._control[0].next_tick)
 
+    @next_tick.setter
+    def next_tick(self, time_us: int) -> None:
+        self._control[0].next_tick = time_us
+
     def prepared(self, s: Sliding) -> Sliding:
         """Return the state with the codes of the present means, compared with the map."""
         if self.mean is None or self._code is None:
@@ -112,8 +116,10 @@ class FilterRun:
             if s.tau:
                 advance(s, piece_until)
             s = self._finish_window(s)
-            if s.tau and not self._control[0].interval:
-                self._skip_silence(s, int(times[begin]) if begin < times.size else until)
+            if s.tau:
+                event = int(times[begin]) if begin < times.size else until
+                tick = self.next_tick if self._control[0].interval else event
+                self._skip_silence(s, min(event, tick))
 
     def _piece(
         self,

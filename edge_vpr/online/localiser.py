@@ -250,8 +250,11 @@ class Localiser:
         """
         interval = self.every.interval_us
         if interval:
-            last = until_us // interval * interval
-            self._policy[NEXT_TICK] = max(int(self._policy[NEXT_TICK]), last)
+            last = max(self._next_tick, until_us // interval * interval)
+            if self._filter is None:
+                self._policy[NEXT_TICK] = last
+            else:
+                self._filter.next_tick = last
 
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
