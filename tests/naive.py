@@ -347,7 +347,9 @@ def place_filter(
         margin = metric[second] - metric[best] if second >= 0 else 1023
         follows = last is not None and -len(back) <= best - last < max(len(forward), 3)
         trust = trust if follows else 0
-        trust += (16 * margin - trust) // 4
-        last = best
+        risen = trust + (16 * margin - trust) // 4
+        if best == last:  # the same view again says nothing new
+            risen = min(risen, trust - trust // 16)
+        trust, last = risen, best
         told.append((metric, best, second, trust))
     return told
