@@ -40,7 +40,8 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "array_checks", "whole_files", "events", "archive", "settings", "recordings"),
+    *("errors", "array_checks", "whole_files", "events", "archive", "settings", "confidence"),
+    "recordings",
     *("descriptors", "map_checks", "reference_map"),
     *("matching", "pipeline", "evaluation", "simulate", "datasets", "online", "stream"),
     "baselines",

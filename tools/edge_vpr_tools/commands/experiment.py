@@ -25,14 +25,16 @@ def run(args: argparse.Namespace) -> None:
     module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[args.name]}")
     folder = getattr(module, "FOLDER", None)
     data = None if args.data is None else Path(args.data)
-    if args.figure is not None and args.name != "codes":
+    if args.figure is not None and args.name not in ("codes", "trust"):
         raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
+    if args.table is not None and args.name != "calibration":
+        raise UsageError(f"experiment {args.name} writes no table: leave --table out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
             f"experiment {args.name} reads the folder {folder}, which is not in "
             f"{args.data or 'any folder given'}: name the folder that holds it with --data"
         )
     with Console(stderr=True).status("starting") as status:
-        more = () if args.figure is None else (Path(args.figure),)
+        more = tuple(Path(file) for file in (args.figure, args.table) if file is not None)
         table = module.run(data, args.seeds, status.update, *more)
     print(table)

@@ -7,4 +7,6 @@ EXPERIMENTS = {
     "speck-walks": "speck_walks",
     "brisbane": "brisbane",
     "codes": "codes_frontier",
+    "calibration": "calibration",
+    "trust": "trust",
 }
