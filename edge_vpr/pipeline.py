@@ -330,9 +330,17 @@ def match_traverse(
     MapError, UsageError
         As `describe` and `match_descriptors` do.
     """
-    settings = reference.settings if settings is None else settings
-    queries = describe_query(reference, recording, settings)
-    return match_descriptors(reference.places, queries, settings), queries
+    if settings is not None:
+        reference = reference.matched_with(settings)
+    queries = describe_query(reference, recording)
+    return match_query(reference, queries), queries
+
+
+def match_query(reference: ReferenceMap, queries: Descriptors) -> Matches:
+    """Match a described query by the settings and the table of probabilities of a map."""
+    return match_descriptors(
+        reference.places, queries, reference.settings, reference.judge.confidence
+    )
 
 
 def check_sensor(recording: Sensor, mapped: Sensor) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import damaged, read_archive, write_archive
+from edge_vpr.confidence import Confidence, Judge, default_confidence
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.own_mean import encode_own, encode_running
 from edge_vpr.descriptors.pauses import mean_activity
@@ -43,6 +44,8 @@ class ReferenceMap:
     mean : ndarray of int32, shape (J,), optional
         Mean logarithm of each counter over this drive in units of 1/256 octave, where the settings
         take codes against it; with polarity (2 J,).
+    confidence : Confidence, optional
+        Probability of matches with these settings, learnt from an evaluated drive.
 
     Raises
     ------
@@ -57,6 +60,7 @@ class ReferenceMap:
     hot: npt.NDArray[np.bool_]
     full_scale: npt.NDArray[np.uint16] | None = None
     mean: npt.NDArray[np.int32] | None = None
+    confidence: Confidence | None = None
 
     def __post_init__(self) -> None:
         check_map(
@@ -92,6 +96,28 @@ class ReferenceMap:
     def is_coded(self) -> bool:
         """Whether the places hold codes in place of counts."""
         return self.settings.shared_code is not None
+
+    @property
+    def judge(self) -> Judge:
+        """The map's own table of probabilities, or of the filter the shipped one.
+
+        Raises
+        ------
+        UsageError
+            If the settings want a precision that the table cannot promise.
+        """
+        confidence = self.confidence
+        if confidence is None and self.settings.matching == "filter":
+            confidence = default_confidence()
+        return Judge(confidence, self.settings.precision)
+
+    def matched_with(self, settings: Settings) -> ReferenceMap:
+        """Return the map with other settings for matching.
+
+        Its own table of probabilities goes where the trust has another scale by them.
+        """
+        kept = settings.of_trust == self.settings.of_trust
+        return replace(self, settings=settings, confidence=self.confidence if kept else None)
 
     def coded(self, counted: Descriptors) -> Descriptors:
         """Put codes in place of a query's counts, to compare them with the places of this map."""
@@ -142,6 +168,8 @@ class ReferenceMap:
             arrays["full_scale"] = self.full_scale
         if self.mean is not None:
             arrays["mean"] = self.mean
+        if self.confidence is not None:
+            arrays |= self.confidence.to_arrays()
         meta = {"settings": self.settings.to_dict(), "sensor": list(self.pixel_map.sensor)}
         write_archive(path, KIND, arrays, meta)
 
@@ -164,4 +192,5 @@ class ReferenceMap:
                 hot=arrays["hot"],
                 full_scale=arrays.get("full_scale"),
                 mean=arrays.get("mean"),
+                confidence=Confidence.from_arrays(arrays),
             )

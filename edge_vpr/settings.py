@@ -85,6 +85,9 @@ class Settings:
         Which window of a sequence a match is attributed to.
     exclusion : int
         The second best match is looked for more than this many places from the best.
+    precision : float
+        Wanted share of right ones among the matches that are not marked lost, below 1; 0 marks
+        none. It is as good as the table of probabilities, see `confidence`.
     """
 
     pixels: int = 150
@@ -111,6 +114,7 @@ class Settings:
     sequence_length: int = 5
     anchor: Anchor = "middle"
     exclusion: int = 3
+    precision: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("filter_steps", "filter_back"):
@@ -131,6 +135,10 @@ class Settings:
                 raise UsageError(
                     f"setting {name} = {_shown(value)}: expected {least} or more, up to {_MOST}"
                 )
+        if self.precision >= 1:
+            raise UsageError(
+                f"setting precision = {self.precision}: expected 0 or more, below 1, such as 0.99"
+            )
         if self.window == "count" and self.events_per_window > _MOST:
             raise UsageError(
                 f"settings events_per_pixel = {self.events_per_pixel} and pixels = {self.pixels} "
@@ -165,6 +173,14 @@ class Settings:
     def windows_per_match(self) -> int:
         """How many windows are compared at once: L, or 1 for the place filter."""
         return 1 if self.matching == "filter" else self.sequence_length
+
+    @property
+    def of_trust(self) -> tuple[object, ...]:
+        """What the scale of the trust depends on, so that a table of probabilities holds for it."""
+        shared = (self.matching, self.exclusion)
+        if self.matching == "sequence":
+            return (*shared, self.sequence_length)
+        return (*shared, self.filter_steps, self.filter_back, self.filter_restart)
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:
@@ -291,6 +307,7 @@ _LEAST = {
     "filter_restart": 1,
     "sequence_length": 1,
     "exclusion": 0,
+    "precision": 0,
 }
 
 _BEST = Settings(matching="filter", counter_code="log", counter_scaling="own-mean", anchor="end")

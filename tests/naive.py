@@ -359,7 +359,39 @@ def place_filter(
         margin = metric[second] - metric[best] if second >= 0 else 1023
         follows = last is not None and -len(back) <= best - last < max(len(forward), 3)
         trust = trust if follows else 0
-        trust += (16 * margin - trust) // 4
-        last = best
+        risen = trust + (16 * margin - trust) // 4
+        if best == last:  # the same view again says nothing new
+            risen = min(risen, trust - trust // 16)
+        trust, last = risen, best
         told.append((metric, best, second, trust))
     return told
+
+
+def isotonic(values: Sequence[float], weights: Sequence[float]) -> list[float]:
+    """The rising fit of least squares: the largest over a of the least over b of the mean a..b."""
+
+    def mean(a: int, b: int) -> float:
+        total = sum(v * w for v, w in zip(values[a : b + 1], weights[a : b + 1], strict=True))
+        return total / sum(weights[a : b + 1])
+
+    n = len(values)
+    return [max(min(mean(a, b) for b in range(i, n)) for a in range(i + 1)) for i in range(n)]
+
+
+def auroc(higher: Sequence[int], lower: Sequence[int]) -> float:
+    """Share of pairs in which one of `higher` is above one of `lower`; a tie is half a pair."""
+    wins = sum((a > b) + (a == b) / 2 for a in higher for b in lower)
+    return wins / (len(higher) * len(lower))
+
+
+def calibration_error(probability: Sequence[float], correct: Sequence[bool], bins: int) -> float:
+    """Mean over all matches of the gap between probability and share of right ones, by bin."""
+    error = 0.0
+    for number in range(bins):
+        inside = [
+            (p, c)
+            for p, c in zip(probability, correct, strict=True)
+            if min(int(p * bins), bins - 1) == number
+        ]
+        error += abs(sum(c for _, c in inside) - sum(p for p, _ in inside))
+    return error / len(probability)

@@ -81,6 +81,16 @@ def test_after_being_carried_off_it_finds_itself_again():
     assert answers[jump].trust < answers[jump - 3].trust  # a jump is not trusted at once
 
 
+def test_a_view_that_stays_the_same_wins_no_trust():
+    """A camera that stands, off the map, may see what it saw at one place of it."""
+    distances = drive_through(60, [*range(10), *([30] * 25)], np.random.default_rng(4))
+    found = PlaceFilter(60, StepPrices(), activity=256)
+    moving = [found.advance(row, 1) for row in distances[:10]]
+    standing = [found.advance(row, 1) for row in distances[10:]]
+    assert [match.place for match in standing[-20:]] == [30] * 20
+    assert max(match.trust for match in standing[3:]) < moving[-1].trust // 2
+
+
 def test_steps_back_are_followed_only_where_they_are_priced():
     path = [*range(10, 25), *range(24, 5, -1)]
     distances = drive_through(40, path, np.random.default_rng(2), noise=8)

@@ -158,6 +158,10 @@ class Descriptors:
         """Take the first n windows; views."""
         return Descriptors(self.counts[:n], self.start_us[:n], self.end_us[:n], self.events[:n])
 
+    def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_]) -> Descriptors:
+        """Take some windows, by their indices in any order, or by a mask of shape (n,)."""
+        return Descriptors(**{name: column[windows] for name, column in self.to_arrays().items()})
+
     @property
     def centre_us(self) -> npt.NDArray[np.int64]:
         """Middle of each window, in microseconds, rounded down."""

@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.evaluation.calibration import Reliability, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.rejection import Rejection, judge_rejection
 from edge_vpr.matching.matches import Matches
 
 RecallDenominator = Literal["rejected-correct", "all-with-place"]
@@ -146,6 +148,10 @@ class Evaluation:
         Recall@N: of the evaluated queries that have a true place, the share that has one among the
         N nearest.
     score, recall_denominator : str
+    rejection : Rejection
+        How well the trust tells which matches to reject.
+    reliability : Reliability or None
+        Of the probabilities; None where no evaluated match has one.
     """
 
     queries: int
@@ -158,6 +164,8 @@ class Evaluation:
     recall_at: dict[int, float]
     score: str
     recall_denominator: str
+    rejection: Rejection
+    reliability: Reliability | None
 
     def __repr__(self) -> str:
         return (
@@ -188,6 +196,8 @@ class Evaluation:
             "queries_tied": self.queries_tied,
             "score": self.score,
             "recall_denominator": self.recall_denominator,
+            "rejection": self.rejection.to_dict(),
+            "reliability": None if self.reliability is None else self.reliability.to_dict(),
         }
 
 
@@ -249,6 +259,7 @@ def evaluate(
     hit = truth.correct[matches.candidates, matches.query[:, None]] & (matches.candidates >= 0)
     counted = evaluated & has_place
     findable = max(int(np.count_nonzero(counted)), 1)
+    rated = evaluated & ~np.isnan(matches.probability)
     return Evaluation(
         queries=int(np.count_nonzero(evaluated)),
         queries_unknown=int(np.count_nonzero(~evaluated)),
@@ -264,6 +275,15 @@ def evaluate(
         },
         score=score,
         recall_denominator=recall_denominator,
+        rejection=judge_rejection(
+            matches.trust[evaluated],
+            correct[evaluated],
+            has_place[evaluated],
+            ~matches.lost[evaluated] if matches.settings.precision else None,
+        ),
+        reliability=reliability(matches.probability[rated], correct[rated])
+        if rated.any()
+        else None,
     )
 
 

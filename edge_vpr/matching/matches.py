@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import damaged, read_archive, replacing, write_archive
+from edge_vpr.archive import damaged, read_archive, write_archive
 from edge_vpr.array_checks import check_array, check_range, whole_number
+from edge_vpr.confidence import Confidence, Judge, default_confidence
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.distances import ReferenceIndex, best_matches
+from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
 from edge_vpr.settings import Settings
@@ -54,6 +55,10 @@ class Matches:
     trust : ndarray of int64, shape (n,)
         Higher is surer: of the place filter, see `place_filter.FilterMatch`; of sequences, the
         margin.
+    probability : ndarray of float64, shape (n,)
+        That the match is right, see `confidence.Confidence`; NaN where it is not known.
+    lost : ndarray of bool, shape (n,)
+        Not to be relied on at the precision that the settings want.
 
     Of matches by the place filter the two distances are metrics of the filter, with L = 1.
     """
@@ -69,6 +74,8 @@ class Matches:
     ties: npt.NDArray[np.int64]
     candidates: npt.NDArray[np.int64]
     trust: npt.NDArray[np.int64]
+    probability: npt.NDArray[np.float64]
+    lost: npt.NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.query)
@@ -129,6 +136,8 @@ class Matches:
             ties=np.zeros(n, dtype=np.int64),
             candidates=rows["place"][:, None],
             trust=rows["trust"],
+            probability=rows["probability"],
+            lost=rows["lost"],
         )
 
     def every(self, stride: int) -> Matches:
@@ -159,32 +168,17 @@ class Matches:
             found = cls(
                 Settings.from_dict(meta["settings"]),
                 whole_number(meta, "places_in_map", 1, TIME_LIMIT_US),
-                **{name: arrays[name] for name in _COLUMNS if name != "trust"},
+                **{name: arrays[name] for name in _COLUMNS if name not in _LATER},
                 trust=arrays.get("trust", arrays["second_sum"] - arrays["distance_sum"]),
+                probability=arrays.get("probability", np.full(arrays["query"].shape, np.nan)),
+                lost=arrays.get("lost", np.zeros(arrays["query"].shape, dtype=np.bool_)),
             )
             check_matches(found)
         return found
 
     def save_csv(self, path: str | Path) -> None:
-        """Write as a table, one line a query, atomically; empty fields where there is no second."""
-        with replacing(path) as temporary, temporary.open("w", newline="") as file:
-            table = csv.writer(file)
-            table.writerow(
-                [
-                    *("query", "time_s", "place", "distance", "second", "second_distance"),
-                    *("ratio", "trust"),
-                ]
-            )
-            for i in range(len(self)):
-                row = [int(self.query[i]), f"{self.time_us[i] / 1e6:.6f}", int(self.place[i])]
-                row.append(f"{self.distance[i]:.6g}")
-                if self.second[i] >= 0:
-                    row += [int(self.second[i]), f"{self.second_distance[i]:.6g}"]
-                    row.append(f"{self.ratio[i]:.6f}")
-                else:
-                    row += ["", "", ""]
-                row.append(int(self.trust[i]))
-                table.writerow(row)
+        """Write as a table, see `matches_csv.write_csv`."""
+        write_csv(path, self)
 
 
 _COLUMNS = (
@@ -197,7 +191,11 @@ _COLUMNS = (
     "ties",
     "candidates",
     "trust",
+    "probability",
+    "lost",
 )
+#: columns that the first files did not have
+_LATER = ("trust", "probability", "lost")
 
 
 def check_matches(matches: Matches) -> None:
@@ -224,13 +222,22 @@ def check_matches(matches: Matches) -> None:
         width = 1 if matches.candidates.shape[1:] == (1,) else CANDIDATES
         check_array(column, name, (np.int64,), (n, width) if name == "candidates" else (n,))
         check_range(column, name, least, most)
+    check_array(matches.probability, "probability", (np.float64,), (n,))
+    if ((matches.probability < 0) | (matches.probability > 1)).any():
+        raise MapError("probability of a match is not between 0 and 1")
+    check_array(matches.lost, "lost", (np.bool_,), (n,))
     if n == 0 or (np.diff(matches.query) <= 0).any():
         raise MapError(f"query of {n} matches: expected one match or more, in order")
     if ((matches.second < 0) != (matches.second_sum < 0)).any():
         raise MapError("second and second_sum differ on where there is a second best place")
 
 
-def match_descriptors(places: Descriptors, queries: Descriptors, settings: Settings) -> Matches:
+def match_descriptors(
+    places: Descriptors,
+    queries: Descriptors,
+    settings: Settings,
+    confidence: Confidence | None = None,
+) -> Matches:
     """Match every query window, by sequences of L windows or by the place filter.
 
     Parameters
@@ -240,7 +247,10 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
     queries : Descriptors
         Q of them, counted at the same pixels.
     settings : Settings
-        `matching` and its settings, and `exclusion`, are used.
+        `matching` and its settings, `exclusion` and `precision` are used.
+    confidence : Confidence, optional
+        Table of probabilities; by default the shipped one for the place filter, and none for
+        sequences.
 
     Returns
     -------
@@ -253,15 +263,18 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
     MapError
         If the descriptors differ in length.
     UsageError
-        If L is longer than a traverse.
+        If L is longer than a traverse, or the table does not promise the wanted precision.
     """
+    if confidence is None and settings.matching == "filter":
+        confidence = default_confidence()
+    judge = Judge(confidence, settings.precision)
     if places.counts.shape[1] != queries.counts.shape[1]:
         raise MapError(
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "
             f"{queries.counts.shape[1]}: describe both with the same map"
         )
     if settings.matching == "filter":
-        return _match_by_filter(places, queries, settings)
+        return _match_by_filter(places, queries, settings, judge)
     length, exclusion = settings.sequence_length, settings.exclusion
     check_length(length, len(places), len(queries))
     offset = anchor_offset(length, settings.anchor)
@@ -276,6 +289,8 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
     query = np.arange(n, dtype=np.int64) + offset
+    trust = np.where(second < 0, 0, second_sum - best_sum)
+    probability, lost = judge.judge(trust)
     return Matches(
         settings=settings,
         places_in_map=len(places),
@@ -287,11 +302,15 @@ def match_descriptors(places: Descriptors, queries: Descriptors, settings: Setti
         second_sum=second_sum,
         ties=ties,
         candidates=np.where(candidates < 0, -1, candidates + offset),
-        trust=np.where(second < 0, 0, second_sum - best_sum),
+        trust=trust,
+        probability=probability,
+        lost=lost,
     )
 
 
-def _match_by_filter(places: Descriptors, queries: Descriptors, settings: Settings) -> Matches:
+def _match_by_filter(
+    places: Descriptors, queries: Descriptors, settings: Settings, judge: Judge
+) -> Matches:
     index, n = ReferenceIndex(places.counts), len(queries)
     place_filter = PlaceFilter(
         len(places),
@@ -305,6 +324,7 @@ def _match_by_filter(places: Descriptors, queries: Descriptors, settings: Settin
         columns[j] = place_filter.advance(index.distances(queries.counts[j]), events)
         candidates[j] = _nearest(place_filter.metric[:, None])
     place, metric, second, second_metric, ties, trust = columns.T
+    probability, lost = judge.judge(trust)
     return Matches(
         settings=settings,
         places_in_map=len(places),
@@ -317,6 +337,8 @@ def _match_by_filter(places: Descriptors, queries: Descriptors, settings: Settin
         ties=ties,
         candidates=candidates,
         trust=trust,
+        probability=probability,
+        lost=lost,
     )
 
 

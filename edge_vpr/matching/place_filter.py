@@ -32,6 +32,8 @@ RECIPROCAL_BITS = 16
 PAUSE_STEPS = (0, 0, 1)
 #: trust moves by 1/4 of the difference in a window, in units of 1/16 of a margin
 TRUST_SHIFT, TRUST_BITS = 2, 4
+#: where the place stays the same, trust falls by 1/16 a window
+STANDING_SHIFT = 4
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,8 @@ class FilterMatch(NamedTuple):
     trust : int
         How far to trust the answer: the margin (second metric less the least) of this window and
         those before, with weights that fall by 3/4 a window, in units of 1/16 of a metric. It
-        starts at 0 where the answer jumps.
+        starts at 0 where the answer jumps. It does not rise where the place stays the same, since
+        the same view again says nothing new: see `trust_after`.
     """
 
     place: int
@@ -221,12 +224,35 @@ class PlaceFilter:
         least = int(metric[place])
         second_metric = int(metric[second]) if second >= 0 else -1
         margin = second_metric - least if second >= 0 else METRIC_TOP
-        prices = self.prices
-        step = place - self.place
-        follows = self.place >= 0 and prices.first <= step <= prices.last
-        trust = self.trust if follows else 0
-        trust += ((margin << TRUST_BITS) - trust) >> TRUST_SHIFT
+        steps = self.prices.first, self.prices.last
+        trust = trust_after(self.trust, self.place, place, steps, margin)
         return FilterMatch(place, least, second, second_metric, ties, trust)
+
+
+@njit(cache=True, nogil=True)
+def trust_after(trust: int, before: int, place: int, steps: tuple[int, int], margin: int) -> int:
+    """Return the trust after a window, in units of 1/16 of a metric.
+
+    A robot that stands sees one view again and again, which may be that of another place where
+    one stood: trust then falls by 1/16 a window.
+
+    Parameters
+    ----------
+    trust, before : int
+        Trust and place of the window before; the place is -1 before the first.
+    place : int
+        Of this window.
+    steps : tuple of int
+        Smallest and largest step, in places, by which an answer follows from the one before.
+    margin : int
+        Second metric less the least.
+    """
+    step = place - before
+    kept = np.int64(trust if before >= 0 and steps[0] <= step <= steps[1] else 0)
+    raised = kept + (((np.int64(margin) << TRUST_BITS) - kept) >> TRUST_SHIFT)
+    if before >= 0 and step == 0:
+        return int(min(raised, kept - (kept >> STANDING_SHIFT)))
+    return int(raised)
 
 
 @njit(cache=True, nogil=True)

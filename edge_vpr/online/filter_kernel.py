@@ -14,10 +14,9 @@ from edge_vpr.matching.place_filter import (
     FRACTION_BITS,
     METRIC_TOP,
     RECIPROCAL_BITS,
-    TRUST_BITS,
-    TRUST_SHIFT,
     least_and_second,
     reciprocal_of_spread,
+    trust_after,
 )
 from edge_vpr.online.kernel import DONE, MATCHES_FULL, RING_FULL
 from edge_vpr.online.state import MOVES, age, settle
@@ -154,10 +153,8 @@ def _answer(s, predicted, c, span, row):  # type: ignore[no-untyped-def]
     c.place_told = best
     second_metric = np.int64(metric[second]) if second >= 0 else np.int64(-1)
     margin = second_metric - metric[best] if second >= 0 else np.int64(METRIC_TOP)
-    step = best - c.place
-    follows = c.place >= 0 and c.first_step <= step <= c.last_step
-    trust = c.trust if follows else np.int64(0)
+    steps = c.first_step, c.last_step
     row[0], row[1], row[2], row[3], row[4] = span[0], best, metric[best], second, second_metric
     row[5], row[6] = events, span[1]
-    row[7] = trust + (((margin << TRUST_BITS) - trust) >> TRUST_SHIFT)
+    row[7] = trust_after(c.trust, c.place, best, steps, int(margin))
     return 1

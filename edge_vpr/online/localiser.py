@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
+from edge_vpr.confidence import Confidence, Judge
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
@@ -37,8 +38,10 @@ from edge_vpr.settings import Settings
 #: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
 #: exclusion zone (-1: none); their distances, summed over the L windows of the sequence; best over
 #: second; events at the selected pixels in the newest window, and its start; trust, higher is
-#: surer (of the place filter as `place_filter.FilterMatch` has it, of sequences the margin). The
-#: place filter has metrics in place of distances, and windows in place of sequences.
+#: surer (of the place filter as `place_filter.FilterMatch` has it, of sequences the margin);
+#: probability of being right (NaN: not known), and whether the match is lost at the precision that
+#: the settings want. The place filter has metrics in place of distances, and windows in place of
+#: sequences.
 MATCH_DTYPE = np.dtype(
     [
         ("t", "<i8"),
@@ -50,6 +53,8 @@ MATCH_DTYPE = np.dtype(
         ("events", "<i8"),
         ("start", "<i8"),
         ("trust", "<i8"),
+        ("probability", "<f8"),
+        ("lost", "?"),
     ]
 )
 KIND = "localiser state"
@@ -114,6 +119,7 @@ class Localiser:
         self._codes = None if reference.own_mean_code is not None else reference.codes
         self._mean, self._activity = reference.mean, reference.places.activity
         self._places = reference.places.counts
+        self._confidence, self._judge = reference.confidence, reference.judge
         check_map(
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
             reference.full_scale, reference.mean,
@@ -317,6 +323,8 @@ class Localiser:
             arrays["full_scale"] = self._full_scale
         if self._mean is not None:
             arrays["mean"] = self._mean
+        if self._confidence is not None:
+            arrays |= self._confidence.to_arrays()
         if self._filter is not None:
             arrays["activity"] = self._activity
             arrays |= self._filter.to_arrays()
@@ -406,7 +414,7 @@ class Localiser:
     ) -> list[npt.NDArray[np.void]]:
         if self._filter is not None:
             self._s, rows = self._filter.run(self._s, slots, times, until)
-            return [_matches(row) for row in rows]
+            return [_matches(row, self._judge) for row in rows]
         found, consumed = [], 0
         while True:
             read, given, why = follow(
@@ -424,7 +432,7 @@ class Localiser:
             )
             consumed += read
             if given:
-                found.append(_matches(self._out[:given]))
+                found.append(_matches(self._out[:given], self._judge))
             if why == RING_FULL:
                 self._s = grown(self._s)
             elif why == DONE:
@@ -466,13 +474,15 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
         hot=np.broadcast_to(np.False_, figures.shape),
         full_scale=arrays.get("full_scale"),
         mean=arrays.get("mean"),
+        confidence=Confidence.from_arrays(arrays),
     )
 
 
-def _matches(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
-    """Name the columns of the kernel's rows, and add the ratio."""
+def _matches(rows: npt.NDArray[np.int64], judge: Judge) -> npt.NDArray[np.void]:
+    """Name the columns of the kernel's rows, and add what follows from them."""
     matches = np.empty(len(rows), dtype=MATCH_DTYPE)
-    names = [name for name in MATCH_DTYPE.names or () if name not in ("ratio", "trust")]
+    derived = ("ratio", "trust", "probability", "lost")
+    names = [name for name in MATCH_DTYPE.names or () if name not in derived]
     if rows.shape[1] > len(names):
         names.append("trust")
     for name, column in zip(names, rows.T, strict=True):
@@ -480,6 +490,7 @@ def _matches(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
     best, second = matches["distance_sum"], matches["second_sum"]
     if "trust" not in names:
         matches["trust"] = np.where(matches["second"] < 0, 0, second - best)
+    matches["probability"], matches["lost"] = judge.judge(matches["trust"])
     matches["ratio"] = np.nan
     matches["ratio"][second == 0] = 1.0
     np.divide(best, second, out=matches["ratio"], where=second > 0)

@@ -14,6 +14,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "map": "make a reference map of one drive",
         "match": "match a query drive against a map",
         "evaluate": "compare matches with a ground truth",
+        "calibrate": "learn the probability of a right match from an evaluated drive",
     },
     "recordings": {
         "info": "say what a recording holds: sensor, events, duration, rate, polarity, faults",

@@ -21,7 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
     )
     group.add_argument(
-        "--figure", metavar="PNG", help="also draw the figure (codes and place-filter)"
+        "--figure", metavar="PNG", help="also draw the figure (codes, place-filter and trust)"
+    )
+    group.add_argument(
+        "--table", metavar="JSON", help="also write the table of probabilities (calibration only)"
     )
     group.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="trials with different seeds"

@@ -46,6 +46,7 @@ _MATCHING = (
     "sequence_length",
     "anchor",
     "exclusion",
+    "precision",
 )
 _OTHER = ("config", "tau", "hot_pixels", "bursts")
 DEFAULT_PRESET = "default"
@@ -249,6 +250,13 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
         type=int,
         metavar="R",
         help=f"second best is over R places from the best {shown('exclusion')}",
+    )
+    parser.add_argument(
+        "--precision",
+        type=float,
+        metavar="P",
+        help="mark matches as lost so that of the others a share of P is right, for example 0.99; "
+        f"0 marks none {shown('precision')}",
     )
 
 

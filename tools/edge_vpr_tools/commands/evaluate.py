@@ -5,20 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr.archive import read_archive
-from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.errors import MapError
-from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.arguments.truth import load_truth
+from edge_vpr_tools.arguments.truth import load_evaluated
 from edge_vpr_tools.output import results
-from edge_vpr_tools.output.messages import note
 from edge_vpr_tools.output.provenance import read_json, run_record, write_json
 from edge_vpr_tools.report.traverse import write_report
-
-#: places times queries of the ground truth: 64 MB
-_MOST_CELLS = 1 << 26
 
 
 def run(args: argparse.Namespace) -> None:
@@ -30,27 +22,7 @@ def run(args: argparse.Namespace) -> None:
         If the folder or the ground truth cannot be used.
     """
     folder = Path(args.results)
-    if not folder.is_dir():
-        raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
-    reference = ReferenceMap.load(folder / results.MAP)
-    matches = Matches.load(folder / results.MATCHES)
-    if (folder / results.QUERIES).is_file():
-        arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
-        queries_us = Descriptors.from_arrays(arrays).centre_us
-    else:  # matched event by event: each match is a query of its own
-        matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
-        queries_us = matches.time_us
-    truth = load_truth(
-        args.ground_truth,
-        reference.places.centre_us,
-        queries_us,
-        tolerance=args.tolerance,
-        rows=args.rows,
-        frame_period=args.frame_period,
-        offset_s=args.offset,
-    )
-    for line in truth.notes:
-        note(line)
+    _, matches, truth = load_evaluated(args)
     found = evaluate(
         matches,
         truth,
@@ -75,4 +47,30 @@ def run(args: argparse.Namespace) -> None:
         f"unknown truth left out, {found.queries_without_place} without a true place in the map, "
         f"{found.queries_tied} tied"
     )
+    _print_trust(matches, found)
     print(f"recall: {args.recall_denominator} queries are missed; see {folder / results.REPORT}")
+
+
+def _print_trust(matches: Matches, found: Evaluation) -> None:
+    """Print what is known of probabilities, rejected matches and queries off the map."""
+    rejection = found.rejection
+    if found.reliability is not None:
+        print(
+            f"probabilities are off by {found.reliability.expected_calibration_error:.3f} on "
+            "average (expected calibration error)"
+        )
+    if rejection.accepted is not None:
+        precision, recall = (
+            "-" if value is None else f"{value:.3f}"
+            for value in (rejection.precision, rejection.recall)
+        )
+        print(
+            f"--precision {matches.settings.precision}: {rejection.accepted} of {found.queries} "
+            f"matches accepted, precision {precision}, recall {recall} of those on the map"
+        )
+    if rejection.off_map_auroc is not None:
+        print(
+            f"off the map: AUROC of the trust {rejection.off_map_auroc:.3f}; "
+            f"{rejection.right_on_map:.3f} of the queries on it are right, "
+            f"{rejection.found_at_99_precision:.3f} found at 99 % precision over all"
+        )

@@ -26,12 +26,14 @@ def run(args: argparse.Namespace) -> None:
     data = None if args.data is None else Path(args.data)
     if args.figure is not None and not hasattr(module, "draw"):
         raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
+    if args.table is not None and args.name != "calibration":
+        raise UsageError(f"experiment {args.name} writes no table: leave --table out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
             f"experiment {args.name} reads the folder {folder}, which is not in "
             f"{args.data or 'any folder given'}: name the folder that holds it with --data"
         )
     with status("starting") as show:
-        more = () if args.figure is None else (Path(args.figure),)
+        more = tuple(Path(file) for file in (args.figure, args.table) if file is not None)
         table = module.run(data, args.seeds, show, *more)
     print(table)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import time
 from pathlib import Path
 
 from edge_vpr.archive import kind_of, write_archive
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.matches import match_descriptors
-from edge_vpr.pipeline import Removed, describe_query
+from edge_vpr.pipeline import Removed, describe_query, match_query
 from edge_vpr.reference_map import KIND as MAP_KIND
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import (
@@ -45,21 +43,23 @@ def run(args: argparse.Namespace) -> None:
     reference = ReferenceMap.load(args.map)
     given = {name: value for name, value in match_flags(args).items() if value is not None}
     settings = reference.settings.replaced(given, "the command line")
+    asked = reference.matched_with(settings)
+    _ = asked.judge  # a precision that cannot be promised is refused before the work
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     detail_settings(settings.to_dict())
     if args.online:
-        match_online(args, dataclasses.replace(reference, settings=settings))
+        match_online(args, asked)
         return
     recording = open_source(args, args.recording)
 
     removed = Removed()
     start = time.perf_counter()
-    queries = describe_query(reference, tracked(recording, "counting"), settings, removed=removed)
+    queries = describe_query(asked, tracked(recording, "counting"), removed=removed)
     length = settings.windows_per_match
-    match_descriptors(reference.places, queries.first(length), settings)  # compiled before timing
+    match_query(asked, queries.first(length))  # compiled before timing
     described = time.perf_counter()
-    matches = match_descriptors(reference.places, queries, settings)
+    matches = match_query(asked, queries)
     matched = time.perf_counter()
 
     metrics = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 import tempfile
 import threading
@@ -56,7 +55,7 @@ def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceM
 
     given = {name: value for name, value in match_flags(args).items() if value is not None}
     settings = reference.settings.replaced(given, "the command line")
-    return dataclasses.replace(reference, settings=settings)
+    return reference.matched_with(settings)
 
 
 def _learn(args: argparse.Namespace, settings: Settings) -> None:

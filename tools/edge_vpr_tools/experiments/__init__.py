@@ -7,4 +7,6 @@ EXPERIMENTS = {
     "brisbane": "brisbane",
     "codes": "codes_frontier",
     "place-filter": "place_filter",
+    "calibration": "calibration",
+    "trust": "trust",
 }

@@ -90,7 +90,8 @@ class View:
         for row in result.matches.tolist():
             match = dict(zip(names, row, strict=True))
             # JSON has no not-a-number
-            match["ratio"] = match["ratio"] if match["ratio"] == match["ratio"] else None
+            for name in ("ratio", "probability"):
+                match[name] = match[name] if match[name] == match[name] else None
             self._last = {"kind": "match", **match, "incomplete": result.incomplete}
             self.matched += 1
             self._write(self._last)
@@ -174,8 +175,12 @@ class View:
                 f"place {self._last['place']} of {self._places}"
                 f" ({100 * self._position():.0f} % of the route)"
             )
-            ratio = self._last["ratio"]
+            ratio, probability = self._last["ratio"], self._last["probability"]
             said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
+            if probability is not None:
+                said["certainty"] = f"right with probability {probability:.2f}"
+            if self._last["lost"]:
+                said["certainty"] += ", lost"
             if self._last["incomplete"]:
                 said["certainty"] += ", incomplete: events were lost"
         elif self._places:

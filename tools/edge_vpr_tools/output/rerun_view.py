@@ -52,6 +52,9 @@ class RerunView:
             self._recording.log("match/place", rerun.Scalars(float(match["place"])))
             if not np.isnan(match["ratio"]):
                 self._recording.log("match/ratio", rerun.Scalars(float(match["ratio"])))
+            if not np.isnan(match["probability"]):
+                probability = rerun.Scalars(float(match["probability"]))
+                self._recording.log("match/probability", probability)
             self._recording.log("match/incomplete", rerun.Scalars(float(result.incomplete)))
 
     def _send_picture(self, next_us: int) -> None:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.evaluation.calibration import Reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.matches import Matches
@@ -131,6 +132,25 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
             ylim=(0, 1.03),
         )
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
+    return drawing
+
+
+def reliability_diagram(found: Reliability) -> Figure:
+    """Draw how often matches are right against the probability that they were given."""
+    with figure(6.5, 5.2) as (drawing, axes):
+        axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="as it should be")
+        axes.plot(found.probability, found.right, color=BLUE, lw=1.5)
+        sizes = 15 + 285 * found.matches / found.matches.max()
+        label = f"{found.matches.sum()} matches in {len(found.matches)} bins, larger: more"
+        axes.scatter(found.probability, found.right, s=sizes, color=BLUE, label=label)
+        axes.set(
+            title=f"Reliability: expected calibration error {found.expected_calibration_error:.3f}",
+            xlabel="probability of being right, from the trust",
+            ylabel="share of right matches",
+            xlim=(0, 1.02),
+            ylim=(0, 1.05),
+        )
+        axes.legend(loc="upper left")
     return drawing
 
 

@@ -63,6 +63,11 @@ def write_report(
         _add(page, folder, "precision_recall.png", lambda: figures.precision_recall(
             {f"{len(reference.pixel_map)} pixels, {settings.strategy}": found}
         ), "Precision against recall, one step for each threshold.")  # fmt: skip
+        certain = found.reliability
+        if certain is not None:
+            _add(page, folder, "reliability.png", lambda: figures.reliability_diagram(certain),
+                 "Above the line, matches are right more often than their probability; below, less."
+                 )  # fmt: skip
     page.heading("Matches")
     if queries is None:
         _add(page, folder, "online.png", lambda: figures.online_places(matches),
@@ -118,10 +123,58 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
          "area under the precision-recall curve, as a sum of steps"),
         *((f"Recall@{n}", f"{recall:.3f}", f"a right place is among the {n} nearest")
           for n, recall in found.recall_at.items()),
+        *_trust_figures(found),
         ("queries", f"{found.queries}", "evaluated"),
         ("unknown", f"{found.queries_unknown}", "left out, since their truth is not known"),
         ("without a place", f"{found.queries_without_place}", "evaluated, but not in the map"),
         ("tied", f"{found.queries_tied}", "other places at the same distance; the lowest counts"),
+    ]  # fmt: skip
+
+
+def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
+    """List what is known of probabilities and of queries that are not on the map."""
+    rejection = found.rejection
+    named: list[tuple[str, float | int | None, str]] = []
+    if found.reliability is not None:
+        named.append(
+            (
+                "calibration error",
+                found.reliability.expected_calibration_error,
+                "expected: mean gap between probabilities and shares of right matches",
+            )
+        )
+    if rejection.off_map:
+        named += [
+            (
+                "right on the map",
+                rejection.right_on_map,
+                "share of right matches among the queries that are on the map",
+            ),
+            (
+                "found at 99 % precision",
+                rejection.found_at_99_precision,
+                "right matches above the best threshold, as a share of the queries on the map",
+            ),
+            (
+                "AUROC off the map",
+                rejection.off_map_auroc,
+                "how surely a query off the map has less trust than one on it; 0.5 is chance",
+            ),
+        ]
+    if rejection.accepted is not None:
+        named += [
+            ("accepted", rejection.accepted, "matches that are not marked lost"),
+            ("precision of the accepted", rejection.precision, "share of right ones among them"),
+            (
+                "recall of the accepted",
+                rejection.recall,
+                "right ones among them, as a share of the queries on the map",
+            ),
+        ]
+    return [
+        (name, f"{value}" if isinstance(value, int) else f"{value:.3f}", text)
+        for name, value, text in named
+        if value is not None
     ]  # fmt: skip
 
 

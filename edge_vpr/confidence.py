@@ -1,0 +1,197 @@
+"""The probability that a match is right, from its trust: a monotone table, stored with a map.
+
+A table is applied here, and learnt from an evaluated drive in `evaluation.calibration`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.array_checks import check_array, check_range
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.events import TIME_LIMIT_US
+
+#: learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md
+DEFAULT_TABLE = "default_confidence.json"
+MOST_STEPS = 4_096
+
+
+@dataclass(frozen=True, eq=False)
+class Confidence:
+    """A step function from the trust in a match to the probability that it is right.
+
+    Attributes
+    ----------
+    trust : ndarray of int64, shape (m,)
+        Least trust of each step, increasing. What is below the first step belongs to it too.
+    probability : ndarray of float64, shape (m,)
+        Of each step, never 0 nor 1, not decreasing.
+    matches : ndarray of int64, shape (m,)
+        How many matches each step was learnt from, at least 1.
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape, or holds what cannot be.
+    """
+
+    trust: npt.NDArray[np.int64]
+    probability: npt.NDArray[np.float64]
+    matches: npt.NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        check_array(self.trust, "confidence_trust", (np.int64,), (None,))
+        steps = len(self.trust)
+        if not 1 <= steps <= MOST_STEPS:
+            raise MapError(f"confidence_trust has {steps} steps: expected 1 to {MOST_STEPS}")
+        check_array(self.probability, "confidence_probability", (np.float64,), (steps,))
+        check_array(self.matches, "confidence_matches", (np.int64,), (steps,))
+        check_range(self.trust, "confidence_trust", -TIME_LIMIT_US, TIME_LIMIT_US)
+        # whose sum fits 64 bits
+        check_range(self.matches, "confidence_matches", 1, TIME_LIMIT_US // MOST_STEPS)
+        p = self.probability
+        if not ((p > 0) & (p < 1)).all() or (np.diff(p) < 0).any():
+            raise MapError("confidence_probability is not rising from above 0 to below 1")
+        if (np.diff(self.trust) <= 0).any():
+            raise MapError("confidence_trust does not increase")
+
+    @property
+    def precision(self) -> npt.NDArray[np.float64]:
+        """Share of right matches among all of a step and those above it, shape (m,)."""
+        right = np.cumsum((self.probability * self.matches)[::-1])[::-1]
+        return np.asarray(right / np.cumsum(self.matches[::-1])[::-1])
+
+    def probability_of(self, trust: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+        """Return the probability that each match is right.
+
+        Parameters
+        ----------
+        trust : ndarray of int, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+
+        Examples
+        --------
+        >>> steps = np.array([0, 100]), np.array([0.25, 0.75]), np.array([8, 8])
+        >>> Confidence(*steps).probability_of(np.array([-1, 99, 100])).tolist()
+        [0.25, 0.25, 0.75]
+        """
+        step = np.searchsorted(self.trust, trust, side="right") - 1
+        return np.asarray(self.probability[np.maximum(step, 0)])
+
+    def least_trust(self, precision: float) -> int:
+        """Return the least trust so that all matches of at least that are this precise together.
+
+        Parameters
+        ----------
+        precision : float
+            Share of right ones among the accepted matches, above 0 and below 1.
+
+        Raises
+        ------
+        UsageError
+            If the table was learnt from too few matches, or too many wrong ones, to promise it.
+        """
+        enough = np.flatnonzero(self.precision >= precision)
+        if enough.size == 0:
+            raise UsageError(
+                f"precision {precision} was not reached where trust was calibrated, "
+                f"{np.floor(1e4 * self.precision[-1]) / 1e4} was: ask for that or less, or "
+                "calibrate with more matches (edge-vpr calibrate)"
+            )
+        return int(self.trust[enough[0]]) if enough[0] else -TIME_LIMIT_US
+
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Name the arrays, for an archive; `from_arrays` takes them back."""
+        return {f"confidence_{name}": getattr(self, name) for name in _NAMES}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Confidence | None:
+        """Build from named arrays, for example of a file; None if none of them is there.
+
+        Raises
+        ------
+        MapError
+            If some are missing, or they are no table.
+        """
+        found = {name: arrays.get(f"confidence_{name}") for name in _NAMES}
+        if all(array is None for array in found.values()):
+            return None
+        return cls(**found)  # type: ignore[arg-type]  # what is missing fails its check
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Gives matches their probability, and marks those that are not precise enough.
+
+    Parameters
+    ----------
+    confidence : Confidence, optional
+        None where nothing is known of the probability, as of sequences without a calibration.
+    precision : float
+        Wanted share of right ones among the accepted matches; 0 accepts all.
+
+    Raises
+    ------
+    UsageError
+        If the precision cannot be promised.
+    """
+
+    confidence: Confidence | None
+    precision: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.precision and self.confidence is None:
+            raise UsageError(
+                f"precision {self.precision} is asked of matches by sequences, whose probability "
+                "is not known: calibrate the map (edge-vpr calibrate), or match by the filter"
+            )
+        if self.precision and self.confidence is not None:
+            self.confidence.least_trust(self.precision)
+
+    def judge(
+        self, trust: npt.NDArray[np.integer]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Return the probability of each match (NaN: not known), and whether it is lost.
+
+        Parameters
+        ----------
+        trust : ndarray of int, shape (n,)
+
+        Returns
+        -------
+        probability : ndarray of float64, shape (n,)
+        lost : ndarray of bool, shape (n,)
+            All False where no precision is wanted.
+        """
+        if self.confidence is None:
+            return np.full(trust.shape, np.nan), np.zeros(trust.shape, dtype=np.bool_)
+        probability = self.confidence.probability_of(trust)
+        if not self.precision:
+            return probability, np.zeros(trust.shape, dtype=np.bool_)
+        return probability, trust < self.confidence.least_trust(self.precision)
+
+
+_NAMES = ("trust", "probability", "matches")
+
+
+@cache
+def default_confidence() -> Confidence:
+    """Return the shipped table, of the place filter on simulated streets."""
+    text = files("edge_vpr").joinpath(DEFAULT_TABLE).read_text(encoding="utf-8")
+    table = json.loads(text)
+    return Confidence(
+        np.array(table["trust"], dtype=np.int64),
+        np.array(table["probability"], dtype=np.float64),
+        np.array(table["matches"], dtype=np.int64),
+    )

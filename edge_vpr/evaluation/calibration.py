@@ -1,0 +1,159 @@
+"""Learn the probability of a right match from its trust, and judge probabilities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.confidence import Confidence
+from edge_vpr.errors import UsageError
+
+#: bins of the reliability diagram and of the expected calibration error
+BINS = 10
+
+
+def isotonic(
+    values: npt.NDArray[np.floating], weights: npt.NDArray[np.floating]
+) -> npt.NDArray[np.int64]:
+    """Pool adjacent violators: the blocks of the weighted least-squares rising fit.
+
+    Parameters
+    ----------
+    values, weights : ndarray of float, shape (n,)
+        In order; the weights are positive.
+
+    Returns
+    -------
+    ndarray of int64, shape (m,)
+        Where each block begins; the fit is the weighted mean of each block, and rises strictly
+        from block to block.
+    """
+    blocks: list[tuple[int, float, float]] = []  # begin, weighted sum, weight
+    for i, (value, weight) in enumerate(zip(values.tolist(), weights.tolist(), strict=True)):
+        begin, total = i, value * weight
+        while blocks and blocks[-1][1] * weight >= total * blocks[-1][2]:
+            begin, total, weight = _merged(blocks.pop(), total, weight)
+        blocks.append((begin, total, weight))
+    return np.array([begin for begin, _, _ in blocks], dtype=np.int64)
+
+
+def _merged(
+    before: tuple[int, float, float], total: float, weight: float
+) -> tuple[int, float, float]:
+    return before[0], before[1] + total, before[2] + weight
+
+
+def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.bool_]) -> Confidence:
+    """Fit a table of probabilities to matches that are known to be right or wrong.
+
+    Blocks of isotonic regression, each with Laplace's estimate ``(right + 1) / (matches + 2)``.
+    Blocks of few matches, which this draws towards 1/2, are joined until the estimates rise.
+
+    Parameters
+    ----------
+    trust : ndarray of int, shape (n,)
+    correct : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    Confidence
+
+    Raises
+    ------
+    UsageError
+        If there is no match.
+    """
+    if trust.size == 0 or trust.shape != correct.shape:
+        raise UsageError(
+            f"{trust.size} matches with {correct.size} truths: a table of probabilities is learnt "
+            "from one match or more, each right or wrong"
+        )
+    levels, level = np.unique(trust.astype(np.int64), return_inverse=True)
+    matches = np.bincount(level)
+    right = np.bincount(level, weights=correct).astype(np.int64)
+    begins = isotonic(right / matches, matches.astype(np.float64))
+    blocks: list[tuple[int, int, int]] = []
+    for begin, k, n in zip(
+        levels[begins].tolist(),
+        np.add.reduceat(right, begins).tolist(),
+        np.add.reduceat(matches, begins).tolist(),
+        strict=True,
+    ):
+        block = (begin, k, n)
+        while blocks and _laplace(blocks[-1]) >= _laplace(block):
+            low = blocks.pop()
+            block = (low[0], low[1] + block[1], low[2] + block[2])
+        blocks.append(block)
+    return Confidence(
+        np.array([block[0] for block in blocks], dtype=np.int64),
+        np.array([_laplace(block) for block in blocks], dtype=np.float64),
+        np.array([block[2] for block in blocks], dtype=np.int64),
+    )
+
+
+def _laplace(block: tuple[int, int, int]) -> float:
+    return (block[1] + 1) / (block[2] + 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Reliability:
+    """How often matches of each probability are right.
+
+    Attributes
+    ----------
+    probability : ndarray of float64, shape (m,)
+        Mean probability of each bin that holds matches.
+    right : ndarray of float64, shape (m,)
+        Share of right matches in it.
+    matches : ndarray of int64, shape (m,)
+    """
+
+    probability: npt.NDArray[np.float64]
+    right: npt.NDArray[np.float64]
+    matches: npt.NDArray[np.int64]
+
+    @property
+    def expected_calibration_error(self) -> float:
+        """Mean of ``|right - probability|`` over all matches."""
+        gap = np.abs(self.right - self.probability)
+        return float((gap * self.matches).sum() / self.matches.sum())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "expected_calibration_error": self.expected_calibration_error,
+            "probability": self.probability.tolist(),
+            "right": self.right.tolist(),
+            "matches": self.matches.tolist(),
+        }
+
+
+def reliability(
+    probability: npt.NDArray[np.floating], correct: npt.NDArray[np.bool_], bins: int = BINS
+) -> Reliability:
+    """Compare probabilities with what came true, in bins of equal width.
+
+    Parameters
+    ----------
+    probability : ndarray of float, shape (n,)
+        From 0 to 1; n of at least 1.
+    correct : ndarray of bool, shape (n,)
+    bins : int
+
+    Returns
+    -------
+    Reliability
+        Of the bins that hold matches.
+    """
+    bin_of = np.minimum((probability * bins).astype(np.int64), bins - 1)
+    matches = np.bincount(bin_of, minlength=bins)
+    held = matches > 0
+    counted = matches[held]
+    return Reliability(
+        np.bincount(bin_of, weights=probability, minlength=bins)[held] / counted,
+        np.bincount(bin_of, weights=correct, minlength=bins)[held] / counted,
+        counted,
+    )

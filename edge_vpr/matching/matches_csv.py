@@ -1,0 +1,48 @@
+"""The table of matches that people and spreadsheets read."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edge_vpr.archive import replacing
+
+if TYPE_CHECKING:
+    from edge_vpr.matching.matches import Matches
+
+COLUMNS = (
+    *("query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust"),
+    *("probability", "lost"),
+)
+
+
+def write_csv(path: str | Path, matches: Matches) -> None:
+    """Write matches as a table, one line each, atomically.
+
+    Parameters
+    ----------
+    path : path
+    matches : Matches
+        Fields are empty where there is no second, where the probability is not known, and of
+        ``lost`` where no precision is wanted.
+    """
+    rejects = matches.settings.precision > 0
+    with replacing(path) as temporary, temporary.open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(COLUMNS)
+        for i in range(len(matches)):
+            row = [int(matches.query[i]), f"{matches.time_us[i] / 1e6:.6f}", int(matches.place[i])]
+            row.append(f"{matches.distance[i]:.6g}")
+            if matches.second[i] >= 0:
+                row += [int(matches.second[i]), f"{matches.second_distance[i]:.6g}"]
+                row.append(f"{matches.ratio[i]:.6f}")
+            else:
+                row += ["", "", ""]
+            row.append(int(matches.trust[i]))
+            known = not np.isnan(matches.probability[i])
+            row.append(f"{matches.probability[i]:.4f}" if known else "")
+            row.append(int(matches.lost[i]) if rejects else "")
+            table.writerow(row)

@@ -1,0 +1,269 @@
+"""Probabilities of matches: learnt, stored, applied, and judged."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import naive
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.experiments.detours import Case, carried_off, with_detour, without_places
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import descriptors, random_events
+
+from edge_vpr.confidence import Confidence, Judge, default_confidence
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.rejection import auroc, judge_rejection
+from edge_vpr.events import Sensor
+from edge_vpr.matching.matches import Matches
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.recordings import write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS, Settings
+
+SENSOR = Sensor(16, 12)
+outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)
+
+
+def table(*steps):
+    trust, probability, matches = zip(*steps, strict=True)
+    return Confidence(np.array(trust), np.array(probability), np.array(matches))
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(1, 5)), min_size=1, max_size=12))
+def test_blocks_of_pooled_violators_are_the_least_squares_rising_fit(found):
+    values, weights = (np.array(column, dtype=float) for column in zip(*found, strict=True))
+    begins = isotonic(values, weights)
+    ends = [*begins[1:].tolist(), len(values)]
+    fit = []
+    for begin, end in zip(begins.tolist(), ends, strict=True):
+        mean = np.average(values[begin:end], weights=weights[begin:end])
+        fit += [mean] * (end - begin)
+    assert np.allclose(fit, naive.isotonic(values.tolist(), weights.tolist()))
+    assert (np.diff([fit[begin] for begin in begins]) > 0).all()
+
+
+@given(outcomes)
+def test_a_learnt_table_rises_and_never_says_never_or_always(found):
+    trust = np.array([t for t, _ in found])
+    correct = np.array([c for _, c in found])
+    learnt = learn_confidence(trust, correct)
+    assert (np.diff(learnt.probability) > 0).all()
+    assert learnt.probability[0] > 0 and learnt.probability[-1] < 1
+    assert learnt.matches.sum() == len(found)
+    for i, (begin, p, n) in enumerate(
+        zip(learnt.trust, learnt.probability, learnt.matches, strict=True)
+    ):
+        end = learnt.trust[i + 1] if i + 1 < len(learnt.trust) else 99
+        inside = (trust >= begin) & (trust < end)
+        assert inside.sum() == n and p == (correct[inside].sum() + 1) / (n + 2)
+
+
+@given(outcomes, st.floats(0.01, 0.99))
+def test_a_precision_asked_for_is_that_of_the_accepted_by_the_table(found, precision):
+    learnt = learn_confidence(np.array([t for t, _ in found]), np.array([c for _, c in found]))
+    of_all = np.array([t for t, _ in found])
+    given_p = learnt.probability_of(of_all)
+    by_threshold = {t: given_p[of_all >= t].mean() for t in of_all.tolist()}
+    if learnt.precision[-1] < precision:
+        with pytest.raises(UsageError, match="was not reached where trust was calibrated"):
+            learnt.least_trust(precision)
+        return
+    least = learnt.least_trust(precision)
+    accepted = of_all[of_all >= least]
+    assert by_threshold[accepted.min()] >= precision - 1e-12
+    refused = [p for t, p in by_threshold.items() if t < least and t in learnt.trust]
+    assert all(p < precision + 1e-12 for p in refused)
+
+
+def test_learning_from_nothing_is_refused():
+    with pytest.raises(UsageError, match="from one match or more"):
+        learn_confidence(np.array([], dtype=np.int64), np.array([], dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "says"),
+    [
+        ({"confidence_trust": np.array([1, 1])}, "does not increase"),
+        ({"confidence_trust": np.array([1.0, 2.0])}, "float64"),
+        ({"confidence_probability": np.array([0.5, 1.0])}, "not rising"),
+        ({"confidence_probability": np.array([0.5, 0.4])}, "not rising"),
+        ({"confidence_probability": np.array([0.5, np.nan])}, "not rising"),
+        ({"confidence_probability": np.array([0.5])}, "shape"),
+        ({"confidence_matches": np.array([0, 1])}, "confidence_matches holds"),
+        ({"confidence_matches": None}, "NoneType"),
+    ],
+)
+def test_a_damaged_table_is_refused(arrays, says):
+    whole = table((0, 0.5, 3), (7, 0.6, 2)).to_arrays()
+    with pytest.raises(MapError, match=says):
+        Confidence.from_arrays({**whole, **arrays})
+
+
+def test_the_shipped_table_is_of_this_format_and_says_where_it_comes_from():
+    shipped = default_confidence()
+    assert len(shipped.trust) > 10 and shipped.matches.sum() > 10_000
+    assert shipped.probability[0] < 0.5 and shipped.least_trust(0.99) > shipped.least_trust(0.9)
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.booleans()), min_size=1, max_size=40))
+def test_the_calibration_error_is_the_oracles(found):
+    p, correct = [p for p, _ in found], [c for _, c in found]
+    error = reliability(np.array(p), np.array(correct)).expected_calibration_error
+    assert error == pytest.approx(naive.calibration_error(p, correct, 10), abs=1e-12)
+
+
+@given(
+    st.lists(st.integers(-3, 5), min_size=1, max_size=15),
+    st.lists(st.integers(-3, 5), min_size=1, max_size=15),
+)
+def test_the_area_under_the_curve_is_the_share_of_ordered_pairs(higher, lower):
+    assert auroc(np.array(higher), np.array(lower)) == pytest.approx(naive.auroc(higher, lower))
+
+
+def test_found_at_99_percent_counts_queries_that_are_not_on_the_map():
+    trust = np.arange(10)
+    has_place = trust % 5 != 0
+    correct = has_place & (trust != 1)
+    found = judge_rejection(trust, correct, has_place, trust >= 4)
+    assert (found.on_map, found.off_map, found.right_on_map) == (8, 2, 7 / 8)
+    assert found.found_at_99_precision == 4 / 8  # down to 6; 5 is off the map
+    assert (found.accepted, found.precision, found.recall) == (6, 5 / 6, 5 / 8)
+    assert judge_rejection(trust, correct, trust >= 0).off_map_auroc is None
+    nothing = judge_rejection(trust, correct, has_place, trust > 99)
+    assert (nothing.accepted, nothing.precision, nothing.recall) == (0, None, 0.0)
+
+
+def test_matches_by_sequences_have_no_probability_until_they_are_calibrated():
+    trust = np.array([3, 4])
+    probability, lost = Judge(None).judge(trust)
+    assert np.isnan(probability).all() and not lost.any()
+    with pytest.raises(UsageError, match="calibrate the map"):
+        Judge(None, 0.9)
+    probability, lost = Judge(table((0, 0.5, 9), (4, 0.95, 9)), 0.9).judge(trust)
+    assert (probability.tolist(), lost.tolist()) == ([0.5, 0.95], [True, False])
+
+
+@pytest.mark.parametrize("precision", [1.0, -0.1, float("nan"), 2])
+def test_a_precision_is_a_share_below_one(precision):
+    with pytest.raises(UsageError, match="precision"):
+        Settings(precision=precision)
+
+
+def a_map(settings, **more):
+    rng = np.random.default_rng(1)
+    pixels = PixelMap(SENSOR, np.array([0, 5, 2]), np.array([0, 4, 3]))
+    figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
+    places = descriptors(rng.integers(0, 6, (20, 3)))
+    return ReferenceMap(settings, pixels, places, figures, figures > 0, **more)
+
+
+COUNTED = Settings(pixels=3, tau_us=100_000, matching="filter", remove_bursts=False)
+
+
+def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path):
+    own = table((0, 0.25, 8), (40, 0.75, 8))
+    reference = a_map(COUNTED.replaced({"precision": 0.7}, "test"), confidence=own)
+    reference.save(tmp_path / "map.npz")
+    loaded = ReferenceMap.load(tmp_path / "map.npz")
+    assert loaded.confidence is not None
+    for name, column in own.to_arrays().items():
+        assert np.array_equal(loaded.confidence.to_arrays()[name], column)
+    events = random_events(np.random.default_rng(2), 400, SENSOR, 2_000_000)
+    localiser = Localiser(loaded)
+    rows = localiser.update(events[:200])
+    assert set(rows["probability"]) <= {0.25, 0.75} and set(rows["lost"]) == {True, False}
+    assert np.array_equal(rows["lost"], rows["trust"] < 40)
+    localiser.save(tmp_path / "state.npz")
+    resumed = Localiser.load(tmp_path / "state.npz")
+    assert np.array_equal(resumed.update(events[200:]), localiser.update(events[200:]))
+
+
+def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
+    reference = a_map(COUNTED, confidence=table((0, 0.25, 8)))
+    other_query = reference.settings.replaced({"query_mean": "running"}, "test")
+    assert reference.matched_with(other_query).confidence is reference.confidence
+    for changes in ({"filter_restart": 9}, {"exclusion": 1}, {"matching": "sequence"}):
+        changed = reference.settings.replaced(changes, "test")
+        assert reference.matched_with(changed).confidence is None
+
+
+def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    drive = random_events(rng, 6_000, SENSOR, 6_000_000)
+    write_recording(tmp_path / "drive.npz", [drive], sensor=SENSOR)
+    small = ["--pixels", "5", "--sigma", "1", "--tau", "100ms"]
+    recording, first = str(tmp_path / "drive.npz"), str(tmp_path / "map.npz")
+    assert main(["map", recording, "-o", first, *small]) == 0
+    match = ["match", first, recording, "--no-figures"]
+    assert main([*match, "-o", str(tmp_path / "a"), "--precision", "0.9"]) == 0
+    with (tmp_path / "a" / "matches.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    expected = default_confidence().probability_of(np.array([int(row["trust"]) for row in rows]))
+    assert [row["probability"] for row in rows] == [f"{p:.4f}" for p in expected]
+    assert {row["lost"] for row in rows} == {"0", "1"}
+    assert list(rows[0])[-2:] == ["probability", "lost"]
+
+    truth = np.eye(len(rows), dtype=np.uint8)
+    truth[:, ::7] = 0  # taken as not on the map
+    np.save(tmp_path / "truth.npy", truth)
+    given = ["--ground-truth", str(tmp_path / "truth.npy"), "--rows", "reference"]
+    capsys.readouterr()
+    assert main(["evaluate", str(tmp_path / "a"), *given]) == 0
+    said = capsys.readouterr().out
+    assert "probabilities are off by" in said and "--precision 0.9:" in said
+    assert "off the map: AUROC" in said
+    evaluation = json.loads((tmp_path / "a" / "metrics.json").read_text())["evaluation"]
+    assert evaluation["rejection"]["off_map"] == 9
+    assert 0 <= evaluation["reliability"]["expected_calibration_error"] <= 1
+    assert (tmp_path / "a" / "reliability.png").is_file()
+
+    sure = str(tmp_path / "sure.npz")
+    assert main(["calibrate", str(tmp_path / "a"), *given, "-o", sure]) == 0
+    learnt = ReferenceMap.load(sure).confidence
+    assert learnt is not None and learnt.matches.sum() == len(rows)
+    assert main(["match", sure, recording, "-o", str(tmp_path / "b"), "--no-figures"]) == 0
+    again = Matches.load(tmp_path / "b" / "matches.npz")
+    assert np.array_equal(again.probability, learnt.probability_of(again.trust))
+    assert main(["match", sure, recording, "-o", str(tmp_path / "c"), "--no-figures", "--online",
+                 "--every", "window"]) == 0  # fmt: skip
+    live = Matches.load(tmp_path / "c" / "matches.npz")
+    assert np.array_equal(live.probability, learnt.probability_of(live.trust))
+    capsys.readouterr()
+    assert main(["calibrate", str(tmp_path / "a"), *given, "-o", sure]) == 2
+    assert "exists" in capsys.readouterr().err
+    refused = [*match, "-o", str(tmp_path / "d"), "--precision", "0.999999"]
+    assert main(refused) == 2 and not (tmp_path / "d").exists()
+    assert "was not reached where trust was calibrated" in capsys.readouterr().err
+
+
+def a_case():
+    settings = PRESETS["paper"].replaced({"pixels": 3, "sequence_length": 1}, "test")
+    reference = a_map(settings)
+    counted = reference.places
+    return Case(reference, counted, GroundTruth(np.eye(20, dtype=bool), np.ones(20, bool), "same"))
+
+
+def test_places_that_are_cut_out_are_right_for_no_query():
+    case = without_places(a_case(), 5, 9)
+    assert len(case.reference) == 16
+    assert np.flatnonzero(~case.truth.has_place).tolist() == [5, 6, 7, 8]
+    assert case.match().places_in_map == 16
+
+
+def test_a_spliced_drive_keeps_the_truth_of_each_window():
+    jumped = carried_off(a_case(), 4, 15)
+    order = [*range(4), *range(15, 20), *range(4, 15)]
+    assert jumped.truth.correct.argmax(axis=0).tolist() == order
+    assert np.array_equal(jumped.counted.counts, a_case().counted.counts[order])
+    assert (np.diff(jumped.counted.start_us) > 0).all()
+    away = descriptors(np.full((3, 3), 9))
+    detour = with_detour(a_case(), away, 6)
+    assert np.flatnonzero(~detour.truth.has_place).tolist() == [6, 7, 8]
+    assert detour.counted.counts[6:9].min() == 9 and len(detour.match()) == 23

@@ -1,0 +1,204 @@
+"""The shipped table of probabilities: learnt on simulated streets, judged on real drives.
+
+Each street is mapped once and driven in three lights and speed profiles. Of each drive there are
+three versions: as it was; with a quarter of the places cut out of the map; and with a detour
+through another street, of a quarter of the drive. Being carried off is too rare to learn from;
+`experiments.trust` has figures of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr import __version__
+from edge_vpr.confidence import Confidence
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.evaluation.calibration import learn_confidence
+from edge_vpr.evaluation.ground_truth import from_tracks
+from edge_vpr.pipeline import count_windows, map_traverse
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulate import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
+from edge_vpr.whole_files import replacing
+from edge_vpr_tools.experiments.detours import Case, with_detour, without_places
+from edge_vpr_tools.experiments.trial import markdown_table
+
+#: other streets than those of any other experiment
+FIRST_SEED = 1_000
+#: trust compares the best place with those outside the exclusion zone of 3 places, so that it can
+#: speak of errors larger than that alone: 3 places and a bit at 6 m/s and a window of a second
+TOLERANCE_M = 20.0
+PIXELS = (25, 150)
+WINDOWS = ("time", "count")
+QUERIES: dict[str, Drive] = {
+    "half to double speed, other light": QUERY,
+    "the same light": replace(
+        REFERENCE, speed_range=1.3, traffic_per_km=8.0, lateral_m=-0.2, yaw_deg=-0.5
+    ),
+    "faster, with halts, at dusk": replace(
+        QUERY,
+        speed_mps=8.0,
+        speed_range=1.5,
+        stops=2,
+        light=Light(sun=0.1, ambient=0.5, azimuth_deg=150.0, elevation_deg=15.0, glare=0.1),
+    ),
+}
+_ELSEWHERE = "the same light"
+_CUTS = 7  # random stream of where drives are cut
+
+
+class Street(NamedTuple):
+    """A simulated street that is mapped, and one drive along it.
+
+    Attributes
+    ----------
+    seed : int
+    case : Case
+    elsewhere : Descriptors or None
+        Counts of a drive through the street before, at the same pixels.
+    """
+
+    seed: int
+    case: Case
+    elsewhere: Descriptors | None
+
+
+class Sample(NamedTuple):
+    """Matches of known truth: trust (n,) int64, correct (n,) and has_place (n,) bool."""
+
+    trust: npt.NDArray[np.int64]
+    correct: npt.NDArray[np.bool_]
+    has_place: npt.NDArray[np.bool_]
+
+
+def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
+    """Simulate streets, and describe each drive with each number of pixels and kind of window."""
+    before: SimulatedRecording | None = None
+    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+        on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
+        drives, reference = {}, None
+        for name, drive in QUERIES.items():
+            first, second = simulate_pair(seed, query=drive)
+            reference = first.keep() if reference is None else reference
+            drives[name] = second.keep()
+        assert reference is not None
+        for pixels in PIXELS:
+            for window in WINDOWS:
+                changes = {
+                    "pixels": pixels,
+                    "window": window,
+                    "events_per_pixel": 0.0,
+                    "seed": seed,
+                }
+                settings = PRESETS["default"].replaced(changes, "calibration")
+                mapped = map_traverse(reference, settings)
+                elsewhere = (
+                    None
+                    if before is None
+                    else count_windows(before, mapped.pixel_map, mapped.settings)
+                )
+                for driven in drives.values():
+                    counted = count_windows(driven, mapped.pixel_map, mapped.settings)
+                    truth = from_tracks(
+                        reference.track,
+                        driven.track,
+                        mapped.places.centre_us,
+                        counted.centre_us,
+                        TOLERANCE_M,
+                    )
+                    yield Street(seed, Case(mapped, counted, truth), elsewhere)
+        before = drives[_ELSEWHERE]
+
+
+def samples(street: Street, rng: np.random.Generator) -> Iterator[Sample]:
+    """Match the versions of a drive, with the mean of the whole drive and with the running one."""
+    for mean in ("own", "running"):
+        reference = street.case.reference
+        settings = reference.settings.replaced({"query_mean": mean}, "calibration")
+        case = replace(street.case, reference=replace(reference, settings=settings))
+        places, windows = len(reference), len(case.counted)
+        first = int(rng.integers(0, 3 * places // 4))
+        versions = [case, without_places(case, first, first + places // 4)]
+        if street.elsewhere is not None:
+            length = min(windows // 4, len(street.elsewhere))
+            start = int(rng.integers(0, len(street.elsewhere) - length + 1))
+            away = street.elsewhere.take(np.arange(start, start + length))
+            versions.append(with_detour(case, away, int(rng.integers(1, windows))))
+        for version in versions:
+            yield sample(version)
+
+
+def sample(case: Case) -> Sample:
+    """Match a case, and take what is of known truth."""
+    matches = case.match()
+    known = case.truth.known[matches.query]
+    correct = case.truth.correct[matches.place, matches.query]
+    has_place = case.truth.has_place[matches.query]
+    return Sample(matches.trust[known], correct[known], has_place[known])
+
+
+def joined(found: list[Sample]) -> Sample:
+    """Put samples behind one another."""
+    return Sample(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def write_table(path: Path, confidence: Confidence, seeds: int, learnt: Sample) -> None:
+    """Write a table as the package ships it, with where it comes from, atomically."""
+    right, off_map = learnt.correct.mean(), 1 - learnt.has_place.mean()
+    made = {
+        "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table FILE",
+        "version": __version__,
+        "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
+        "right": round(float(right), 4),
+        "off_map": round(float(off_map), 4),
+        "trust": confidence.trust.tolist(),
+        "probability": [round(p, 6) for p in confidence.probability.tolist()],
+        "matches": confidence.matches.tolist(),
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(made) + "\n", encoding="utf-8")
+
+
+def run(
+    data: object, seeds: int, on_start: Callable[[str], None], table: Path | None = None
+) -> str:
+    """Learn the table on simulated streets, as Markdown.
+
+    Parameters
+    ----------
+    data : object
+        Not used: the streets are simulated.
+    seeds : int
+        Number of streets.
+    on_start : callable
+        Told which street begins.
+    table : path, optional
+        Where to write the table.
+    """
+    rng = np.random.default_rng(_CUTS)
+    found = [part for street in streets(seeds, on_start) for part in samples(street, rng)]
+    learnt = joined(found)
+    confidence = learn_confidence(learnt.trust, learnt.correct)
+    if table is not None:
+        write_table(table, confidence, seeds, learnt)
+    rows = [
+        [f"{trust:,}", f"{probability:.3f}", f"{precision:.3f}", f"{matches:,}"]
+        for trust, probability, precision, matches in zip(
+            confidence.trust.tolist(),
+            confidence.probability.tolist(),
+            confidence.precision.tolist(),
+            confidence.matches.tolist(),
+            strict=True,
+        )
+    ]
+    header = ("trust from", "probability", "precision from here up", "matches")
+    return (
+        f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
+        f"{1 - learnt.has_place.mean():.3f} off the map\n\n{markdown_table(header, rows)}"
+    )

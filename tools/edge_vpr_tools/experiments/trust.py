@@ -1,0 +1,200 @@
+"""What the shipped probabilities are worth on real drives that they were not learnt on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from edge_vpr.confidence import Confidence, default_confidence
+from edge_vpr.evaluation.calibration import learn_confidence, reliability
+from edge_vpr.evaluation.rejection import Rejection, judge_rejection
+from edge_vpr.pipeline import count_windows, map_traverse
+from edge_vpr.settings import PRESETS, QueryMean
+from edge_vpr_tools.experiments.calibration import Sample, joined, sample
+from edge_vpr_tools.experiments.codes_frontier import FOLDER, Pair, pairs
+from edge_vpr_tools.experiments.detours import Case, carried_off, without_places
+from edge_vpr_tools.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.report.figures import reliability_diagram
+from edge_vpr_tools.report.style import save
+
+__all__ = ["FOLDER", "run"]
+
+PRECISION = 0.99
+#: windows between two starts in mid-route, and most windows that one is given
+START_EVERY, GIVEN = 10, 120
+#: places of Brisbane that are cut out of the map; of other maps, the third quarter
+_CUT = (220, 330)
+
+
+def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | None = None) -> str:
+    """Judge the shipped table on every pair of real drives, as Markdown tables.
+
+    Parameters
+    ----------
+    data : path
+        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+    seeds : int
+        Draws of pixels.
+    on_start : callable
+        Told the name of each pair as it begins.
+    figure : path, optional
+        Where to draw the reliability diagram of all pairs together.
+    """
+    table = default_confidence()
+    whole, cut, carried, first = [], [], [], []
+    everything = []
+    for pair in pairs(data):
+        if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels stand for Brisbane
+            on_start(pair.name)
+            cases = list(_cases(pair, seeds))
+            found = [sample(case) for case in cases]
+            everything += found
+            whole.append(_whole_row(pair.name, table, found))
+            pieces = [without_places(case, *_piece(case, pair)) for case in cases]
+            cut.append(_rejection_row(pair.name, table, [sample(case) for case in pieces]))
+            jumps = [_carried(case) for case in cases]
+            carried.append(_rejection_row(pair.name, table, [sample(case) for case in jumps]))
+            first.append(_first_row(pair.name, table, list(_cases(pair, min(seeds, 2), "running"))))
+    if figure is not None:
+        pooled = joined(everything)
+        given = table.probability_of(pooled.trust)
+        save(reliability_diagram(reliability(given, pooled.correct)), figure)
+    rejected = ("drives", "right of those on the map", "found at 99 % precision over all",
+                "AUROC off the map", "accepted", "precision", "recall")  # fmt: skip
+    return "\n\n".join([
+        "Whole drives:",
+        markdown_table(
+            ("drives", "right", "mean probability", "error, all draws", "error, one draw",
+             "error, halves", "accepted at 0.99", "precision", "recall"), whole),
+        "A piece of the map cut out:", markdown_table(rejected, cut),
+        "Carried off twice:", markdown_table(rejected, carried),
+        "Switched on in mid-route:",
+        markdown_table(
+            ("drives", "starts", "p >= 0.95 reached", "median time", "right then",
+             "p >= 0.99 reached", "median time", "right then"), first),
+    ])  # fmt: skip
+
+
+def _cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
+    """Map and describe a pair with the default settings, once for each draw of pixels."""
+    for seed in range(seeds if pair.drawn else 1):
+        settings = PRESETS["default"].replaced(
+            {
+                "pixels": pair.settings.pixels,
+                "strategy": pair.settings.strategy,
+                "seed": seed,
+                "query_mean": mean,
+            },
+            "trust",
+        )
+        mapped = map_traverse(pair.reference, settings)
+        counted = count_windows(pair.query, mapped.pixel_map, settings)
+        truth = pair.truth_of(mapped.places.centre_us, counted.centre_us)
+        yield Case(mapped, counted, truth)
+
+
+def _piece(case: Case, pair: Pair) -> tuple[int, int]:
+    places = len(case.reference)
+    return _CUT if "Brisbane" in pair.name else (places // 2, 3 * places // 4)
+
+
+def _carried(case: Case) -> Case:
+    windows = len(case.counted)
+    return carried_off(case, windows // 3, 2 * windows // 3)
+
+
+def _whole_row(name: str, table: Confidence, found: list[Sample]) -> list[str]:
+    pooled = joined(found)
+    given = table.probability_of(pooled.trust)
+    single = [_error(table, each) for each in found]
+    counts = _rejection(table, pooled)
+    return [
+        name,
+        f"{pooled.correct.mean():.3f}",
+        f"{given.mean():.3f}",
+        f"{_error(table, pooled):.3f}",
+        str(Summary(single)),
+        f"{_halves(found):.3f}",
+        f"{(counts.accepted or 0) / pooled.trust.size:.3f}",
+        _shown(counts.precision),
+        _shown(counts.recall),
+    ]
+
+
+def _halves(found: list[Sample]) -> float:
+    """Error of probabilities that were learnt on the other half of the same drives."""
+    errors = []
+    for each in found:
+        middle = each.trust.size // 2
+        first, last = (
+            each._replace(**{name: column[part] for name, column in each._asdict().items()})
+            for part in (slice(None, middle), slice(middle, None))
+        )
+        for learnt, judged in ((first, last), (last, first)):
+            errors.append(_error(learn_confidence(learnt.trust, learnt.correct), judged))
+    return float(np.mean(errors))
+
+
+def _error(table: Confidence, found: Sample) -> float:
+    given = table.probability_of(found.trust)
+    return reliability(given, found.correct).expected_calibration_error
+
+
+def _rejection(table: Confidence, found: Sample) -> Rejection:
+    return judge_rejection(*found, found.trust >= table.least_trust(PRECISION))
+
+
+def _rejection_row(name: str, table: Confidence, found: list[Sample]) -> list[str]:
+    each = [_rejection(table, some) for some in found]
+    pooled = joined(found)
+    counts = _rejection(table, pooled)
+    aurocs = [some.off_map_auroc for some in each if some.off_map_auroc is not None]
+    return [
+        name,
+        str(Summary([some.right_on_map or 0.0 for some in each])),
+        str(Summary([some.found_at_99_precision or 0.0 for some in each])),
+        str(Summary(aurocs)) if aurocs else "-",
+        f"{(counts.accepted or 0) / pooled.trust.size:.3f}",
+        _shown(counts.precision),
+        _shown(counts.recall),
+    ]
+
+
+def _first_row(name: str, table: Confidence, cases: list[Case]) -> list[str]:
+    """Switch on at many windows, and wait for the first match of each probability."""
+    row = [name]
+    waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
+    starts = 0
+    for case in cases:
+        windows = len(case.counted)
+        for start in range(0, windows - 20, START_EVERY):
+            if not case.truth.known[start]:
+                continue
+            starts += 1
+            stop = min(start + GIVEN, windows)
+            rest = replace(case, counted=case.counted.take(np.arange(start, stop)))
+            matches = rest.match()
+            given = table.probability_of(matches.trust)
+            for least, found in waits.items():
+                sure = np.flatnonzero(given >= least)
+                if sure.size:
+                    j = int(sure[0])
+                    lasted = rest.counted.end_us[j] - rest.counted.start_us[0]
+                    right = bool(case.truth.correct[matches.place[j], start + j])
+                    found.append((float(lasted) / 1e6, right))
+    row.append(str(starts))
+    for found in waits.values():
+        if not found:
+            row += ["0.000", "-", "-"]
+            continue
+        times, rights = zip(*found, strict=True)
+        row += [f"{len(found) / starts:.3f}", f"{np.median(times):.0f} s"]
+        row.append(f"{np.mean(rights):.3f}")
+    return row
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
