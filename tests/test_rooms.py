@@ -113,6 +113,14 @@ def test_modules_import_at_their_top():
     assert len(inner) <= 5, inner
 
 
+def test_parsed_arguments_do_not_leave_the_commands():
+    """What takes a namespace cannot be called from Python."""
+    tools = ROOT / "tools/edge_vpr_tools"
+    for path in tools.rglob("*.py"):
+        if path.relative_to(tools).parts[0] not in ("commands", "arguments"):
+            assert "argparse.Namespace" not in path.read_text(encoding="utf-8"), path
+
+
 def test_every_public_name_is_there():
     import edge_vpr
 
