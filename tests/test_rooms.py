@@ -88,7 +88,9 @@ def test_help_loads_neither_numba_nor_matplotlib():
     code = (
         "import sys, contextlib, edge_vpr\n"
         "from edge_vpr_tools.cli import main\n"
-        "with contextlib.suppress(SystemExit): main(['--help'])\n"
+        "from edge_vpr_tools.verbs import VERBS\n"
+        "for verb in ('', *VERBS):\n"
+        "    with contextlib.suppress(SystemExit): main([*verb.split(), '--help'])\n"
         "print(sorted({'numba', 'matplotlib', 'pyarrow', 'h5py'} & set(sys.modules)))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
