@@ -297,3 +297,24 @@ def test_results_are_shown_in_one_short_line(drive):
     truth = edge_vpr.from_matrix(np.eye(19, dtype=np.uint8), 19, 19, rows="reference")
     found = edge_vpr.evaluate(matches, truth)
     assert repr(found) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
+
+
+def test_a_real_bash_completes(tmp_path):
+    """By the script that the command prints, with the program found on the path."""
+    if shutil.which("bash") is None:
+        pytest.skip("bash is not installed")
+    program = tmp_path / "edge-vpr"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m edge_vpr_tools.cli "$@"\n')
+    program.chmod(0o755)
+    line = "edge-vpr match --onl"
+    script = (
+        'eval "$(edge-vpr completion bash)"\n'
+        f"COMP_LINE='{line}' COMP_POINT={len(line)} COMP_TYPE=9 COMP_CWORD=2\n"
+        f"COMP_WORDS=({line})\n"
+        f'_python_argcomplete edge-vpr --onl match\necho "${{COMPREPLY[@]}}"'
+    )
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    run = subprocess.run(
+        ["bash", "-c", script], env=environment, capture_output=True, text=True, check=False
+    )
+    assert run.stdout.split() == ["--online"], run.stderr

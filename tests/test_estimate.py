@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from designs import random_stream, wrapped
 from edge_vpr_tools.arguments import estimate_arguments
+from edge_vpr_tools.arguments.estimate_request import design_and_mission
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, show, targets
 from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
-from edge_vpr_tools.estimate.request import design_and_mission
 from naive import sad
 from test_commands import drive  # noqa: F401
 

@@ -16,6 +16,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from edge_vpr_tools.arguments.estimate_request import calibrated
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.energy import profiling
 from edge_vpr_tools.energy.conditions import Conditions, void_because
@@ -26,7 +27,6 @@ from edge_vpr_tools.energy.sensors import pmic
 from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.energy.sensors.search import find_sensors
 from edge_vpr_tools.energy.sensors.sensor import About, Sensor, SensorError
-from edge_vpr_tools.estimate.request import calibrated
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError

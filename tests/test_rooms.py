@@ -89,7 +89,9 @@ def test_help_loads_neither_numba_nor_matplotlib():
     code = (
         "import sys, contextlib, edge_vpr\n"
         "from edge_vpr_tools.cli import main\n"
-        "with contextlib.suppress(SystemExit): main(['--help'])\n"
+        "from edge_vpr_tools.verbs import VERBS\n"
+        "for verb in ('', *VERBS):\n"
+        "    with contextlib.suppress(SystemExit): main([*verb.split(), '--help'])\n"
         "print(sorted({'numba', 'matplotlib', 'pyarrow', 'h5py'} & set(sys.modules)))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -112,6 +114,14 @@ def test_modules_import_at_their_top():
                         inner.append((path.name, node.module))
     inner = [(path, module) for path, module in inner if module not in EXTRAS]
     assert len(inner) <= 5, inner
+
+
+def test_parsed_arguments_do_not_leave_the_commands():
+    """What takes a namespace cannot be called from Python."""
+    tools = ROOT / "tools/edge_vpr_tools"
+    for path in tools.rglob("*.py"):
+        if path.relative_to(tools).parts[0] not in ("commands", "arguments"):
+            assert "argparse.Namespace" not in path.read_text(encoding="utf-8"), path
 
 
 def test_every_public_name_is_there():

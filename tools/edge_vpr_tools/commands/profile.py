@@ -12,9 +12,11 @@ from types import FrameType
 from typing import Any
 
 from edge_vpr.errors import UsageError
+from edge_vpr_tools.arguments.profile_load import load_of
 from edge_vpr_tools.energy import profiling, show
 from edge_vpr_tools.energy.intervals import LEAST_PAIRS
 from edge_vpr_tools.energy.measurement import LEAST_S, Plan
+from edge_vpr_tools.energy.sensors.search import choose_sensor
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import is_quiet, summary
 from edge_vpr_tools.output.provenance import write_json
@@ -52,11 +54,33 @@ def run(args: argparse.Namespace) -> None:
     results.check_output_folder(output, args.overwrite, inputs)
     plan = Plan(args.pairs, window_s, args.quick)
     with terminated_as_interrupted():
-        found = profiling.profile(args, plan)
+        found = _profile(args, plan)
         _write(args, output, found)
     if not is_quiet():
         show.table(found)
     summary(f"see {output / (profiling.PROFILE if args.no_figures else results.REPORT)}")
+
+
+def _profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
+    request = profiling.Request(
+        every=args.every,
+        packet=args.packet,
+        mission_rate=args.mission_rate,
+        designs=not args.no_designs,
+        meter=args.meter,
+        root=Path(args.sysroot),
+    )
+    sensor, missing = choose_sensor(
+        request.root,
+        name=args.sensor_name,
+        meter_port=args.meter_port,
+        shunt_mohm=args.shunt_mohm,
+    )
+    try:
+        return profiling.profile(load_of(args), request, plan, sensor, missing)
+    finally:
+        if sensor is not None:
+            sensor.close()
 
 
 def _write(args: argparse.Namespace, output: Path, found: dict[str, Any]) -> None:

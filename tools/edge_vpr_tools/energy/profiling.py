@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import platform
 import resource
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +17,17 @@ from edge_vpr.errors import UsageError
 from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.designs import PIXELS, compare
-from edge_vpr_tools.energy.drives import Load, load_of
+from edge_vpr_tools.energy.drives import Load
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
 from edge_vpr_tools.energy.sampling import Trace, Window, align, read_csv
-from edge_vpr_tools.energy.sensors.hwmon import with_shunt
-from edge_vpr_tools.energy.sensors.search import find_sensors
 from edge_vpr_tools.energy.sensors.sensor import (
+    ROOT,
     About,
     Missing,
     Sensor,
     SensorError,
     read_text,
 )
-from edge_vpr_tools.energy.sensors.um_meter import UmMeter
 from edge_vpr_tools.energy.speed import sparse_against_all
 from edge_vpr_tools.energy.workload import Workload
 from edge_vpr_tools.output.messages import note
@@ -40,14 +37,52 @@ PROFILE = "profile.json"
 SCHEMA = 3
 
 
-def profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
-    """Measure what the command line asks for.
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What is measured of a load.
+
+    Attributes
+    ----------
+    every : str
+        When to match, see `parse_every`.
+    packet : int
+        Events a call.
+    mission_rate : float
+        Matches a second of the mission.
+    designs : bool
+        Compare other designs, if the truth is known.
+    meter : bool
+        Alternate idle and load for an external meter.
+    root : path
+        Where the file system begins; another one for tests.
+    """
+
+    every: str = "window"
+    packet: int = 512
+    mission_rate: float = 1.0
+    designs: bool = True
+    meter: bool = False
+    root: Path = ROOT
+
+
+def profile(
+    load: Load,
+    request: Request,
+    plan: Plan,
+    sensor: Sensor | None = None,
+    missing: Sequence[Missing] = (),
+) -> dict[str, Any]:
+    """Measure a load on this machine.
 
     Parameters
     ----------
-    args : argparse.Namespace
-        Of `edge-vpr profile`.
+    load : Load
+    request : Request
     plan : Plan
+    sensor : Sensor, optional
+        Of power or energy; left open.
+    missing : sequence of Missing
+        Why there is no sensor.
 
     Returns
     -------
@@ -56,66 +91,57 @@ def profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
 
     Raises
     ------
-    EdgeVprError
-        If map, recording or sensor cannot be used.
+    UsageError
+        If the load gives no match within a window.
     """
-    root = Path(args.sysroot)
-    sensor, missing = _choose(args, root)
-    try:
-        load = load_of(args)
-        found = _measured(args, plan, load, sensor, missing, root)
-    finally:
-        if sensor is not None:
-            sensor.close()
+    found = _measured(load, request, plan, sensor, missing)
     return found | {
         "load": {
             "recording": load.name,
-            "every": args.every,
-            "packet": args.packet,
+            "every": request.every,
+            "packet": request.packet,
         },
-        "provenance": _provenance(root, found),
+        "provenance": _provenance(request.root, found),
         "run": run_record(load.reference.settings.to_dict(), load.inputs),
     }
 
 
 def _measured(
-    args: argparse.Namespace,
-    plan: Plan,
     load: Load,
+    request: Request,
+    plan: Plan,
     sensor: Sensor | None,
     missing: Sequence[Missing],
-    root: Path,
 ) -> dict[str, Any]:
-
     reference = load.reference
-    every = parse_every(args.every, reference)
-    workload = Workload(reference, load.events, every, args.packet)
-    designs = load.truth_of is not None and not args.no_designs
+    every = parse_every(request.every, reference)
+    workload = Workload(reference, load.events, every, request.packet)
+    designs = load.truth_of is not None and request.designs
     if sensor is not None:
         _say_how_long(plan.for_period(sensor.about.period_s), designs)
-    before = Conditions.now(root)
+    before = Conditions.now(request.root)
     note(f"speed: {_duration(plan.window_s)}")
     throughput = _throughput(workload, plan)
     # at once: a governor lowers the clock of a processor that rests
-    loaded = Conditions.now(root)
+    loaded = Conditions.now(request.root)
     energy = _not_measured([str(one) for one in missing])
     if sensor is not None:
         try:
-            energy = {"measured": True} | measure(sensor, plan, workload.run, args.mission_rate)
+            energy = {"measured": True} | measure(sensor, plan, workload.run, request.mission_rate)
         except SensorError as error:
             energy = _not_measured([f"{sensor.about.name}: {error}"])
             sensor = None
-    elif args.meter:
+    elif request.meter:
         energy["windows"] = [window._asdict() for window in take_turns(plan, workload.run)]
     compared = []
     if designs:
         assert load.truth_of is not None
         known = (reference, energy)
         compared = compare(
-            load.designs, load.query, load.events, load.truth_of, sensor, plan, args.mission_rate,
-            known,
+            load.designs, load.query, load.events, load.truth_of, sensor, plan,
+            request.mission_rate, known,
         )  # fmt: skip
-    after = Conditions.now(root)
+    after = Conditions.now(request.root)
     note("few pixels against all: some 10 s")
     # last: all pixels take memory that the method does not
     everything = np.concatenate(load.events)
@@ -243,32 +269,6 @@ def _throughput(workload: Workload, plan: Plan) -> dict[str, float]:
         # Linux tells KiB
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
     }
-
-
-def _choose(args: argparse.Namespace, root: Path) -> tuple[Sensor | None, list[Missing]]:
-    """Take the meter that was named, else the sensor, else the best there is."""
-    sensors, missing = find_sensors(root)
-    if args.meter_port is not None:
-        for unused in sensors:
-            unused.close()
-        sensors = [UmMeter(args.meter_port)]
-    if args.sensor_name is not None:
-        known = ", ".join(sensor.about.name for sensor in sensors) or "none"
-        sensors = [sensor for sensor in sensors if sensor.about.name == args.sensor_name]
-        if not sensors:
-            raise UsageError(
-                f"there is no power sensor {args.sensor_name!r}: this machine has {known}"
-            )
-    for unused in sensors[1:]:
-        unused.close()
-    if not sensors:
-        if args.shunt_mohm is not None:
-            raise UsageError(f"--shunt-mohm {args.shunt_mohm:g}: no power monitor was found")
-        return None, missing
-    chosen = sensors[0]
-    if args.shunt_mohm is not None:
-        chosen = with_shunt(chosen, args.shunt_mohm)
-    return chosen, missing
 
 
 def _not_measured(reasons: list[str]) -> dict[str, Any]:

@@ -61,6 +61,6 @@ def _listener(event: Any) -> Any:
 
         def _say(self) -> None:
             self._said = True
-            note("compiling kernels: once on each machine, up to half a minute")
+            note("compiling kernels: once on each machine, up to a minute")
 
     return CompileListener()

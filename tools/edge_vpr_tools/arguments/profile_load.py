@@ -1,0 +1,47 @@
+"""The load that the flags of `edge-vpr profile` name."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from edge_vpr.pipeline import check_sensor, cleaned, describe_query
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.arguments.reading import open_from
+from edge_vpr_tools.arguments.truth import load_truth
+from edge_vpr_tools.energy.designs import of_map
+from edge_vpr_tools.energy.drives import Load, simulated_load
+from edge_vpr_tools.experiments.trial import Times
+
+
+def load_of(args: argparse.Namespace) -> Load:
+    """Open what the command line of `edge-vpr profile` names, or simulate a street.
+
+    Raises
+    ------
+    EdgeVprError
+        If map, recording or ground truth cannot be used.
+    """
+    if args.map is None:
+        return simulated_load(args.seed)
+
+    reference = ReferenceMap.load(args.map)
+    recording = open_from(args, args.recording)
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
+    truth_of = None
+    inputs = [args.map, args.recording]
+    if args.ground_truth is not None:
+        inputs += args.ground_truth
+
+        def truth_of(places_us: Times, queries_us: Times) -> Any:
+            return load_truth(
+                args.ground_truth, places_us, queries_us, tolerance=args.tolerance, rows=args.rows,
+                frame_period=args.frame_period,
+            )  # fmt: skip
+
+        # once at the door: it is needed again after minutes of measuring
+        queries = describe_query(reference, recording)
+        truth_of(reference.places.centre_us, queries.centre_us)
+    events = list(cleaned(recording, reference.settings))
+    designs = of_map(reference)
+    return Load(args.recording, reference, events, recording, designs, truth_of, inputs)
