@@ -319,10 +319,17 @@ def _match_by_filter(
         mean_activity(places.activity),
     )
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
-    candidates = np.empty((n, CANDIDATES), dtype=np.int64)
-    for j, events in enumerate(queries.activity.tolist()):
-        columns[j] = place_filter.advance(index.distances(queries.counts[j]), events)
-        candidates[j] = _nearest(place_filter.metric[:, None])
+    events = queries.activity.tolist()
+    block = max(1, _BLOCK_DISTANCES // len(places))
+    nearest = []
+    for first in range(0, n, block):
+        distances = np.ascontiguousarray(index.matrix(queries.counts[first : first + block]).T)
+        metrics = np.empty(distances.shape, dtype=np.int32)
+        for i, row in enumerate(distances):
+            columns[first + i] = place_filter.advance(row, events[first + i])
+            metrics[i] = place_filter.metric
+        nearest.append(_nearest(metrics.T))
+    candidates = np.concatenate(nearest)
     place, metric, second, second_metric, ties, trust = columns.T
     probability, lost = judge.judge(trust)
     return Matches(

@@ -30,6 +30,7 @@ EVIDENCE_TOP = (1 << 8) - 1
 RECIPROCAL_BITS = 16
 #: prices of a step of 0, 1, 2 ... places while nothing moves
 PAUSE_STEPS = (0, 0, 1)
+_PAUSE_PRICES = np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS
 #: trust moves by 1/4 of the difference in a window, in units of 1/16 of a margin
 TRUST_SHIFT, TRUST_BITS = 2, 4
 #: where the place stays the same, trust falls by 1/16 a window
@@ -154,6 +155,7 @@ class PlaceFilter:
         if places < 1:
             raise UsageError(f"a map of {places} places: expected at least 1")
         self.prices, self.exclusion = prices, exclusion
+        self._steps = prices.scaled
         self.activity = Activity(activity)
         self.metric = np.zeros(places, dtype=np.int32)
         self.prediction = np.zeros(places, dtype=np.int32)
@@ -204,10 +206,8 @@ class PlaceFilter:
 
     def _predict(self) -> None:
         restart = self.prices.restart << FRACTION_BITS
-        self.prediction = predict(self.metric, self.prices.scaled, self.prices.first, restart)
-        self.paused = predict(
-            self.metric, np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS, 0, restart
-        )
+        self.prediction = predict(self.metric, self._steps, self.prices.first, restart)
+        self.paused = predict(self.metric, _PAUSE_PRICES, 0, restart)
 
     def _with_evidence(self, distances: npt.NDArray[np.integer], events: int) -> Metrics:
         if distances.shape != self.metric.shape:

@@ -79,7 +79,7 @@ def measure_latency(
     named = matches["place"]
     near = np.abs(begin_m[named] - at_m) <= reach_m
     seconds, places = [], 0
-    for k in range(reference.settings.sequence_length - 1, len(reference)):
+    for k in range(reference.settings.windows_per_match - 1, len(reference)):
         if not (np.isfinite(entered_us[k]) and matches["t"][0] <= entered_us[k]):
             continue
         places += 1

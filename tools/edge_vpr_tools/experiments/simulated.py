@@ -22,11 +22,19 @@ from edge_vpr_tools.experiments.trial import (
 #: a match is right within this distance along the route, in metres
 TOLERANCE_M = 10.0
 SETTINGS = PRESETS["paper"]
+DEFAULT = "150 varying pixels, place filter (default)"
+DEFAULT_FEW = "25 varying pixels, place filter"
+_FILTERED = {
+    name: getattr(PRESETS["default"], name)
+    for name in ("matching", "counter_code", "counter_scaling", "anchor")
+}
 BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
 CODED = "150 varying pixels, fixed N, 3-bit log"
 FEW, FEW_RANDOM = "25 varying pixels, fixed N", "25 random pixels, fixed N"
 DENSE = "all pixels, fixed N"
 VARIANTS = (
+    Variant(DEFAULT, _FILTERED),
+    Variant(DEFAULT_FEW, {**_FILTERED, "pixels": 25}),
     Variant(BEST, {"window": "count"}),
     Variant(CODED, {"window": "count", "counter_code": "log"}),
     Variant(BY_TIME),
