@@ -1,0 +1,23 @@
+"""docs/settings.md is what the settings and their flags make of it."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+from edge_vpr_tools.arguments.settings_page import page
+
+from edge_vpr.settings import Settings
+
+PAGE = Path(__file__).parents[1] / "docs/settings.md"
+
+
+def test_the_page_is_current():
+    """If not: python -m edge_vpr_tools.arguments.settings_page > docs/settings.md."""
+    assert PAGE.read_text(encoding="utf-8") == page() + "\n"
+
+
+def test_every_setting_has_a_row_with_a_meaning():
+    rows = [line for line in page().splitlines() if line.startswith("| `")]
+    assert [row.split("`")[1] for row in rows] == [field.name for field in fields(Settings)]
+    assert all(len(row.split("|")[-2].strip()) > 10 for row in rows)
