@@ -17,9 +17,9 @@ FLAGS = {"tau_us": "--tau", "remove_hot_pixels": "--hot-pixels", "remove_bursts"
 
 _HEAD = """# Settings
 
-Every setting has a flag of `edge-vpr map` (those of matching also of `match`) and a key of the TOML file
-that `--config` reads. Flags go over the file, the file over the preset (`--preset`, or `preset = "tiny"`
-in the file). A map keeps its settings; a query is described with the same.
+Every setting has a flag of `edge-vpr map` (those of matching also of `match`) and a key of the TOML
+file that `--config` reads. Flags go over the file, the file over the preset (`--preset`, or
+`preset = "tiny"` in the file). A map keeps its settings; a query is described with the same.
 
 This page is made by `python -m edge_vpr_tools.arguments.settings_page`.
 
