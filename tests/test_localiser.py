@@ -75,7 +75,8 @@ def expected_after_each_event(reference, events, recent=0):
 
 
 def without_ratio(matches):
-    names = [name for name in MATCH_DTYPE.names if name not in ("ratio", "start", "trust")]
+    derived = ("ratio", "start", "trust", "probability", "lost")
+    names = [name for name in MATCH_DTYPE.names if name not in derived]
     return [tuple(int(match[name]) for name in names) for match in matches]
 
 

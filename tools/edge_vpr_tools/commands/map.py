@@ -6,8 +6,12 @@ import argparse
 import time
 from pathlib import Path
 
+import numpy as np
+
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import load_track
+from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import (
@@ -30,7 +34,12 @@ def run(args: argparse.Namespace) -> None:
     """
     output = Path(args.output)
     listed = args.hot_pixels not in (None, "find", "keep")
-    inputs = [args.recording, args.hot_pixels if listed else None, getattr(args, "config", None)]
+    inputs = [
+        args.recording,
+        args.track,
+        args.hot_pixels if listed else None,
+        getattr(args, "config", None),
+    ]
     check_output(output, [given for given in inputs if given is not None])
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
@@ -41,9 +50,15 @@ def run(args: argparse.Namespace) -> None:
     recording = open_source(args, args.recording)
     hot = load_hot_pixels(args.hot_pixels, recording.sensor) if listed else None
 
+    if args.track_offset is not None and args.track is None:
+        raise UsageError("--track-offset sets the clock of a track right: add --track")
+    track = None if args.track is None else load_track(args.track).shifted(args.track_offset or 0.0)
+
     start = time.perf_counter()
     reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot)
     elapsed = time.perf_counter() - start
+    if track is not None:
+        reference = with_positions(reference, track)
     reference.save(output)
 
     places = reference.places
@@ -61,3 +76,7 @@ def run(args: argparse.Namespace) -> None:
         f"in {elapsed:.2f} s; {reference.hot.sum()} hot pixels left out"
         f"{describe_faults(recording)}"
     )
+    if reference.route is not None:
+        along = reference.route.along_m
+        known = along[~np.isnan(along)]
+        summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
