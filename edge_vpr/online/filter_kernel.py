@@ -156,5 +156,5 @@ def _answer(s, predicted, c, span, row):  # type: ignore[no-untyped-def]
     steps = c.first_step, c.last_step
     row[0], row[1], row[2], row[3], row[4] = span[0], best, metric[best], second, second_metric
     row[5], row[6] = events, span[1]
-    row[7] = trust_after(c.trust, c.place, best, steps, margin)
+    row[7] = trust_after(c.trust, c.place, best, steps, int(margin))
     return 1
