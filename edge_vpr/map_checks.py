@@ -13,6 +13,7 @@ from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
+from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from fixedpoint.errors import FixedPointError
 
@@ -25,12 +26,13 @@ def check_map(
     hot: npt.NDArray[Any],
     full_scale: npt.NDArray[Any] | None,
     mean: npt.NDArray[Any] | None = None,
+    route: Route | None = None,
 ) -> None:
     """Raise unless the parts of a map fit each other.
 
     Parameters
     ----------
-    settings, pixel_map, places, saliency, hot, full_scale, mean
+    settings, pixel_map, places, saliency, hot, full_scale, mean, route
         See `ReferenceMap`.
 
     Raises
@@ -52,6 +54,8 @@ def check_map(
     check_array(hot, "hot", (np.bool_,), shape)
     if full_scale is not None:
         check_array(full_scale, "full_scale", (np.uint16,), (counters,))
+    if route is not None and len(route.along_m) != len(places):
+        raise MapError(f"position has {len(route.along_m)} rows for {len(places)} places")
     own_mean = settings.own_mean_code
     if own_mean is None:
         _check_codes(settings, places.counts, full_scale)

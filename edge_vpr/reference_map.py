@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Sensor
 from edge_vpr.map_checks import check_map
+from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from fixedpoint.codes import PixelCodes, packed_bytes
 from fixedpoint.own_mean import OwnMeanCode
@@ -46,6 +48,8 @@ class ReferenceMap:
         take codes against it; with polarity (2 J,).
     confidence : Confidence, optional
         Probability of matches with these settings, learnt from an evaluated drive.
+    route : Route, optional
+        Where the K places are.
 
     Raises
     ------
@@ -61,11 +65,12 @@ class ReferenceMap:
     full_scale: npt.NDArray[np.uint16] | None = None
     mean: npt.NDArray[np.int32] | None = None
     confidence: Confidence | None = None
+    route: Route | None = None
 
     def __post_init__(self) -> None:
         check_map(
             self.settings, self.pixel_map, self.places, self.saliency, self.hot,
-            self.full_scale, self.mean,
+            self.full_scale, self.mean, self.route,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -170,7 +175,13 @@ class ReferenceMap:
             arrays["mean"] = self.mean
         if self.confidence is not None:
             arrays |= self.confidence.to_arrays()
-        meta = {"settings": self.settings.to_dict(), "sensor": list(self.pixel_map.sensor)}
+        meta: dict[str, Any] = {
+            "settings": self.settings.to_dict(),
+            "sensor": list(self.pixel_map.sensor),
+        }
+        if self.route is not None:
+            arrays |= self.route.to_arrays()
+            meta["position_kind"] = self.route.kind
         write_archive(path, KIND, arrays, meta)
 
     @classmethod
@@ -193,4 +204,5 @@ class ReferenceMap:
                 full_scale=arrays.get("full_scale"),
                 mean=arrays.get("mean"),
                 confidence=Confidence.from_arrays(arrays),
+                route=Route.from_arrays(arrays, meta),
             )

@@ -98,7 +98,8 @@ def in_code(reference, counted):
 
 
 def without_ratio(matches):
-    names = [name for name in matches.dtype.names if name not in ("ratio", "start")]
+    derived = ("ratio", "start", "probability", "lost")
+    names = [name for name in matches.dtype.names if name not in derived]
     return [tuple(int(match[name]) for name in names) for match in matches]
 
 

@@ -75,7 +75,8 @@ def expected_after_each_event(reference, events, recent=0):
 
 
 def without_ratio(matches):
-    names = [name for name in MATCH_DTYPE.names if name not in ("ratio", "start", "trust")]
+    derived = ("ratio", "start", "trust", "probability", "lost")
+    names = [name for name in MATCH_DTYPE.names if name not in derived]
     return [tuple(int(match[name]) for name in names) for match in matches]
 
 
@@ -228,7 +229,7 @@ def test_a_chunk_of_a_million_events_equals_the_same_events_in_small_chunks():
     whole = Localiser(reference, every=every).update(events)
     cut = feed(Localiser(reference, every=every), np.array_split(events, 777))
     assert whole.size > 300
-    assert np.array_equal(whole, cut, equal_nan=False)
+    assert whole.tobytes() == cut.tobytes()
 
 
 def test_the_ring_grows_when_a_window_holds_more_events_than_it():
@@ -259,7 +260,7 @@ def test_on_change_only_other_places_are_told():
     every = Localiser(reference).update(events)
     change = Localiser(reference, every=MatchSchedule(events=1, change=True)).update(events)
     differs = np.concatenate([[True], every["place"][1:] != every["place"][:-1]])
-    assert np.array_equal(change, every[differs])
+    assert change.tobytes() == every[differs].tobytes()
     assert 1 < change.size < every.size
 
 
@@ -289,9 +290,7 @@ def test_a_saved_state_goes_on_bit_for_bit(tmp_path_factory, seed, cut, window, 
     first.save(path)
     second = Localiser.load(path)
     after = second.update(events[cut:])
-    assert np.array_equal(np.concatenate([before, after]), whole, equal_nan=False) or (
-        without_ratio(np.concatenate([before, after])) == without_ratio(whole)
-    )
+    assert np.concatenate([before, after]).tobytes() == whole.tobytes()
     second.verify()
 
 

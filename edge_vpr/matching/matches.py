@@ -19,6 +19,7 @@ from edge_vpr.matching.distances import ReferenceIndex, best_matches
 from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
+from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 KIND = "set of matches"
@@ -176,9 +177,9 @@ class Matches:
             check_matches(found)
         return found
 
-    def save_csv(self, path: str | Path) -> None:
+    def save_csv(self, path: str | Path, route: Route | None = None) -> None:
         """Write as a table, see `matches_csv.write_csv`."""
-        write_csv(path, self)
+        write_csv(path, self, route)
 
 
 _COLUMNS = (

@@ -251,7 +251,7 @@ def trust_after(trust: int, before: int, place: int, steps: tuple[int, int], mar
     kept = np.int64(trust if before >= 0 and steps[0] <= step <= steps[1] else 0)
     raised = kept + (((np.int64(margin) << TRUST_BITS) - kept) >> TRUST_SHIFT)
     if before >= 0 and step == 0:
-        return int(min(raised, kept - (kept >> STANDING_SHIFT)))
+        raised = min(raised, kept - (kept >> STANDING_SHIFT))
     return int(raised)
 
 

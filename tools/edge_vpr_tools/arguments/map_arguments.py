@@ -10,6 +10,7 @@ from edge_vpr_tools.arguments.setting_flags import add_map_flags
 EXAMPLES = """\
   edge-vpr map monday.raw -o monday.npz
   edge-vpr map monday.raw -o small.npz --preset tiny --counter-code log --counter-bits 3
+  edge-vpr map monday.raw -o monday.npz --track monday.nmea
   edge-vpr map frames/ -o map.npz --frame-period 1/30 --frames-as-windows"""
 
 
@@ -19,5 +20,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    track = parser.add_argument_group("positions")
+    track.add_argument(
+        "--track",
+        metavar="FILE",
+        help="track of this drive (NMEA, GPX, or CSV with time_s and metres or degrees): matches "
+        "then say where they are, and the interval along the route",
+    )
+    track.add_argument(
+        "--track-offset",
+        type=float,
+        metavar="S",
+        help="where time 0 of the track is in the recording, in seconds; negative if the log began "
+        "earlier (default: 0)",
+    )
     add_window_argument(add_reading_arguments(parser))
     add_map_flags(parser)

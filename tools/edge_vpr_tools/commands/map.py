@@ -6,8 +6,12 @@ import argparse
 import time
 from pathlib import Path
 
+import numpy as np
+
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import load_track
+from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.pipeline import Removed, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output
@@ -33,7 +37,12 @@ def run(args: argparse.Namespace) -> None:
     """
     output = Path(args.output)
     listed = args.hot_pixels not in (None, "find", "keep")
-    inputs = [args.recording, args.hot_pixels if listed else None, getattr(args, "config", None)]
+    inputs = [
+        args.recording,
+        args.track,
+        args.hot_pixels if listed else None,
+        getattr(args, "config", None),
+    ]
     check_output(output, [given for given in inputs if given is not None])
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
@@ -46,12 +55,18 @@ def run(args: argparse.Namespace) -> None:
     recording = open_source(args, args.recording)
     hot = load_hot_pixels(args.hot_pixels, recording.sensor) if listed else None
 
+    if args.track_offset is not None and args.track is None:
+        raise UsageError("--track-offset sets the clock of a track right: add --track")
+    track = None if args.track is None else load_track(args.track).shifted(args.track_offset or 0.0)
+
     start = time.perf_counter()
     detail_settings(settings.to_dict())
     removed = Removed()
     reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot, removed=removed)
     elapsed = time.perf_counter() - start
     check_matchable(reference)
+    if track is not None:
+        reference = with_positions(reference, track)
     reference.save(output)
     record = run_record(reference.settings.to_dict(), [args.recording])
     hot_pixels = int(reference.hot.sum())
@@ -73,6 +88,10 @@ def run(args: argparse.Namespace) -> None:
         f"{describe_removed(removed, settings)}"
         f"{describe_faults(recording)}"
     )
+    if reference.route is not None:
+        along = reference.route.along_m
+        known = along[~np.isnan(along)]
+        summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
 
 
@@ -84,7 +103,7 @@ def check_matchable(reference: ReferenceMap) -> None:
     UsageError
         If it has fewer places than a sequence has windows.
     """
-    length, places = reference.settings.sequence_length, len(reference)
+    length, places = reference.settings.windows_per_match, len(reference)
     if length > places:
         raise UsageError(
             f"a sequence of {length} windows does not fit the {places} places of this drive: take "

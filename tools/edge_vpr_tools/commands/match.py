@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> None:
     with results.results_folder(output, args.overwrite) as folder:
         reference.save(folder / results.MAP)
         matches.save(folder / results.MATCHES)
-        matches.save_csv(folder / results.MATCHES_CSV)
+        matches.save_csv(folder / results.MATCHES_CSV, reference.route)
         write_archive(folder / results.QUERIES, results.QUERIES_KIND, queries.to_arrays(), {})
         record = run_record(settings.to_dict(), [args.map, args.recording])
         record["removed"] = removed_record(removed, int(reference.hot.sum()))

@@ -81,7 +81,7 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
     with results.results_folder(output, args.overwrite) as folder:
         reference.save(folder / results.MAP)
         matches.save(folder / results.MATCHES)
-        matches.save_csv(folder / results.MATCHES_CSV)
+        matches.save_csv(folder / results.MATCHES_CSV, reference.route)
         record = run_record(settings.to_dict(), [args.map, args.recording])
         record["removed"] = removed_record(removed, int(reference.hot.sum()))
         write_json(folder / results.RUN, record)

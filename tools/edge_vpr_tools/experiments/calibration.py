@@ -2,8 +2,8 @@
 
 Each street is mapped once and driven in three lights and speed profiles. Of each drive there are
 three versions: as it was; with a quarter of the places cut out of the map; and with a detour
-through another street, of a quarter of the drive. Being carried off is too rare to learn from;
-`experiments.trust` has figures of it.
+through another street, of a quarter of the drive. Two more streets judge the table, also by drives
+that are carried off to another part of the street and back, which is too rare to learn from.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ import numpy.typing as npt
 from edge_vpr import __version__
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.evaluation.calibration import learn_confidence
+from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import from_tracks
+from edge_vpr.evaluation.rejection import judge_rejection
 from edge_vpr.pipeline import count_windows, map_traverse
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr.whole_files import replacing
-from edge_vpr_tools.experiments.detours import Case, with_detour, without_places
+from edge_vpr_tools.experiments.detours import Case, carried_off, with_detour, without_places
 from edge_vpr_tools.experiments.trial import markdown_table
 
 #: other streets than those of any other experiment
@@ -50,6 +51,9 @@ QUERIES: dict[str, Drive] = {
     ),
 }
 _ELSEWHERE = "the same light"
+#: streets that judge the table, after those that it is learnt on
+JUDGED = 2
+PRECISION = 0.99
 _CUTS = 7  # random stream of where drives are cut
 
 
@@ -82,9 +86,10 @@ def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
     before: SimulatedRecording | None = None
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
-        drives, reference = {}, None
-        for name, drive in QUERIES.items():
-            first, second = simulate_pair(seed, query=drive)
+        drives: dict[str, SimulatedRecording] = {}
+        reference: SimulatedRecording | None = None
+        for name, profile in QUERIES.items():
+            first, second = simulate_pair(seed, query=profile)
             reference = first.keep() if reference is None else reference
             drives[name] = second.keep()
         assert reference is not None
@@ -116,22 +121,43 @@ def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
         before = drives[_ELSEWHERE]
 
 
-def samples(street: Street, rng: np.random.Generator) -> Iterator[Sample]:
-    """Match the versions of a drive, with the mean of the whole drive and with the running one."""
+def versions_of(
+    street: Street, rng: np.random.Generator, *, carried: bool = False
+) -> Iterator[tuple[str, Sample]]:
+    """Match the versions of a drive, with the mean of the whole drive and with the running one.
+
+    Parameters
+    ----------
+    street : Street
+    rng : Generator
+        Decides where the map and the drive are cut.
+    carried : bool
+        Also carry the camera off.
+
+    Yields
+    ------
+    version : str
+    sample : Sample
+    """
     for mean in ("own", "running"):
         reference = street.case.reference
         settings = reference.settings.replaced({"query_mean": mean}, "calibration")
         case = replace(street.case, reference=replace(reference, settings=settings))
         places, windows = len(reference), len(case.counted)
         first = int(rng.integers(0, 3 * places // 4))
-        versions = [case, without_places(case, first, first + places // 4)]
+        versions = {
+            "whole drives": case,
+            "a quarter of the map cut out": without_places(case, first, first + places // 4),
+        }
         if street.elsewhere is not None:
             length = min(windows // 4, len(street.elsewhere))
             start = int(rng.integers(0, len(street.elsewhere) - length + 1))
             away = street.elsewhere.take(np.arange(start, start + length))
-            versions.append(with_detour(case, away, int(rng.integers(1, windows))))
-        for version in versions:
-            yield sample(version)
+            versions["a detour"] = with_detour(case, away, int(rng.integers(1, windows)))
+        if carried:
+            versions["carried off twice"] = carried_off(case, windows // 3, 2 * windows // 3)
+        for name, version in versions.items():
+            yield name, sample(version)
 
 
 def sample(case: Case) -> Sample:
@@ -182,7 +208,12 @@ def run(
         Where to write the table.
     """
     rng = np.random.default_rng(_CUTS)
-    found = [part for street in streets(seeds, on_start) for part in samples(street, rng)]
+    found: list[Sample] = []
+    held: dict[str, list[Sample]] = {}
+    for street in streets(seeds + JUDGED, on_start):
+        judging = street.seed >= FIRST_SEED + seeds
+        for name, some in versions_of(street, rng, carried=judging):
+            (held.setdefault(name, []) if judging else found).append(some)
     learnt = joined(found)
     confidence = learn_confidence(learnt.trust, learnt.correct)
     if table is not None:
@@ -200,5 +231,26 @@ def run(
     header = ("trust from", "probability", "precision from here up", "matches")
     return (
         f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
-        f"{1 - learnt.has_place.mean():.3f} off the map\n\n{markdown_table(header, rows)}"
+        f"{1 - learnt.has_place.mean():.3f} off the map\n\n{markdown_table(header, rows)}\n\n"
+        f"{_judged(confidence, held)}"
     )
+
+
+def _judged(confidence: Confidence, held: dict[str, list[Sample]]) -> str:
+    """Judge a table on streets that it was not learnt on, a row for each version."""
+    rows = []
+    for name, some in held.items():
+        pooled = joined(some)
+        given = confidence.probability_of(pooled.trust)
+        reached = confidence.precision[-1] >= PRECISION
+        least = confidence.least_trust(PRECISION) if reached else np.iinfo(np.int64).max
+        accepted = pooled.trust >= least
+        counts = judge_rejection(*pooled, accepted)
+        figures = (
+            counts.right_on_map, reliability(given, pooled.correct).expected_calibration_error,
+            counts.off_map_auroc, accepted.mean(), counts.precision, counts.recall,
+        )  # fmt: skip
+        rows.append([name, *("-" if value is None else f"{value:.3f}" for value in figures)])
+    header = ("other streets", "right of those on the map", "calibration error",
+              "AUROC off the map", "accepted at 0.99", "precision", "recall")  # fmt: skip
+    return markdown_table(header, rows)

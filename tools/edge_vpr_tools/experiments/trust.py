@@ -10,9 +10,13 @@ import numpy as np
 
 from edge_vpr.confidence import Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
+from edge_vpr.evaluation.ground_truth import load_nmea
+from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.evaluation.rejection import Rejection, judge_rejection
+from edge_vpr.evaluation.tracks import distances
 from edge_vpr.pipeline import count_windows, map_traverse
 from edge_vpr.settings import PRESETS, QueryMean
+from edge_vpr_tools.experiments import brisbane
 from edge_vpr_tools.experiments.calibration import Sample, joined, sample
 from edge_vpr_tools.experiments.codes_frontier import FOLDER, Pair, pairs
 from edge_vpr_tools.experiments.detours import Case, carried_off, without_places
@@ -50,6 +54,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels stand for Brisbane
             on_start(pair.name)
             cases = list(_cases(pair, seeds))
+            case = cases[0]  # of the last pair, Brisbane, there is one
             found = [sample(case) for case in cases]
             everything += found
             whole.append(_whole_row(pair.name, table, found))
@@ -75,7 +80,30 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         markdown_table(
             ("drives", "starts", "p >= 0.95 reached", "median time", "right then",
              "p >= 0.99 reached", "median time", "right then"), first),
+        _intervals(data, case),
     ])  # fmt: skip
+
+
+def _intervals(data: Path, case: Case) -> str:
+    """Say how often the interval along the route holds the true position, on Brisbane."""
+    folder = data / brisbane.FOLDER
+    tracks = {name: load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")}
+    route = with_positions(case.reference, tracks["sunset2"]).route
+    assert route is not None
+    matches = case.match()
+    known = case.truth.known[matches.query]
+    gaps = distances(
+        "geographic", tracks["sunset1"].at(matches.time_us)[known, None], route.position[None]
+    )
+    true_m = route.along_m[np.nanargmin(gaps, axis=1)]  # the nearest place of the map
+    located = route.locate(matches.place[known], matches.settings.exclusion)
+    inside = (located.from_m <= true_m) & (true_m <= located.to_m)
+    width = np.nanmedian(located.to_m - located.from_m)
+    return (
+        f"Intervals along the route of Brisbane hold {inside.mean():.3f} of the true positions, at "
+        f"a mean probability of {matches.probability[known].mean():.3f}; their median length is "
+        f"{width:.0f} m."
+    )
 
 
 def _cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
@@ -130,7 +158,7 @@ def _halves(found: list[Sample]) -> float:
     for each in found:
         middle = each.trust.size // 2
         first, last = (
-            each._replace(**{name: column[part] for name, column in each._asdict().items()})
+            Sample(each.trust[part], each.correct[part], each.has_place[part])
             for part in (slice(None, middle), slice(middle, None))
         )
         for learnt, judged in ((first, last), (last, first)):

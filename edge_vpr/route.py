@@ -1,0 +1,137 @@
+"""Where the places of a map are: positions along the route that the reference drove."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.array_checks import check_array
+from edge_vpr.errors import MapError
+
+RouteKind = Literal["metric", "geographic"]
+#: names of the coordinates by kind and their number
+_COORDINATES = {
+    ("geographic", 2): ("latitude", "longitude"),
+    ("metric", 1): ("x_m",),
+    ("metric", 2): ("x_m", "y_m"),
+    ("metric", 3): ("x_m", "y_m", "z_m"),
+}
+_FARTHEST_M = 1e12
+
+
+class Located(NamedTuple):
+    """Where n matches are.
+
+    Attributes
+    ----------
+    position : ndarray of float64, shape (n, d)
+        Of the matched place; NaN where the track did not cover it.
+    along_m : ndarray of float64, shape (n,)
+        The same as metres driven along the route; NaN as above.
+    from_m, to_m : ndarray of float64, shape (n,)
+        Interval along the route; NaN if no place in it has a position.
+    """
+
+    position: npt.NDArray[np.float64]
+    along_m: npt.NDArray[np.float64]
+    from_m: npt.NDArray[np.float64]
+    to_m: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """Positions of the K places of a map.
+
+    Attributes
+    ----------
+    position : ndarray of float64, shape (K, d)
+        Latitude and longitude in degrees (`kind` "geographic", d = 2), or metres (d = 1, 2 or 3);
+        rows of NaN where the position is not known.
+    along_m : ndarray of float64, shape (K,)
+        Metres that the reference had driven there since the first known place; NaN where the
+        position is not known.
+    kind : {"metric", "geographic"}
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape, or holds what cannot be.
+    """
+
+    position: npt.NDArray[np.float64]
+    along_m: npt.NDArray[np.float64]
+    kind: RouteKind = "metric"
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(RouteKind):
+            raise MapError(f"position_kind is {self.kind!r}: expected metric or geographic")
+        check_array(self.position, "position", (np.float64,), (None, None))
+        places, width = self.position.shape
+        if (self.kind, width) not in _COORDINATES:
+            raise MapError(f"position has {width} columns, which no {self.kind} position has")
+        check_array(self.along_m, "along_m", (np.float64,), (places,))
+        known = np.isfinite(self.along_m)
+        same = (np.isfinite(self.position) == known[:, None]).all()
+        if not known.any() or not same or np.isinf(self.position).any():
+            raise MapError("position and along_m are not known at the same places, at one or more")
+        at = self.along_m[known]
+        if at[0] < 0 or at[-1] > _FARTHEST_M or (np.diff(at) < 0).any():
+            raise MapError("along_m runs backwards, or is not a length: expected rising metres")
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the columns of `position`, with their unit where it is metres."""
+        return _COORDINATES[self.kind, self.position.shape[1]]
+
+    def locate(self, place: npt.NDArray[np.integer], within: int) -> Located:
+        """Return where matched places are, and the interval of the places around each.
+
+        Parameters
+        ----------
+        place : ndarray of int, shape (n,)
+        within : int
+            The interval reaches from this many places before the matched one to as many after it.
+            With the exclusion zone's, the probability of a match is that of the true position
+            lying in the interval: the trust compares the place with those outside it.
+
+        Returns
+        -------
+        Located
+        """
+        before = np.fmin.accumulate(self.along_m[::-1])[::-1]  # of this place, or the next known
+        after = np.fmax.accumulate(self.along_m)
+        first = np.maximum(place - within, 0)
+        last = np.minimum(place + within, len(self.along_m) - 1)
+        from_m, to_m = before[first], after[last]
+        known = np.concatenate([[0], np.cumsum(np.isfinite(self.along_m))])
+        nothing = known[last + 1] == known[first]
+        return Located(
+            self.position[place],
+            self.along_m[place],
+            np.where(nothing, np.nan, from_m),
+            np.where(nothing, np.nan, to_m),
+        )
+
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Name the arrays, for an archive; `from_arrays` takes them back."""
+        return {"position": self.position, "along_m": self.along_m}
+
+    @classmethod
+    def from_arrays(
+        cls, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
+    ) -> Route | None:
+        """Build from named arrays and the kind in the header; None if there are none.
+
+        Raises
+        ------
+        MapError
+            If something is missing, or they are no route.
+        """
+        if "position" not in arrays and "along_m" not in arrays:
+            return None
+        position, along_m = (arrays.get(name) for name in ("position", "along_m"))
+        return cls(position, along_m, meta.get("position_kind"))  # type: ignore[arg-type]
