@@ -34,6 +34,10 @@ SETTINGS = (
     "--counter-code log --counter-bits 3 --counter-full-scale 9 --counter-scaling shared "
     "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --anchor end --exclusion 1"
 )
+FILTER = (
+    "--matching filter --filter-steps 1,0,1 --filter-back 2 --filter-restart 20 "
+    "--query-mean running --precision 0.5"
+)
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = (
     "profile --map {f}/map.npz --recording {f}/query.npz --quick --window-s 0.1 --pairs 5 "
@@ -54,6 +58,8 @@ RUNS = [
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SETTINGS} --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity --no-keep-incomplete "
      "--clip 200 --overwrite", 0),
+    (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
+     "--track {f}/track.csv --track-offset 0.1", 0),
     (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
      "--frames-as-windows", 0),
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE}", 0),
@@ -61,6 +67,7 @@ RUNS = [
     ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
+    (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER}", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
     ("match {f}/map.npz {f}/query.h5 -o {f}/topic --no-figures --sensor 16x12 --topic left", 0),
     ("match {f}/frames_map.npz {f}/frames.npz -o {f}/windows --no-figures --frame-period 1/10 "
@@ -69,11 +76,20 @@ RUNS = [
      "--recall-denominator all-with-place --thresholds 20", 0),
     ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference", 0),
+    ("evaluate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
+     "--offset 0 0.05", 0),
+    ("calibrate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
+     "--offset 0 0.05 -o {f}/calibrated.npz", 0),
+    ("calibrate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10 "
+     "-o {f}/calibrated.npz --overwrite", 0),
+    ("calibrate {f}/results --ground-truth {f}/truth.npy --rows reference "
+     "-o {f}/calibrated.npz --overwrite", 0),
     (f"{STREAM} --map {{f}}/map.npz --once --sensor 16x12 --every 20ms --log {{f}}/run.jsonl "
      "--record {f}/raw.bin --json --baud 115200 --flow-control --on-overload wait --max-lag 1s",
      0),
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
      "--exclusion 1", 0),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS}", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
      "--no-keep-incomplete --clip 200 --overwrite", 0),
@@ -123,6 +139,8 @@ RUNS = [
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
+    # 2: calibration alone writes a table, and drives a dozen streets for it
+    ("experiment codes --data {f} --seeds 1 --table {f}/table.json", 2),
     ("completion bash", 0),
     ("demo -o {f}/demo --seed 1 --overwrite", 0),
 ]  # fmt: skip
@@ -179,6 +197,7 @@ def folder(tmp_path_factory):
     (folder / "settings.toml").write_text("sigma = 2.0\n")
     (folder / "hot.txt").write_text("1, 1\n")
     (folder / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    (folder / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
     np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))
     encoder = open_encoder("evpr", SENSOR)
