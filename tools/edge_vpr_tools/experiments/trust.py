@@ -68,7 +68,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         given = table.probability_of(pooled.trust)
         save(reliability_diagram(reliability(given, pooled.correct)), figure)
     rejected = ("drives", "right of those on the map", "found at 99 % precision over all",
-                "AUROC off the map", "accepted", "precision", "recall")  # fmt: skip
+                "AUROC off the map", "error, all draws", "accepted", "precision", "recall")  # fmt: skip
     return "\n\n".join([
         "Whole drives:",
         markdown_table(
@@ -185,6 +185,7 @@ def _rejection_row(name: str, table: Confidence, found: list[Sample]) -> list[st
         str(Summary([some.right_on_map or 0.0 for some in each])),
         str(Summary([some.found_at_99_precision or 0.0 for some in each])),
         str(Summary(aurocs)) if aurocs else "-",
+        f"{_error(table, pooled):.3f}",
         f"{(counts.accepted or 0) / pooled.trust.size:.3f}",
         _shown(counts.precision),
         _shown(counts.recall),
