@@ -53,22 +53,23 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
     for pair in pairs(data):
         if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels stand for Brisbane
             on_start(pair.name)
-            cases = list(_cases(pair, seeds))
-            case = cases[0]  # of the last pair, Brisbane, there is one
-            found = [sample(case) for case in cases]
+            drawn = list(cases(pair, seeds))
+            last = drawn[0]  # the last pair is Brisbane, the one with tracks
+            found = [sample(case) for case in drawn]
             everything += found
             whole.append(_whole_row(pair.name, table, found))
-            pieces = [without_places(case, *_piece(case, pair)) for case in cases]
+            pieces = [without_places(case, *_piece(case, pair)) for case in drawn]
             cut.append(_rejection_row(pair.name, table, [sample(case) for case in pieces]))
-            jumps = [_carried(case) for case in cases]
+            jumps = [_carried(case) for case in drawn]
             carried.append(_rejection_row(pair.name, table, [sample(case) for case in jumps]))
-            first.append(_first_row(pair.name, table, list(_cases(pair, min(seeds, 2), "running"))))
+            first.append(_first_row(pair.name, table, list(cases(pair, min(seeds, 2), "running"))))
     if figure is not None:
         pooled = joined(everything)
         given = table.probability_of(pooled.trust)
         save(reliability_diagram(reliability(given, pooled.correct)), figure)
     rejected = ("drives", "right of those on the map", "found at 99 % precision over all",
-                "AUROC off the map", "error, all draws", "accepted", "precision", "recall")  # fmt: skip
+                "AUROC off the map", "error, all draws", "accepted", "precision",
+                "recall")  # fmt: skip
     return "\n\n".join([
         "Whole drives:",
         markdown_table(
@@ -80,7 +81,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         markdown_table(
             ("drives", "starts", "p >= 0.95 reached", "median time", "right then",
              "p >= 0.99 reached", "median time", "right then"), first),
-        _intervals(data, case),
+        _intervals(data, last),
     ])  # fmt: skip
 
 
@@ -106,8 +107,21 @@ def _intervals(data: Path, case: Case) -> str:
     )
 
 
-def _cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
-    """Map and describe a pair with the default settings, once for each draw of pixels."""
+def cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
+    """Map and describe a pair with the default settings, once for each draw of pixels.
+
+    Parameters
+    ----------
+    pair : Pair
+    seeds : int
+        Draws of pixels.
+    mean : {"own", "running"}
+        Of the query.
+
+    Yields
+    ------
+    Case
+    """
     for seed in range(seeds if pair.drawn else 1):
         settings = PRESETS["default"].replaced(
             {
@@ -192,12 +206,12 @@ def _rejection_row(name: str, table: Confidence, found: list[Sample]) -> list[st
     ]
 
 
-def _first_row(name: str, table: Confidence, cases: list[Case]) -> list[str]:
+def _first_row(name: str, table: Confidence, switched_on: list[Case]) -> list[str]:
     """Switch on at many windows, and wait for the first match of each probability."""
     row = [name]
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
     starts = 0
-    for case in cases:
+    for case in switched_on:
         windows = len(case.counted)
         for start in range(0, windows - 20, START_EVERY):
             if not case.truth.known[start]:
