@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from edge_vpr_tools.experiments import brisbane
 from edge_vpr_tools.experiments.calibration import Sample, joined, sample
 from edge_vpr_tools.experiments.codes_frontier import FOLDER, Pair, pairs
 from edge_vpr_tools.experiments.detours import Case, carried_off, without_places
+from edge_vpr_tools.experiments.switching_on import HEADER, first_row
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.figures import reliability_diagram
 from edge_vpr_tools.report.style import save
@@ -27,8 +27,6 @@ from edge_vpr_tools.report.style import save
 __all__ = ["FOLDER", "run"]
 
 PRECISION = 0.99
-#: windows between two starts in mid-route, and most windows that one is given
-START_EVERY, GIVEN = 10, 120
 #: places of Brisbane that are cut out of the map; of other maps, the third quarter
 _CUT = (220, 330)
 
@@ -62,7 +60,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
             cut.append(_rejection_row(pair.name, table, [sample(case) for case in pieces]))
             jumps = [_carried(case) for case in drawn]
             carried.append(_rejection_row(pair.name, table, [sample(case) for case in jumps]))
-            first.append(_first_row(pair.name, table, list(cases(pair, min(seeds, 2), "running"))))
+            first.append(first_row(pair.name, table, list(cases(pair, min(seeds, 2), "running"))))
     if figure is not None:
         pooled = joined(everything)
         given = table.probability_of(pooled.trust)
@@ -78,9 +76,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         "A piece of the map cut out:", markdown_table(rejected, cut),
         "Carried off twice:", markdown_table(rejected, carried),
         "Switched on in mid-route:",
-        markdown_table(
-            ("drives", "starts", "p >= 0.95 reached", "median time", "right then",
-             "p >= 0.99 reached", "median time", "right then"), first),
+        markdown_table(HEADER, first),
         _intervals(data, last),
     ])  # fmt: skip
 
@@ -204,39 +200,6 @@ def _rejection_row(name: str, table: Confidence, found: list[Sample]) -> list[st
         _shown(counts.precision),
         _shown(counts.recall),
     ]
-
-
-def _first_row(name: str, table: Confidence, switched_on: list[Case]) -> list[str]:
-    """Switch on at many windows, and wait for the first match of each probability."""
-    row = [name]
-    waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
-    starts = 0
-    for case in switched_on:
-        windows = len(case.counted)
-        for start in range(0, windows - 20, START_EVERY):
-            if not case.truth.known[start]:
-                continue
-            starts += 1
-            stop = min(start + GIVEN, windows)
-            rest = replace(case, counted=case.counted.take(np.arange(start, stop)))
-            matches = rest.match()
-            given = table.probability_of(matches.trust)
-            for least, found in waits.items():
-                sure = np.flatnonzero(given >= least)
-                if sure.size:
-                    j = int(sure[0])
-                    lasted = rest.counted.end_us[j] - rest.counted.start_us[0]
-                    right = bool(case.truth.correct[matches.place[j], start + j])
-                    found.append((float(lasted) / 1e6, right))
-    row.append(str(starts))
-    for found in waits.values():
-        if not found:
-            row += ["0.000", "-", "-"]
-            continue
-        times, rights = zip(*found, strict=True)
-        row += [f"{len(found) / starts:.3f}", f"{np.median(times):.0f} s"]
-        row.append(f"{np.mean(rights):.3f}")
-    return row
 
 
 def _shown(value: float | None) -> str:
