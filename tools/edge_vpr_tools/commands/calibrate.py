@@ -49,6 +49,11 @@ def run(args: argparse.Namespace) -> None:
 
     if trust.size < FEW_MATCHES:
         note(f"{trust.size} matches are few to learn probabilities from: calibrate with more")
+    if not (folder / results.QUERIES).is_file():
+        note(
+            "matches event by event repeat one another, so that the probabilities are bolder than "
+            "the drive allows: calibrate from matches without --online, or with --every window"
+        )
     if found.rejection.off_map == 0:
         note(
             "every query of this drive is on the map: of drives that leave it, the probabilities "

@@ -24,10 +24,11 @@ from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.rejection import judge_rejection
 from edge_vpr.pipeline import count_windows, map_traverse
-from edge_vpr.settings import PRESETS
+from edge_vpr.settings import PRESETS, QueryMean
 from edge_vpr.simulate import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr.whole_files import replacing
 from edge_vpr_tools.experiments.detours import Case, carried_off, with_detour, without_places
+from edge_vpr_tools.experiments.switching_on import HEADER, first_row
 from edge_vpr_tools.experiments.trial import markdown_table
 
 #: other streets than those of any other experiment
@@ -139,11 +140,10 @@ def versions_of(
     version : str
     sample : Sample
     """
-    for mean in ("own", "running"):
-        reference = street.case.reference
-        settings = reference.settings.replaced({"query_mean": mean}, "calibration")
-        case = replace(street.case, reference=replace(reference, settings=settings))
-        places, windows = len(reference), len(case.counted)
+    means: tuple[QueryMean, ...] = ("own", "running")
+    for mean in means:
+        case = _with_mean(street.case, mean)
+        places, windows = len(case.reference), len(case.counted)
         first = int(rng.integers(0, 3 * places // 4))
         versions = {
             "whole drives": case,
@@ -158,6 +158,11 @@ def versions_of(
             versions["carried off twice"] = carried_off(case, windows // 3, 2 * windows // 3)
         for name, version in versions.items():
             yield name, sample(version)
+
+
+def _with_mean(case: Case, mean: QueryMean) -> Case:
+    settings = case.reference.settings.replaced({"query_mean": mean}, "calibration")
+    return replace(case, reference=replace(case.reference, settings=settings))
 
 
 def sample(case: Case) -> Sample:
@@ -210,8 +215,13 @@ def run(
     rng = np.random.default_rng(_CUTS)
     found: list[Sample] = []
     held: dict[str, list[Sample]] = {}
+    live: dict[str, list[Case]] = {}
     for street in streets(seeds + JUDGED, on_start):
         judging = street.seed >= FIRST_SEED + seeds
+        if judging:
+            settings = street.case.reference.settings
+            name = f"{settings.pixels} px, windows of fixed {settings.window}"
+            live.setdefault(name, []).append(_with_mean(street.case, "running"))
         for name, some in versions_of(street, rng, carried=judging):
             (held.setdefault(name, []) if judging else found).append(some)
     learnt = joined(found)
@@ -232,7 +242,8 @@ def run(
     return (
         f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
         f"{1 - learnt.has_place.mean():.3f} off the map\n\n{markdown_table(header, rows)}\n\n"
-        f"{_judged(confidence, held)}"
+        f"{_judged(confidence, held)}\n\nSwitched on in mid-route:\n\n"
+        f"{markdown_table(HEADER, [first_row(name, confidence, live[name]) for name in live])}"
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from edge_vpr_tools.experiments import brisbane
 from edge_vpr_tools.experiments.calibration import Sample, joined, sample
 from edge_vpr_tools.experiments.codes_frontier import FOLDER, Pair, pairs
 from edge_vpr_tools.experiments.detours import Case, carried_off, without_places
+from edge_vpr_tools.experiments.switching_on import HEADER, first_row
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.figures import reliability_diagram
 from edge_vpr_tools.report.style import save
@@ -27,8 +27,6 @@ from edge_vpr_tools.report.style import save
 __all__ = ["FOLDER", "run"]
 
 PRECISION = 0.99
-#: windows between two starts in mid-route, and most windows that one is given
-START_EVERY, GIVEN = 10, 120
 #: places of Brisbane that are cut out of the map; of other maps, the third quarter
 _CUT = (220, 330)
 
@@ -53,22 +51,23 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
     for pair in pairs(data):
         if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels stand for Brisbane
             on_start(pair.name)
-            cases = list(_cases(pair, seeds))
-            case = cases[0]  # of the last pair, Brisbane, there is one
-            found = [sample(case) for case in cases]
+            drawn = list(cases(pair, seeds))
+            last = drawn[0]  # the last pair is Brisbane, the one with tracks
+            found = [sample(case) for case in drawn]
             everything += found
             whole.append(_whole_row(pair.name, table, found))
-            pieces = [without_places(case, *_piece(case, pair)) for case in cases]
+            pieces = [without_places(case, *_piece(case, pair)) for case in drawn]
             cut.append(_rejection_row(pair.name, table, [sample(case) for case in pieces]))
-            jumps = [_carried(case) for case in cases]
+            jumps = [_carried(case) for case in drawn]
             carried.append(_rejection_row(pair.name, table, [sample(case) for case in jumps]))
-            first.append(_first_row(pair.name, table, list(_cases(pair, min(seeds, 2), "running"))))
+            first.append(first_row(pair.name, table, list(cases(pair, min(seeds, 2), "running"))))
     if figure is not None:
         pooled = joined(everything)
         given = table.probability_of(pooled.trust)
         save(reliability_diagram(reliability(given, pooled.correct)), figure)
     rejected = ("drives", "right of those on the map", "found at 99 % precision over all",
-                "AUROC off the map", "accepted", "precision", "recall")  # fmt: skip
+                "AUROC off the map", "error, all draws", "accepted", "precision",
+                "recall")  # fmt: skip
     return "\n\n".join([
         "Whole drives:",
         markdown_table(
@@ -77,10 +76,8 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         "A piece of the map cut out:", markdown_table(rejected, cut),
         "Carried off twice:", markdown_table(rejected, carried),
         "Switched on in mid-route:",
-        markdown_table(
-            ("drives", "starts", "p >= 0.95 reached", "median time", "right then",
-             "p >= 0.99 reached", "median time", "right then"), first),
-        _intervals(data, case),
+        markdown_table(HEADER, first),
+        _intervals(data, last),
     ])  # fmt: skip
 
 
@@ -106,8 +103,21 @@ def _intervals(data: Path, case: Case) -> str:
     )
 
 
-def _cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
-    """Map and describe a pair with the default settings, once for each draw of pixels."""
+def cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
+    """Map and describe a pair with the default settings, once for each draw of pixels.
+
+    Parameters
+    ----------
+    pair : Pair
+    seeds : int
+        Draws of pixels.
+    mean : {"own", "running"}
+        Of the query.
+
+    Yields
+    ------
+    Case
+    """
     for seed in range(seeds if pair.drawn else 1):
         settings = PRESETS["default"].replaced(
             {
@@ -185,43 +195,11 @@ def _rejection_row(name: str, table: Confidence, found: list[Sample]) -> list[st
         str(Summary([some.right_on_map or 0.0 for some in each])),
         str(Summary([some.found_at_99_precision or 0.0 for some in each])),
         str(Summary(aurocs)) if aurocs else "-",
+        f"{_error(table, pooled):.3f}",
         f"{(counts.accepted or 0) / pooled.trust.size:.3f}",
         _shown(counts.precision),
         _shown(counts.recall),
     ]
-
-
-def _first_row(name: str, table: Confidence, cases: list[Case]) -> list[str]:
-    """Switch on at many windows, and wait for the first match of each probability."""
-    row = [name]
-    waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
-    starts = 0
-    for case in cases:
-        windows = len(case.counted)
-        for start in range(0, windows - 20, START_EVERY):
-            if not case.truth.known[start]:
-                continue
-            starts += 1
-            stop = min(start + GIVEN, windows)
-            rest = replace(case, counted=case.counted.take(np.arange(start, stop)))
-            matches = rest.match()
-            given = table.probability_of(matches.trust)
-            for least, found in waits.items():
-                sure = np.flatnonzero(given >= least)
-                if sure.size:
-                    j = int(sure[0])
-                    lasted = rest.counted.end_us[j] - rest.counted.start_us[0]
-                    right = bool(case.truth.correct[matches.place[j], start + j])
-                    found.append((float(lasted) / 1e6, right))
-    row.append(str(starts))
-    for found in waits.values():
-        if not found:
-            row += ["0.000", "-", "-"]
-            continue
-        times, rights = zip(*found, strict=True)
-        row += [f"{len(found) / starts:.3f}", f"{np.median(times):.0f} s"]
-        row.append(f"{np.mean(rights):.3f}")
-    return row
 
 
 def _shown(value: float | None) -> str:
