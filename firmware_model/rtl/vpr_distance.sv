@@ -1,0 +1,88 @@
+// Distances of a descriptor to all places, in the order of places, one every PERIOD clocks.
+//
+// The descriptor is written word by word before `start`. The fixed period leaves the sequence unit
+// its LENGTH clocks and the search its two, so that nothing within a match ever waits.
+module vpr_distance #(
+    parameter int PLACES        = 1,
+    parameter int WORDS         = 1,
+    parameter int LANES         = 1,
+    parameter int PERIOD        = 2,
+    parameter int CODE_BITS     = 1,
+    parameter int ADDRESS_BITS  = 1,
+    parameter int DISTANCE_BITS = 1
+) (
+    input  logic                       clk,
+    input  logic                       rst,
+    input  logic                       query_write,
+    input  logic [LANES*CODE_BITS-1:0] query_word,
+    input  logic                       start,
+    output logic [ADDRESS_BITS-1:0]    place_address,
+    input  logic [LANES*CODE_BITS-1:0] place_word,
+    output logic                       distance_valid,
+    output logic [DISTANCE_BITS-1:0]   distance
+);
+    localparam int WORD_BITS   = LANES * CODE_BITS;
+    localparam int PERIOD_BITS = $clog2(PERIOD);
+    localparam int QUERY_BITS  = WORDS > 1 ? $clog2(WORDS) : 1;
+    // from an address to its word's sum: the memories, the differences, the levels of the tree
+    localparam int LATENCY     = 2 + $clog2(LANES);
+    localparam int SAD_BITS    = CODE_BITS + $clog2(LANES);
+    localparam logic [ADDRESS_BITS-1:0] LAST = ADDRESS_BITS'(PLACES * WORDS - 1);
+
+    logic                   running;
+    logic [PERIOD_BITS-1:0] phase;
+    logic [QUERY_BITS-1:0]  query_address;
+    logic [QUERY_BITS-1:0]  write_address;
+    logic [WORD_BITS-1:0]   query;
+    logic [SAD_BITS-1:0]    sad;
+    logic [LATENCY-1:0]     valid, first, last;
+
+    wire end_phase = phase == PERIOD_BITS'(PERIOD - 1);
+    wire end_word  = query_address == QUERY_BITS'(WORDS - 1);
+    logic reading;  // a word of the descriptor in each of the first clocks of a period
+
+    always_ff @(posedge clk) begin
+        if (query_write)
+            write_address <= write_address == QUERY_BITS'(WORDS - 1) ? '0 : write_address + 1'b1;
+        if (start) begin
+            running       <= 1'b1;
+            reading       <= 1'b1;
+            phase         <= '0;
+            query_address <= '0;
+            place_address <= '0;
+        end else if (running) begin
+            phase <= end_phase ? '0 : phase + 1'b1;
+            if (reading) begin
+                place_address <= place_address + 1'b1;
+                query_address <= end_word ? '0 : query_address + 1'b1;
+                if (place_address == LAST) running <= 1'b0;
+            end
+            reading <= end_phase || (reading && !end_word);
+        end
+        valid <= LATENCY'({valid, running && reading});
+        first <= LATENCY'({first, query_address == 0});
+        last  <= LATENCY'({last, end_word});
+        if (valid[LATENCY-1])
+            distance <= (first[LATENCY-1] ? '0 : distance) + DISTANCE_BITS'(sad);
+        distance_valid <= valid[LATENCY-1] && last[LATENCY-1];
+        if (rst) begin
+            running        <= 1'b0;
+            write_address  <= '0;
+            valid          <= '0;
+            distance_valid <= 1'b0;
+        end
+    end
+
+    vpr_ram #(
+        .DEPTH(WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(QUERY_BITS)
+    ) queries (
+        .clk(clk), .write(query_write), .write_address(write_address), .write_word(query_word),
+        .read(1'b1), .read_address(query_address), .read_word(query)
+    );
+
+    vpr_sad_lanes #(
+        .LANES(LANES), .CODE_BITS(CODE_BITS), .SUM_BITS(SAD_BITS)
+    ) sad_lanes (
+        .clk(clk), .a(place_word), .b(query), .sum(sad)
+    );
+endmodule
