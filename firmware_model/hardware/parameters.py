@@ -31,7 +31,7 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
         "LOOKUP_DEPTH": ("int", design.lookup_depth),
         "SLOTS": ("int", design.slots),
         "TABLES": ("int", len(design.full_scales)),
-        "COUNT_MAX": ("logic [31:0]", design.count_max),
+        "COUNT_MAX": ("int", design.count_max),
         "BY_TIME": ("bit", int(design.window == "time")),
         "TAU_US": ("logic [63:0]", design.tau_us),
         "WINDOW_EVENTS": ("logic [31:0]", design.window_events),

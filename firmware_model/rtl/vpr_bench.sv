@@ -80,6 +80,7 @@ module vpr_bench;
             rst = 1'b1;
             repeat (1 + $unsigned($random(seed)) % 3) @(negedge clk);
             rst = 1'b0;
+            start_time = 'x;
             running = 1'b1;
             next_event;
             next_place;
@@ -168,10 +169,11 @@ module vpr_bench;
         $finish;
     end
 
-    // Outputs: records as they are taken
+    // Outputs: records as they are taken, and the clocks from a window's end to its match
 
     string  line;  // events come between the words of a window
     integer events_seen, windows_seen, words_seen, lane;
+    logic   match_before;
     integer clock_now, ended_at, least_cycles, most_cycles;
     initial begin
         clock_now    = 0;
@@ -196,6 +198,7 @@ module vpr_bench;
             events_seen  = 0;
             windows_seen = 0;
             words_seen   = 0;
+            match_before = 1'b0;
         end else begin
             if (m_event_tvalid && m_event_tready) begin
                 if (seen_selected)
@@ -220,6 +223,13 @@ module vpr_bench;
                     windows_seen = windows_seen + 1;
                 end
             end
+            // of use without stalls
+            if (m_match_tvalid && !match_before) begin
+                if (least_cycles == 0 || clock_now - ended_at < least_cycles)
+                    least_cycles = clock_now - ended_at;
+                if (clock_now - ended_at > most_cycles) most_cycles = clock_now - ended_at;
+            end
+            match_before = m_match_tvalid;
             if (m_match_tvalid && m_match_tready) begin
                 if (has_second)
                     $fwrite(out, "match,%0d,%0d,%0d,%0d,%0d,%0d,%0d\n", window, best, best_sum,
@@ -229,17 +239,6 @@ module vpr_bench;
                             accepted);
             end
         end
-    end
-
-    // Cycles from the clock of a window's end to that of its match, of use without stalls
-    logic match_before;
-    always @(posedge clk) begin
-        if (running && m_match_tvalid && match_before !== 1'b1) begin
-            if (least_cycles == 0 || clock_now - ended_at < least_cycles)
-                least_cycles = clock_now - ended_at;
-            if (clock_now - ended_at > most_cycles) most_cycles = clock_now - ended_at;
-        end
-        match_before = running && m_match_tvalid;
     end
 
     // Rules of every stream: handshakes are never undefined, nor is what is offered, which stays

@@ -7,8 +7,8 @@
 // Outputs that are of no use are left open with their tready at 1, and cost nothing.
 //
 // `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
-// which is read until s_event_tready rises, SLOTS + 2 clocks after `rst` has fallen. Events are
-// taken while a window is matched; the end of a further window waits.
+// which is read in its last clock. s_event_tready rises SLOTS + 2 clocks after it. Events are taken
+// while a window is matched; the end of a further window waits.
 module vpr_core #(
     parameter int          WIDTH             = 2,
     parameter int          HEIGHT            = 2,
@@ -17,7 +17,7 @@ module vpr_core #(
     parameter int          LOOKUP_DEPTH      = 2,
     parameter int          SLOTS             = 1,
     parameter int          TABLES            = 1,
-    parameter logic [31:0] COUNT_MAX         = 1,
+    parameter int          COUNT_MAX         = 1,
     parameter bit          BY_TIME           = 1,
     parameter logic [63:0] TAU_US            = 1,
     parameter logic [31:0] WINDOW_EVENTS     = 1,

@@ -7,7 +7,7 @@ module vpr_counters #(
     parameter int          SLOTS      = 1,
     parameter int          SLOT_BITS  = 1,
     parameter int          COUNT_BITS = 1,
-    parameter logic [31:0] COUNT_MAX  = 1
+    parameter int          COUNT_MAX  = 1
 ) (
     input  logic                  clk,
     input  logic                  rst,
@@ -24,9 +24,9 @@ module vpr_counters #(
 );
     localparam logic [COUNT_BITS-1:0] FULL = COUNT_BITS'(COUNT_MAX);
 
-    logic                  open;  // the bank of the open window
+    logic                  open;  // 0 or 1: the bank of the open window
     logic [SLOT_BITS-1:0]  initial_slot;
-    logic [COUNT_BITS-1:0] read_word[0:1];
+    logic [COUNT_BITS-1:0] read_word_0, read_word_1;
 
     always_ff @(posedge clk) begin
         if (rst) begin
@@ -42,26 +42,31 @@ module vpr_counters #(
         end
     end
 
-    wire [COUNT_BITS-1:0] count = open ? read_word[1] : read_word[0];
+    wire [COUNT_BITS-1:0] count = open ? read_word_1 : read_word_0;
     assign raised  = count == FULL ? FULL : count + 1'b1;
-    assign drained = open ? read_word[0] : read_word[1];
+    assign drained = open ? read_word_0 : read_word_1;
 
-    genvar bank;
-    generate
-        for (bank = 0; bank < 2; bank = bank + 1) begin : g_bank
-            wire is_open = open == bank[0];
-            wire zero    = clearing || !is_open;
-            vpr_ram #(
-                .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS)
-            ) counts (
-                .clk          (clk),
-                .write        (clearing || (is_open ? raise : clear)),
-                .write_address(clearing ? initial_slot : is_open ? slot : clear_slot),
-                .write_word   (zero ? COUNT_BITS'(0) : raised),
-                .read         (is_open || drain),
-                .read_address (is_open ? slot : drain_slot),
-                .read_word    (read_word[bank])
-            );
-        end
-    endgenerate
+    vpr_ram #(
+        .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS)
+    ) bank_0 (
+        .clk          (clk),
+        .write        (clearing || (open ? clear : raise)),
+        .write_address(clearing ? initial_slot : open ? clear_slot : slot),
+        .write_word   (clearing || open ? COUNT_BITS'(0) : raised),
+        .read         (!open || drain),
+        .read_address (open ? drain_slot : slot),
+        .read_word    (read_word_0)
+    );
+
+    vpr_ram #(
+        .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS)
+    ) bank_1 (
+        .clk          (clk),
+        .write        (clearing || (open ? raise : clear)),
+        .write_address(clearing ? initial_slot : open ? slot : clear_slot),
+        .write_word   (clearing || !open ? COUNT_BITS'(0) : raised),
+        .read         (open || drain),
+        .read_address (open ? slot : drain_slot),
+        .read_word    (read_word_1)
+    );
 endmodule

@@ -6,7 +6,7 @@ module vpr_encoder #(
     parameter int          WORDS      = 1,
     parameter int          LANES      = 1,
     parameter int          TABLES     = 1,
-    parameter logic [31:0] COUNT_MAX  = 1,
+    parameter int          COUNT_MAX  = 1,
     parameter int          SLOT_BITS  = 1,
     parameter int          COUNT_BITS = 1,
     parameter int          TABLE_BITS = 1,
@@ -30,7 +30,7 @@ module vpr_encoder #(
     localparam int PADDED       = WORDS * LANES;
     localparam int INDEX_BITS   = $clog2(PADDED + 1);
     localparam int LANE_BITS    = LANES > 1 ? $clog2(LANES) : 1;
-    localparam int STRIDE       = int'(COUNT_MAX) + 1;
+    localparam int STRIDE       = COUNT_MAX + 1;
     localparam int ENTRIES      = TABLES * STRIDE;
     localparam int ENTRY_BITS   = $clog2(ENTRIES);
 
@@ -76,7 +76,8 @@ module vpr_encoder #(
             coded_filler   <= counted_filler;
             coded_word     <= counted_word;
             coded_last     <= counted_last;
-            if (coded) word <= moved[CODE_BITS+:LANES*CODE_BITS];
+            // the newest lane above those before it, which move down by one
+            if (coded) word <= (LANES * CODE_BITS)'({newest, word} >> CODE_BITS);
             word_valid     <= coded_word;
             word_last      <= coded_last;
         end
@@ -90,9 +91,7 @@ module vpr_encoder #(
         end
     end
 
-    // the newest lane above those before it, which move down by one
-    wire [CODE_BITS-1:0]           new_lane = coded_filler ? CODE_BITS'(0) : code;
-    wire [(LANES+1)*CODE_BITS-1:0] moved    = {new_lane, word};
+    wire [CODE_BITS-1:0] newest = coded_filler ? CODE_BITS'(0) : code;
 
     generate
         if (TABLES > 1) begin : g_tables

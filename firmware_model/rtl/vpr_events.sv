@@ -11,7 +11,7 @@ module vpr_events #(
     parameter bit          POLARITY          = 0,
     parameter int          LOOKUP_DEPTH      = 2,
     parameter int          SLOTS             = 1,
-    parameter logic [31:0] COUNT_MAX         = 1,
+    parameter int          COUNT_MAX         = 1,
     parameter bit          BY_TIME           = 1,
     parameter logic [63:0] TAU_US            = 1,
     parameter logic [31:0] WINDOW_EVENTS     = 1,
@@ -108,7 +108,7 @@ module vpr_events #(
             vpr_window_timer #(
                 .TIMESTAMP_BITS(TIMESTAMP_BITS), .TAU_US(TAU_US)
             ) window_timer (
-                .clk(clk), .load(clearing), .start_time(start_time), .next_window(window_end),
+                .clk(clk), .load(rst), .start_time(start_time), .next_window(window_end),
                 .timestamp(timestamp), .ended(time_over)
             );
         end else begin : g_by_count
@@ -116,7 +116,7 @@ module vpr_events #(
             vpr_window_quota #(
                 .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS), .WINDOW_EVENTS(WINDOW_EVENTS)
             ) window_quota (
-                .clk(clk), .load(clearing), .counted(finish && selected), .last(last_counted)
+                .clk(clk), .load(rst), .counted(finish && selected), .last(last_counted)
             );
         end
     endgenerate

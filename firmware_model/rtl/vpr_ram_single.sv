@@ -3,7 +3,8 @@
 module vpr_ram_single #(
     parameter int DEPTH        = 2,
     parameter int BITS         = 1,
-    parameter int ADDRESS_BITS = 1
+    parameter int ADDRESS_BITS = 1,
+    parameter     STYLE        = "huge"
 ) (
     input  logic                    clk,
     input  logic                    write,
@@ -11,6 +12,7 @@ module vpr_ram_single #(
     input  logic [BITS-1:0]         write_word,
     output logic [BITS-1:0]         read_word
 );
+    (* ram_style = STYLE *)
     logic [BITS-1:0] memory[0:DEPTH-1];
 
     always_ff @(posedge clk) begin

@@ -12,7 +12,11 @@ module vpr_rom #(
 );
     logic [BITS-1:0] memory[0:DEPTH-1];
 
-    initial $readmemh(FILE, memory);
+    generate
+        if (FILE != "") begin : g_contents
+            initial $readmemh(FILE, memory);
+        end
+    endgenerate
 
     always_ff @(posedge clk) if (enable) word <= memory[address];
 endmodule
