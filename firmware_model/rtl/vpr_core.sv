@@ -7,7 +7,7 @@
 // Outputs that are of no use are left open with their tready at 1, and cost nothing.
 //
 // `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
-// which is read in its last clock. s_event_tready rises SLOTS + 2 clocks after it. Events are taken
+// which is read in its last clock. s_event_tready rises WORDS * LANES + 2 clocks after it. Events are taken
 // while a window is matched; the end of a further window waits.
 module vpr_core #(
     parameter int          WIDTH             = 2,
@@ -44,7 +44,8 @@ module vpr_core #(
     parameter int          DISTANCE_BITS     = 1,
     parameter int          SEQUENCE_BITS     = 1,
     parameter int          PRODUCT_BITS      = 2,
-    parameter int          PLACE_BITS        = 1
+    parameter int          PLACE_BITS        = 1,
+    parameter              MEMORY_STYLE      = "auto"
 ) (
     input  logic                                   clk,
     input  logic                                   rst,
@@ -82,7 +83,7 @@ module vpr_core #(
     logic                       busy;
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
-    logic                       drain, clear;
+    logic                       drain, clear, clearing;
     logic [SLOT_BITS-1:0]       drain_slot, clear_slot;
     logic [COUNT_BITS-1:0]      drained;
     logic [LANES*CODE_BITS-1:0] place_word;
@@ -100,7 +101,7 @@ module vpr_core #(
         .s_event_tdata(s_event_tdata),
         .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
         .m_event_tdata(m_event_tdata),
-        .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
+        .clearing(clearing), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
         .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot)
     );
@@ -110,7 +111,7 @@ module vpr_core #(
         .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .TABLE_BITS(TABLE_BITS),
         .CODE_BITS(CODE_BITS)
     ) encoder (
-        .clk(clk), .rst(rst), .start(window_end),
+        .clk(clk), .rst(rst), .start(window_end), .clearing(clearing),
         .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot),
         .word_valid(m_window_tvalid), .word_ready(m_window_tready),
@@ -120,7 +121,7 @@ module vpr_core #(
     // Distances, sums, and the search
 
     logic                          compare;
-    logic [PLACE_ADDRESS_BITS-1:0] place_address;
+    logic                          place_step, place_last;
     logic                          distance_valid;
     logic [DISTANCE_BITS-1:0]      distance;
     logic                          sum_valid, sum_complete, sum_last;
@@ -131,26 +132,26 @@ module vpr_core #(
 
     vpr_place_memory #(
         .PLACES(PLACES), .WORDS(WORDS), .WORD_BITS(LANES * CODE_BITS),
-        .ADDRESS_BITS(PLACE_ADDRESS_BITS)
+        .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE)
     ) place_memory (
         .clk(clk), .rst(rst), .busy(busy),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
-        .address(place_address), .word(place_word)
+        .start(compare), .step(place_step), .last(place_last), .word(place_word)
     );
 
     vpr_distance #(
-        .PLACES(PLACES), .WORDS(WORDS), .LANES(LANES), .PERIOD(PERIOD), .CODE_BITS(CODE_BITS),
-        .ADDRESS_BITS(PLACE_ADDRESS_BITS), .DISTANCE_BITS(DISTANCE_BITS)
+        .WORDS(WORDS), .LANES(LANES), .PERIOD(PERIOD), .CODE_BITS(CODE_BITS),
+        .DISTANCE_BITS(DISTANCE_BITS)
     ) distances (
         .clk(clk), .rst(rst), .query_write(query_write), .query_word(m_window_tdata),
-        .start(compare), .place_address(place_address), .place_word(place_word),
+        .start(compare), .place_step(place_step), .place_last(place_last), .place_word(place_word),
         .distance_valid(distance_valid), .distance(distance)
     );
 
     vpr_sequence #(
         .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS), .DISTANCE_BITS(DISTANCE_BITS),
-        .SEQUENCE_BITS(SEQUENCE_BITS)
+        .SEQUENCE_BITS(SEQUENCE_BITS), .MEMORY_STYLE(MEMORY_STYLE)
     ) sequence_sums (
         .clk(clk), .rst(rst), .start(compare),
         .distance_valid(distance_valid), .distance(distance),
@@ -207,8 +208,6 @@ module vpr_core #(
     end
 
     assign m_match_tdata = {
-        accepted, ties,
-        has_second ? second_sum : SEQUENCE_BITS'(0), has_second ? second : PLACE_BITS'(0),
-        has_second, best_sum, best, window
+        accepted, ties, second_sum, second, has_second, best_sum, best, window
     };
 endmodule

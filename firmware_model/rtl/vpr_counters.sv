@@ -2,7 +2,7 @@
 //
 // The open bank: `slot` is read at a clock edge, `raised` is its count plus one, saturating, and is
 // written with `raise`. The ended bank: `drain_slot` is read with `drain`, and cleared by the
-// encoder afterwards. After reset, SLOTS clocks clear both banks.
+// encoder afterwards; while `clearing`, after reset, both banks are.
 module vpr_counters #(
     parameter int          SLOTS      = 1,
     parameter int          SLOT_BITS  = 1,
@@ -11,7 +11,7 @@ module vpr_counters #(
 ) (
     input  logic                  clk,
     input  logic                  rst,
-    output logic                  clearing,
+    input  logic                  clearing,
     input  logic                  swap,
     input  logic [SLOT_BITS-1:0]  slot,
     input  logic                  raise,
@@ -25,22 +25,15 @@ module vpr_counters #(
     localparam logic [COUNT_BITS-1:0] FULL = COUNT_BITS'(COUNT_MAX);
 
     logic                  open;  // 0 or 1: the bank of the open window
-    logic [SLOT_BITS-1:0]  initial_slot;
     logic [COUNT_BITS-1:0] read_word_0, read_word_1;
 
     always_ff @(posedge clk) begin
-        if (rst) begin
-            open         <= 1'b0;
-            clearing     <= 1'b1;
-            initial_slot <= '0;
-        end else begin
-            if (swap) open <= !open;
-            if (clearing) begin
-                initial_slot <= initial_slot + 1'b1;
-                if (initial_slot == SLOT_BITS'(SLOTS - 1)) clearing <= 1'b0;
-            end
-        end
+        if (rst) open <= 1'b0;
+        else if (swap) open <= !open;
     end
+
+    wire clears_0 = clearing || open;
+    wire clears_1 = clearing || !open;
 
     wire [COUNT_BITS-1:0] count = open ? read_word_1 : read_word_0;
     assign raised  = count == FULL ? FULL : count + 1'b1;
@@ -50,9 +43,9 @@ module vpr_counters #(
         .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS)
     ) bank_0 (
         .clk          (clk),
-        .write        (clearing || (open ? clear : raise)),
-        .write_address(clearing ? initial_slot : open ? clear_slot : slot),
-        .write_word   (clearing || open ? COUNT_BITS'(0) : raised),
+        .write        (clears_0 ? clear : raise),
+        .write_address(clears_0 ? clear_slot : slot),
+        .write_word   (clears_0 ? COUNT_BITS'(0) : raised),
         .read         (!open || drain),
         .read_address (open ? drain_slot : slot),
         .read_word    (read_word_0)
@@ -62,9 +55,9 @@ module vpr_counters #(
         .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS)
     ) bank_1 (
         .clk          (clk),
-        .write        (clearing || (open ? raise : clear)),
-        .write_address(clearing ? initial_slot : open ? slot : clear_slot),
-        .write_word   (clearing || !open ? COUNT_BITS'(0) : raised),
+        .write        (clears_1 ? clear : raise),
+        .write_address(clears_1 ? clear_slot : slot),
+        .write_word   (clears_1 ? COUNT_BITS'(0) : raised),
         .read         (open || drain),
         .read_address (open ? slot : drain_slot),
         .read_word    (read_word_1)

@@ -1,5 +1,7 @@
 // The place recogniser of one design: vpr_core with the parameters of the generated package.
-module vpr_device (
+module vpr_device #(
+    parameter MEMORY_STYLE = "auto"  // of the places and of past distances, see vpr_ram_single
+) (
     input  logic clk,
     input  logic rst,
     input  logic [vpr_design::TIMESTAMP_BITS-1:0] start_time,
@@ -43,7 +45,8 @@ module vpr_device (
         .COUNT_BITS(vpr_design::COUNT_BITS), .WINDOW_COUNT_BITS(vpr_design::WINDOW_COUNT_BITS),
         .TABLE_BITS(vpr_design::TABLE_BITS), .CODE_BITS(vpr_design::CODE_BITS),
         .DISTANCE_BITS(vpr_design::DISTANCE_BITS), .SEQUENCE_BITS(vpr_design::SEQUENCE_BITS),
-        .PRODUCT_BITS(vpr_design::PRODUCT_BITS), .PLACE_BITS(vpr_design::PLACE_BITS)
+        .PRODUCT_BITS(vpr_design::PRODUCT_BITS), .PLACE_BITS(vpr_design::PLACE_BITS),
+        .MEMORY_STYLE(MEMORY_STYLE)
     ) core (
         .clk(clk), .rst(rst), .start_time(start_time), .s_place_tvalid(s_place_tvalid),
         .s_place_tready(s_place_tready), .s_place_tdata(s_place_tdata),

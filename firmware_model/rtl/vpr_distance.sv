@@ -3,12 +3,10 @@
 // The descriptor is written word by word before `start`. The fixed period leaves the sequence unit
 // its LENGTH clocks and the search its two, so that nothing within a match ever waits.
 module vpr_distance #(
-    parameter int PLACES        = 1,
     parameter int WORDS         = 1,
     parameter int LANES         = 1,
     parameter int PERIOD        = 2,
     parameter int CODE_BITS     = 1,
-    parameter int ADDRESS_BITS  = 1,
     parameter int DISTANCE_BITS = 1
 ) (
     input  logic                       clk,
@@ -16,7 +14,8 @@ module vpr_distance #(
     input  logic                       query_write,
     input  logic [LANES*CODE_BITS-1:0] query_word,
     input  logic                       start,
-    output logic [ADDRESS_BITS-1:0]    place_address,
+    output logic                       place_step,
+    input  logic                       place_last,
     input  logic [LANES*CODE_BITS-1:0] place_word,
     output logic                       distance_valid,
     output logic [DISTANCE_BITS-1:0]   distance
@@ -27,19 +26,23 @@ module vpr_distance #(
     // from an address to its word's sum: the memories, the differences, the levels of the tree
     localparam int LATENCY     = 2 + $clog2(LANES);
     localparam int SAD_BITS    = CODE_BITS + $clog2(LANES);
-    localparam logic [ADDRESS_BITS-1:0] LAST = ADDRESS_BITS'(PLACES * WORDS - 1);
 
     logic                   running;
+    logic                   reading;  // in the first WORDS clocks of a period
     logic [PERIOD_BITS-1:0] phase;
     logic [QUERY_BITS-1:0]  query_address;
     logic [QUERY_BITS-1:0]  write_address;
     logic [WORD_BITS-1:0]   query;
     logic [SAD_BITS-1:0]    sad;
+    logic                   sad_lacks;
     logic [LATENCY-1:0]     valid, first, last;
+
+    wire [DISTANCE_BITS-1:0] so_far = first[LATENCY-1] ? '0 : distance;
 
     wire end_phase = phase == PERIOD_BITS'(PERIOD - 1);
     wire end_word  = query_address == QUERY_BITS'(WORDS - 1);
-    logic reading;  // a word of the descriptor in each of the first clocks of a period
+
+    assign place_step = running && reading;
 
     always_ff @(posedge clk) begin
         if (query_write)
@@ -49,21 +52,20 @@ module vpr_distance #(
             reading       <= 1'b1;
             phase         <= '0;
             query_address <= '0;
-            place_address <= '0;
         end else if (running) begin
             phase <= end_phase ? '0 : phase + 1'b1;
             if (reading) begin
-                place_address <= place_address + 1'b1;
                 query_address <= end_word ? '0 : query_address + 1'b1;
-                if (place_address == LAST) running <= 1'b0;
+                if (place_last) running <= 1'b0;
             end
             reading <= end_phase || (reading && !end_word);
         end
-        valid <= LATENCY'({valid, running && reading});
+        valid <= LATENCY'({valid, place_step});
         first <= LATENCY'({first, query_address == 0});
         last  <= LATENCY'({last, end_word});
+        // with a carry into the lowest bit
         if (valid[LATENCY-1])
-            distance <= (first[LATENCY-1] ? '0 : distance) + DISTANCE_BITS'(sad);
+            distance <= DISTANCE_BITS'(({so_far, 1'b1} + {DISTANCE_BITS'(sad), sad_lacks}) >> 1);
         distance_valid <= valid[LATENCY-1] && last[LATENCY-1];
         if (rst) begin
             running        <= 1'b0;
@@ -83,6 +85,6 @@ module vpr_distance #(
     vpr_sad_lanes #(
         .LANES(LANES), .CODE_BITS(CODE_BITS), .SUM_BITS(SAD_BITS)
     ) sad_lanes (
-        .clk(clk), .a(place_word), .b(query), .sum(sad)
+        .clk(clk), .a(place_word), .b(query), .sum(sad), .lacks(sad_lacks)
     );
 endmodule

@@ -1,6 +1,7 @@
 // Counts of the ended window to a descriptor: a slot a clock is read, cleared, encoded by its code
 // table and packed, LANES codes a word, the first in the least significant bits. Lanes beyond the
-// last slot are zero. The whole unit stands while a word is not taken.
+// last slot are zero. The whole unit stands while a word is not taken. After reset it passes over
+// all slots once, without a word, to clear them (`clearing`).
 module vpr_encoder #(
     parameter int          SLOTS      = 1,
     parameter int          WORDS      = 1,
@@ -17,6 +18,7 @@ module vpr_encoder #(
     input  logic                       clk,
     input  logic                       rst,
     input  logic                       start,
+    output logic                       clearing,
     output logic                       drain,
     output logic [SLOT_BITS-1:0]       drain_slot,
     input  logic [COUNT_BITS-1:0]      drained,
@@ -55,7 +57,7 @@ module vpr_encoder #(
     assign clear      = counted && !counted_filler;
 
     always_ff @(posedge clk) begin
-        if (start) begin
+        if (start || rst) begin
             issuing <= 1'b1;
             index   <= '0;
             lane    <= '0;
@@ -74,15 +76,16 @@ module vpr_encoder #(
             clear_slot     <= index[SLOT_BITS-1:0];
             coded          <= counted;
             coded_filler   <= counted_filler;
-            coded_word     <= counted_word;
+            coded_word     <= counted_word && !clearing;
             coded_last     <= counted_last;
             // the newest lane above those before it, which move down by one
             if (coded) word <= (LANES * CODE_BITS)'({newest, word} >> CODE_BITS);
             word_valid     <= coded_word;
             word_last      <= coded_last;
         end
+        if (counted && counted_last) clearing <= 1'b0;
         if (rst) begin
-            issuing      <= 1'b0;
+            clearing     <= 1'b1;
             counted      <= 1'b0;
             counted_word <= 1'b0;
             coded        <= 1'b0;

@@ -34,6 +34,7 @@ module vpr_events #(
     output logic                            m_event_tvalid,
     input  logic                            m_event_tready,
     output logic [SLOT_BITS+COUNT_BITS:0]   m_event_tdata,
+    input  logic                            clearing,
     input  logic                            window_ready,
     output logic                            window_end,
     output logic [31:0]                     events_taken,
@@ -56,7 +57,6 @@ module vpr_events #(
     logic                      selected;
     logic [SLOT_BITS-1:0]      slot;
     logic [COUNT_BITS-1:0]     raised;
-    logic                      clearing;
     logic                      time_over;
     logic                      last_counted;
 

@@ -1,5 +1,5 @@
 // Memory with one write port and one read port with a registered output. It starts undefined.
-// A word that is written and read in one clock is read as either: no unit does so.
+// No unit reads what it writes in the same clock: nothing is promised for it.
 module vpr_ram #(
     parameter int DEPTH        = 2,
     parameter int BITS         = 1,
@@ -13,6 +13,7 @@ module vpr_ram #(
     input  logic [ADDRESS_BITS-1:0] read_address,
     output logic [BITS-1:0]         read_word
 );
+    (* no_rw_check *)
     logic [BITS-1:0] memory[0:DEPTH-1];
 
     always_ff @(posedge clk) begin

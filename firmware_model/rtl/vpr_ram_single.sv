@@ -1,10 +1,13 @@
 // Memory with one port that writes or reads in a clock, as the large memories of small FPGAs have
-// it. It starts undefined; while it is written, its output keeps its value.
+// it. It starts undefined; while it is written, its output keeps its value. STYLE is what yosys
+// makes of it: "huge" is the SPRAM of an iCE40UP5K, "auto" its own choice.
 module vpr_ram_single #(
     parameter int DEPTH        = 2,
     parameter int BITS         = 1,
     parameter int ADDRESS_BITS = 1,
-    parameter     STYLE        = "huge"
+    // verilator lint_off UNUSEDPARAM
+    parameter     STYLE        = "auto"
+    // verilator lint_on UNUSEDPARAM
 ) (
     input  logic                    clk,
     input  logic                    write,

@@ -1,5 +1,5 @@
 // Sum of absolute differences of two words of LANES codes: the differences are registered, and so
-// is each level of the adder tree. The result follows 1 + log2(LANES), rounded up, clocks later.
+// is each level of the adder tree. The result is `sum` + `lacks`, and follows 1 + log2(LANES), rounded up, clocks later.
 module vpr_sad_lanes #(
     parameter int LANES     = 1,
     parameter int CODE_BITS = 1,
@@ -8,33 +8,47 @@ module vpr_sad_lanes #(
     input  logic                       clk,
     input  logic [LANES*CODE_BITS-1:0] a,
     input  logic [LANES*CODE_BITS-1:0] b,
-    output logic [SUM_BITS-1:0]        sum
+    output logic [SUM_BITS-1:0]        sum,
+    output logic                       lacks
 );
     localparam int LEVELS = $clog2(LANES);
     localparam int WIDE   = 1 << LEVELS;
 
+    // The inverse of a negative difference is its magnitude less one. That one is not added here: each
+    // node hands on what its own sum lacks, of which the adder that follows takes one as its carry.
     genvar level, node;
     generate
         for (level = 0; level <= LEVELS; level = level + 1) begin : g_level
             localparam int NODES = WIDE >> level;
             localparam int BITS  = CODE_BITS + level;
             logic [NODES*BITS-1:0] sums;
+            logic [NODES-1:0]      lacking;
             for (node = 0; node < NODES; node = node + 1) begin : g_node
                 if (level > 0) begin : g_add
                     wire [BITS-2:0] left  = g_level[level-1].sums[(2*node)*(BITS-1)+:BITS-1];
                     wire [BITS-2:0] right = g_level[level-1].sums[(2*node+1)*(BITS-1)+:BITS-1];
-                    always_ff @(posedge clk)
-                        sums[node*BITS+:BITS] <= {1'b0, left} + {1'b0, right};
+                    wire            carry = g_level[level-1].lacking[2*node];
+                    always_ff @(posedge clk) begin
+                        sums[node*BITS+:BITS] <=
+                            BITS'(({1'b0, left, 1'b1} + {1'b0, right, carry}) >> 1);
+                        lacking[node]         <= g_level[level-1].lacking[2*node+1];
+                    end
                 end else if (node < LANES) begin : g_difference
-                    wire [CODE_BITS-1:0] x = a[node*CODE_BITS+:CODE_BITS];
-                    wire [CODE_BITS-1:0] y = b[node*CODE_BITS+:CODE_BITS];
-                    always_ff @(posedge clk) sums[node*BITS+:BITS] <= x < y ? y - x : x - y;
+                    wire [CODE_BITS:0] difference =
+                        {1'b0, a[node*CODE_BITS+:CODE_BITS]} - {1'b0, b[node*CODE_BITS+:CODE_BITS]};
+                    wire negative = difference[CODE_BITS];
+                    always_ff @(posedge clk) begin
+                        sums[node*BITS+:BITS] <= difference[BITS-1:0] ^ {BITS{negative}};
+                        lacking[node]         <= negative;
+                    end
                 end else begin : g_filler
                     assign sums[node*BITS+:BITS] = '0;
+                    assign lacking[node]           = 1'b0;
                 end
             end
         end
     endgenerate
 
-    assign sum = SUM_BITS'(g_level[LEVELS].sums);
+    assign sum   = SUM_BITS'(g_level[LEVELS].sums);
+    assign lacks = g_level[LEVELS].lacking[0];
 endmodule

@@ -6,7 +6,7 @@
 //
 // Two clocks a sum: compare, then update. Sums come at least two clocks apart, and `sum` and `place`
 // stay for the clock after `sum_valid`. The result stands from two clocks after the last sum until
-// `start`; `second` and `second_sum` mean nothing without `has_second`.
+// `start`; without a second best, `second` and `second_sum` are 0.
 module vpr_search #(
     parameter int EXCLUSION  = 0,
     parameter int SUM_BITS   = 1,
@@ -94,6 +94,10 @@ module vpr_search #(
             has_best   <= 1'b0;
             has_second <= 1'b0;
             ties       <= '0;
+            left       <= '0;
+            left_sum   <= '0;
+            second     <= '0;
+            second_sum <= '0;
         end
     end
 endmodule

@@ -60,9 +60,9 @@ module vpr_spi #(
 
     // bytes
     logic [2:0] bit_index;
-    logic [6:0] bits;
-    logic [7:0] command, received, answer;
+    logic [7:0] bits, answer;
     logic       commanded, got_byte, got_command;
+    logic       of_events, of_places, of_start, of_match;
     always_ff @(posedge clk) begin
         got_byte    <= 1'b0;
         got_command <= 1'b0;
@@ -71,14 +71,19 @@ module vpr_spi #(
             commanded <= 1'b0;
         end else if (rise) begin
             bit_index <= bit_index + 1'b1;
-            bits      <= {bits[5:0], mosi_seen[1]};
+            bits      <= {bits[6:0], mosi_seen[1]};
             if (bit_index == 3'd7) begin
                 commanded   <= 1'b1;
                 got_byte    <= commanded;
                 got_command <= !commanded;
-                received    <= {bits, mosi_seen[1]};
-                if (!commanded) command <= {bits, mosi_seen[1]};
             end
+        end
+        // `bits` stay for some clocks
+        if (got_command) begin
+            of_events <= bits == EVENTS;
+            of_places <= bits == PLACES;
+            of_start  <= bits == START;
+            of_match  <= bits == MATCH;
         end
     end
 
@@ -90,30 +95,21 @@ module vpr_spi #(
     wire                   room = !event_tvalid && !place_tvalid;
 
     always_ff @(posedge clk) begin
-        case (command)
-            EVENTS:  last_index <= INDEX_BITS'(EVENT_BYTES - 1);
-            PLACES:  last_index <= INDEX_BITS'(PLACE_BYTES - 1);
-            START:   last_index <= INDEX_BITS'(TIME_BYTES - 1);
-            default: last_index <= INDEX_BITS'(MATCH_BYTES - 1);
-        endcase
+        last_index <= of_events ? INDEX_BITS'(EVENT_BYTES - 1)
+                    : of_places ? INDEX_BITS'(PLACE_BYTES - 1)
+                    : of_start ? INDEX_BITS'(TIME_BYTES - 1) : INDEX_BITS'(MATCH_BYTES - 1);
         complete <= got_byte && index == last_index;
         if (got_command) index <= '0;
         else if (got_byte) index <= index == last_index ? '0 : index + 1'b1;
         // what waits to be taken stays, and what is sent meanwhile is lost
-        if (got_byte && room) value <= (8 * WIDER)'({received, value} >> 8);
-        if (got_byte && !room && command != MATCH) lost <= 1'b1;
+        if (got_byte && room) value <= (8 * WIDER)'({bits, value} >> 8);
+        if (got_byte && !room && !of_match) lost <= 1'b1;
 
-        start        <= complete && command == START;
-        match_tready <= complete && command == MATCH;
-        if (complete && command == EVENTS) event_tvalid <= 1'b1;
-        else if (event_tready) event_tvalid <= 1'b0;
-        if (complete && command == PLACES) place_tvalid <= 1'b1;
-        else if (place_tready) place_tvalid <= 1'b0;
-        if (start) begin
-            event_tvalid <= 1'b0;
-            place_tvalid <= 1'b0;
-            lost         <= 1'b0;
-        end
+        start        <= complete && of_start;
+        match_tready <= complete && of_match;
+        event_tvalid <= !start && ((complete && of_events) || (event_tvalid && !event_tready));
+        place_tvalid <= !start && ((complete && of_places) || (place_tvalid && !place_tready));
+        if (start) lost <= 1'b0;
     end
 
     assign event_tdata = value[8*WIDER-1-:EVENT_BITS];
@@ -128,7 +124,7 @@ module vpr_spi #(
 
     always_ff @(posedge clk) begin
         if (bit_index == 0 && !rise) begin
-            if (commanded && command == MATCH) answer <= match_bytes[8*index+:8];
+            if (commanded && of_match) answer <= match_bytes[8*index+:8];
             else answer <= status;
         end else if (fall) answer <= {answer[6:0], 1'b0};
     end

@@ -47,7 +47,9 @@ module vpr_up5k (
         .match_tvalid(match_tvalid), .match_tready(match_tready), .match_tdata(match_tdata)
     );
 
-    vpr_device device (
+    vpr_device #(
+        .MEMORY_STYLE("huge")
+    ) device (
         .clk(clk), .rst(rst), .start_time(start_time),
         .s_place_tvalid(place_tvalid), .s_place_tready(place_tready), .s_place_tdata(place_tdata),
         .s_event_tvalid(event_tvalid), .s_event_tready(event_tready), .s_event_tdata(event_tdata),

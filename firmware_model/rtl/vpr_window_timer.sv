@@ -19,8 +19,7 @@ module vpr_window_timer #(
     logic [TIMESTAMP_BITS-1:0] left;
 
     always_ff @(posedge clk) begin
-        if (load) window_end <= start_time + TAU;
-        else if (next_window) window_end <= window_end + TAU;
+        if (load || next_window) window_end <= (load ? start_time : window_end) + TAU;
         left  <= window_end - timestamp;
         ended <= left[TIMESTAMP_BITS-1] || left == 0;
     end
