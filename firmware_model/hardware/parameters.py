@@ -24,7 +24,6 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
     """
     bits = {name: form.width for name, form in design.formats.items()}
     return {
-        "WIDTH": ("int", design.width),
         "HEIGHT": ("int", design.height),
         "PIXELS": ("int", design.pixels),
         "POLARITY": ("bit", int(design.polarity)),

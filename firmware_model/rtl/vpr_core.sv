@@ -10,7 +10,6 @@
 // which is read in its last clock. s_event_tready rises WORDS * LANES + 2 clocks after it. Events are taken
 // while a window is matched; the end of a further window waits.
 module vpr_core #(
-    parameter int          WIDTH             = 2,
     parameter int          HEIGHT            = 2,
     parameter int          PIXELS            = 1,
     parameter bit          POLARITY          = 0,
@@ -89,7 +88,7 @@ module vpr_core #(
     logic [LANES*CODE_BITS-1:0] place_word;
 
     vpr_events #(
-        .WIDTH(WIDTH), .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
+        .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
         .LOOKUP_DEPTH(LOOKUP_DEPTH), .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .BY_TIME(BY_TIME),
         .TAU_US(TAU_US), .WINDOW_EVENTS(WINDOW_EVENTS), .EVENT_TIME_BITS(EVENT_TIME_BITS),
         .TIMESTAMP_BITS(TIMESTAMP_BITS), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),

@@ -29,7 +29,7 @@ module vpr_device #(
     output logic [3*vpr_design::PLACE_BITS+2*vpr_design::SEQUENCE_BITS+33:0] m_match_tdata
 );
     vpr_core #(
-        .WIDTH(vpr_design::WIDTH), .HEIGHT(vpr_design::HEIGHT), .PIXELS(vpr_design::PIXELS),
+        .HEIGHT(vpr_design::HEIGHT), .PIXELS(vpr_design::PIXELS),
         .POLARITY(vpr_design::POLARITY), .LOOKUP_DEPTH(vpr_design::LOOKUP_DEPTH),
         .SLOTS(vpr_design::SLOTS), .TABLES(vpr_design::TABLES),
         .COUNT_MAX(vpr_design::COUNT_MAX), .BY_TIME(vpr_design::BY_TIME),

@@ -5,7 +5,6 @@
 // An event that ends windows by time waits until the matcher takes each of them (`window_ready`);
 // so does the event behind a window's last one by count.
 module vpr_events #(
-    parameter int          WIDTH             = 2,
     parameter int          HEIGHT            = 2,
     parameter int          PIXELS            = 1,
     parameter bit          POLARITY          = 0,
@@ -91,7 +90,7 @@ module vpr_events #(
     end
 
     vpr_pixel_lookup #(
-        .WIDTH(WIDTH), .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
+        .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
         .DEPTH(LOOKUP_DEPTH), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
         .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS)
     ) pixel_lookup (

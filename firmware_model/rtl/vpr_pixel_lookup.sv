@@ -4,7 +4,6 @@
 // A pixel is taken with `take`. Its result is registered at the third clock edge after that one and
 // stays until another pixel is taken.
 module vpr_pixel_lookup #(
-    parameter int WIDTH        = 2,
     parameter int HEIGHT       = 2,
     parameter int PIXELS       = 1,
     parameter bit POLARITY     = 0,
@@ -30,15 +29,17 @@ module vpr_pixel_lookup #(
 
     logic [COLUMN_BITS-1:0] held_column;
     logic [ROW_BITS-1:0]    held_row;
-    logic                   off_sensor;
+    logic                   off_column, off_row;
     logic                   second_half;
 
     always_ff @(posedge clk) begin
         if (take) begin
             held_column <= column[COLUMN_BITS-1:0];
             held_row    <= row[ROW_BITS-1:0];
-            // all bits of the input: an event from off the sensor is of no pixel
-            off_sensor  <= column >= 16'(WIDTH) || {1'b0, row} >= 16'(HEIGHT);
+            // all bits of the input: an event from off the sensor is of no pixel. Columns from WIDTH
+            // to 2^COLUMN_BITS, which is at most DEPTH, have entries that their row does not own.
+            off_column  <= column != 16'(column[COLUMN_BITS-1:0]);
+            off_row     <= {1'b0, row} >= 16'(HEIGHT);
             second_half <= POLARITY && !on;
         end
     end
@@ -61,7 +62,7 @@ module vpr_pixel_lookup #(
     wire [OWNER_BITS-1:0] owner = entry[SLOT_BITS+:OWNER_BITS];
 
     always_ff @(posedge clk) begin
-        selected <= !off_sensor && owner == OWNER_BITS'(held_row);
+        selected <= !off_column && !off_row && owner == OWNER_BITS'(held_row);
         slot     <= entry[SLOT_BITS-1:0] + (second_half ? SLOT_BITS'(PIXELS) : SLOT_BITS'(0));
     end
 endmodule

@@ -15,11 +15,16 @@ module vpr_window_timer #(
 );
     localparam logic [TIMESTAMP_BITS-1:0] TAU = TIMESTAMP_BITS'(TAU_US);
 
+    logic [TIMESTAMP_BITS-1:0] window_start;
     logic [TIMESTAMP_BITS-1:0] window_end;
     logic [TIMESTAMP_BITS-1:0] left;
+    logic                      loaded;
 
     always_ff @(posedge clk) begin
-        if (load || next_window) window_end <= (load ? start_time : window_end) + TAU;
+        // a register between the choice and the adder: windows end several clocks apart
+        window_start <= load ? start_time : window_end;
+        loaded       <= load;
+        if (loaded || next_window) window_end <= window_start + TAU;
         left  <= window_end - timestamp;
         ended <= left[TIMESTAMP_BITS-1] || left == 0;
     end
