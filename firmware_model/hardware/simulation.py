@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_model.errors import ToolError
+from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import sources
+from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.vectors.case import Record
-from firmware_model.vectors.verify import read_results
+from firmware_model.vectors.suite import RTL_FOLDER
+from firmware_model.vectors.verify import load_manifest, read_results
 
 COMPILER, RUNTIME = "iverilog", "vvp"
 
@@ -64,7 +66,6 @@ def replay(
     program: Path,
     case: Path,
     name: str,
-    start: int,
     results: Path,
     *,
     seed: int = 1,
@@ -80,9 +81,7 @@ def replay(
     case : path
         Folder of the case.
     name : str
-        Suite and case, with a stroke between.
-    start : int
-        Time at which the first window opens.
+        Suite and case, such as ``corners/tie_of_two``.
     results : path
         What is written, as CSV.
     seed : int
@@ -103,7 +102,6 @@ def replay(
     """
     arguments = {
         "case": name,
-        "start": start,
         "results": results.resolve(),
         "seed": seed,
         "stall": stall,
@@ -115,6 +113,56 @@ def replay(
     if cycles is None:
         raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
     return Replay(read_results(results), int(cycles[1]), int(cycles[2]))
+
+
+def replay_vectors(
+    vectors: Path, work: Path, *, seed: int = 1, stall: int = 0, resets: int = 0
+) -> Iterator[tuple[str, Replay]]:
+    """Replay all cases of vectors that were made with ``rtl``, by the sources beside them.
+
+    Parameters
+    ----------
+    vectors, work : path
+        Folder of the vectors, and a folder for programs and results.
+    seed, stall, resets : int
+        As of `replay`; each case has random numbers of its own.
+
+    Yields
+    ------
+    str, Replay
+        Suite and case, and what the core returned.
+
+    Raises
+    ------
+    VectorError
+        If the vectors have no sources.
+    ToolError
+        As of `replay`.
+    """
+    manifest = load_manifest(vectors)
+    if not manifest.get("rtl"):
+        raise VectorError(f"{vectors} has no hardware sources: make it by edge-vpr golden --rtl")
+    programs: dict[str, Path] = {}
+    for suite in manifest["suites"]:
+        for case in suite["cases"]:
+            name = f"{suite['name']}/{case['name']}"
+            package = vectors / name / f"{PACKAGE}.sv"
+            parameters = package.read_text(encoding="ascii")
+            if parameters not in programs:
+                programs[parameters] = work / f"design_{len(programs)}.vvp"
+                compile_bench(package, programs[parameters], vectors / RTL_FOLDER)
+            yield (
+                name,
+                replay(
+                    programs[parameters],
+                    vectors / name,
+                    name,
+                    work / "results.csv",
+                    seed=seed + case["number"],
+                    stall=stall,
+                    resets=resets,
+                ),
+            )
 
 
 def _run(command: Sequence[str], folder: Path | None = None) -> str:

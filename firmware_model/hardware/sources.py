@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).parents[1] / "rtl"
@@ -26,3 +28,27 @@ UNITS = (
 DEVICE = (*MEMORIES, *UNITS, "vpr_device.sv")
 #: replays a case of golden vectors
 BENCH = "vpr_bench.sv"
+#: what a simulation needs, beside the package and the case
+SIMULATED = (*DEVICE, BENCH)
+#: for a board with an iCE40UP5K; the pins are those of an iCEBreaker
+UP5K = ("vpr_spi.sv", "vpr_up5k.sv")
+UP5K_PINS = "icebreaker.pcf"
+
+
+def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:
+    """Copy source files into a new folder.
+
+    Parameters
+    ----------
+    folder : path
+    names : sequence of str
+
+    Returns
+    -------
+    list of str
+        The names.
+    """
+    folder.mkdir()
+    for name in names:
+        shutil.copyfile(FOLDER / name, folder / name)
+    return list(names)

@@ -3,7 +3,7 @@
 // the case begins again; whatever is undefined where it must not be, or changes before it is
 // taken, ends the simulation.
 //
-// +case=NAME +start=TIME +results=FILE +seed=N +stall=PER_CENT +resets=N
+// +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N
 `timescale 1ns / 1ps
 module vpr_bench;
     import vpr_design::*;
@@ -36,11 +36,14 @@ module vpr_bench;
 
     string       case_name, results;
     logic [63:0] start;
-    integer      seed, stall, resets;
+    integer      seed, stall, resets, start_file;
     initial begin
         if (!$value$plusargs("case=%s", case_name)) case_name = "case";
         if (!$value$plusargs("results=%s", results)) results = "results.csv";
-        if (!$value$plusargs("start=%d", start)) start = 0;
+        start_file = $fopen("start.mem", "r");
+        if (start_file == 0) fail("start.mem cannot be opened");
+        scanned = $fscanf(start_file, "%h", start);
+        $fclose(start_file);
         if (!$value$plusargs("seed=%d", seed)) seed = 1;
         if (!$value$plusargs("stall=%d", stall)) stall = 0;
         if (!$value$plusargs("resets=%d", resets)) resets = 0;

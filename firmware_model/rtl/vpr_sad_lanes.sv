@@ -21,29 +21,32 @@ module vpr_sad_lanes #(
         for (level = 0; level <= LEVELS; level = level + 1) begin : g_level
             localparam int NODES = WIDE >> level;
             localparam int BITS  = CODE_BITS + level;
-            logic [NODES*BITS-1:0] sums;
-            logic [NODES-1:0]      lacking;
+            wire [NODES*BITS-1:0] sums;
+            wire [NODES-1:0]      lacking;
             for (node = 0; node < NODES; node = node + 1) begin : g_node
+                logic [BITS-1:0] node_sum;
+                logic            node_lacks;
+                assign sums[node*BITS+:BITS] = node_sum;
+                assign lacking[node]         = node_lacks;
                 if (level > 0) begin : g_add
                     wire [BITS-2:0] left  = g_level[level-1].sums[(2*node)*(BITS-1)+:BITS-1];
                     wire [BITS-2:0] right = g_level[level-1].sums[(2*node+1)*(BITS-1)+:BITS-1];
                     wire            carry = g_level[level-1].lacking[2*node];
                     always_ff @(posedge clk) begin
-                        sums[node*BITS+:BITS] <=
-                            BITS'(({1'b0, left, 1'b1} + {1'b0, right, carry}) >> 1);
-                        lacking[node]         <= g_level[level-1].lacking[2*node+1];
+                        node_sum   <= BITS'(({1'b0, left, 1'b1} + {1'b0, right, carry}) >> 1);
+                        node_lacks <= g_level[level-1].lacking[2*node+1];
                     end
                 end else if (node < LANES) begin : g_difference
                     wire [CODE_BITS:0] difference =
                         {1'b0, a[node*CODE_BITS+:CODE_BITS]} - {1'b0, b[node*CODE_BITS+:CODE_BITS]};
                     wire negative = difference[CODE_BITS];
                     always_ff @(posedge clk) begin
-                        sums[node*BITS+:BITS] <= difference[BITS-1:0] ^ {BITS{negative}};
-                        lacking[node]         <= negative;
+                        node_sum   <= difference[BITS-1:0] ^ {BITS{negative}};
+                        node_lacks <= negative;
                     end
                 end else begin : g_filler
-                    assign sums[node*BITS+:BITS] = '0;
-                    assign lacking[node]           = 1'b0;
+                    assign node_sum   = '0;
+                    assign node_lacks = 1'b0;
                 end
             end
         end
