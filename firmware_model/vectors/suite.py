@@ -7,7 +7,6 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,8 @@ import numpy as np
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError, VectorError
+from firmware_model.hardware.parameters import PACKAGE, package
+from firmware_model.hardware.sources import SIMULATED, copy_sources
 from firmware_model.image import image
 from firmware_model.machine import Trace
 from firmware_model.vectors import formats
@@ -22,10 +23,12 @@ from firmware_model.vectors.case import Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, coverage
 from firmware_model.vectors.formats import Packing, Table
+from firmware_model.vectors.memory_words import MEMORIES, descriptor_words, memory_words
 from firmware_model.vectors.random_cases import random_cases
 
 SCHEMA = 1
 MANIFEST = "manifest.json"
+RTL_FOLDER = "rtl"
 
 Suites = Mapping[str, Sequence[Case]]
 
@@ -47,7 +50,9 @@ def standard_suites(design: Design, seed: int) -> dict[str, list[Case]]:
     return {"corners": corner_cases(design), "random": random_cases(design, rng)}
 
 
-def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) -> dict[str, Any]:
+def write_suites(
+    folder: str | Path, design: Design, suites: Suites, seed: int, *, rtl: bool = False
+) -> dict[str, Any]:
     """Write suites of cases, and a manifest of all files.
 
     The same design, suites and seed make the same bytes, by the same version.
@@ -60,6 +65,8 @@ def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) 
         For which they were made.
     suites : mapping of str to sequence of Case
     seed : int
+    rtl : bool
+        Add the hardware core's sources and testbench, and its parameters to each case.
 
     Returns
     -------
@@ -81,7 +88,7 @@ def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) 
     for suite, cases in suites.items():
         described = []
         for case in cases:
-            described.append(_write_case(folder, suite, case, number))
+            described.append(_write_case(folder, suite, case, number, rtl))
             number += 1
         total: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))
         for entry in described:
@@ -97,6 +104,7 @@ def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) 
         "none": "0xFFFFFFFF in records and CSV",
         "corners": CORNERS,
         "design": design.to_dict(),
+        "rtl": copy_sources(folder / RTL_FOLDER, SIMULATED) if rtl else [],
         "suites": written,
     }
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
@@ -105,7 +113,8 @@ def write_suites(folder: str | Path, design: Design, suites: Suites, seed: int) 
 
 def files_of(manifest: Mapping[str, Any]) -> list[str]:
     """List the files that a manifest describes, and itself, as paths below its folder."""
-    return [MANIFEST, "design.toml"] + [
+    sources = [f"{RTL_FOLDER}/{name}" for name in manifest.get("rtl", [])]
+    return [MANIFEST, "design.toml", *sources] + [
         f"{suite['name']}/{case['name']}/{name}"
         for suite in manifest["suites"]
         for case in suite["cases"]
@@ -113,7 +122,7 @@ def files_of(manifest: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _write_case(folder: Path, suite: str, case: Case, number: int) -> dict[str, Any]:
+def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) -> dict[str, Any]:
     place = folder / suite / case.name
     place.mkdir(parents=True)
     done = case.trace()
@@ -121,10 +130,12 @@ def _write_case(folder: Path, suite: str, case: Case, number: int) -> dict[str, 
     files: dict[str, str | bytes] = {"design.toml": case.design.to_toml()}
     for name, (_, table) in packed.items():
         files[f"{name}.mem"] = formats.readmemh(table)
-    for name in ("displacement", "lookup", "codes", "code_tables", "places"):
+    for name in MEMORIES:
         files[f"{name}.coe"] = formats.coe(packed[name][1])
         files[f"{name}.mif"] = formats.mif(packed[name][1])
     files |= _csv_files(case, done)
+    if rtl:
+        files[f"{PACKAGE}.sv"] = package(case.design)
     files["case.npz"] = formats.npz(_arrays(case, done))
     expected = to_binary(records(in_order(done)))
     files["expected.bin"] = expected
@@ -163,11 +174,11 @@ def _write_case(folder: Path, suite: str, case: Case, number: int) -> dict[str, 
 
 def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
     """Everything that is told by words, and what a word of it holds."""
-    design, lookup = case.design, case.memories.lookup()
+    design = case.design
     bits = {name: form.width for name, form in design.formats.items()}
     time_bits = 32 if design.timestamp_bits <= 32 else 64
-    code = tuple((f"lane_{lane}", bits["code"]) for lane in range(design.lanes))
     event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
+    seen = (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"]))
     match = (
         ("window", 32),
         ("place", bits["place"]),
@@ -179,22 +190,10 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
         ("accepted", 1),
     )
     rows: dict[str, tuple[tuple[tuple[str, int], ...], Iterable[Sequence[int]]]] = {
+        "start": ((("t", time_bits),), [(case.start % (1 << design.timestamp_bits),)]),
         "events": (event, case.events),
-        "displacement": (
-            (("address", bits["address"]),),
-            [(value,) for value in lookup.displacement],
-        ),
-        "lookup": (
-            (("slot", bits["slot"]), ("owner", bits["owner"])),
-            zip(lookup.slot, lookup.owner, strict=True),
-        ),
-        "codes": (
-            (("code", bits["code"]),),
-            [(c,) for c in chain(*case.memories.codes)],
-        ),
-        "code_tables": ((("table", bits["table"]),), [(t,) for t in case.memories.tables]),
         "expected_events": (
-            (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"])),
+            seen,
             [(r.slot is not None, r.slot or 0, r.counted) for r in done.events],
         ),
         "expected_matches": (
@@ -205,18 +204,13 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
             ],
         ),
     }
-    packed = {}
+    packed = memory_words(case.memories)
     for name, (fields, values) in rows.items():
         packing = Packing(fields)
         integers = (tuple(map(int, row)) for row in values)
         packed[name] = packing, formats.pack(packing, integers)
-    for name, descriptors in (
-        ("places", case.memories.places),
-        ("expected_windows", tuple(window.codes for window in done.windows)),
-    ):
-        words = [formats.lanes(codes, design.lanes, bits["code"]) for codes in descriptors]
-        flat = tuple(word for row in words for word in row)
-        packed[name] = Packing(code), Table(design.lanes * bits["code"], flat)
+    windows = tuple(window.codes for window in done.windows)
+    packed["expected_windows"] = descriptor_words(case.memories, windows)
     return packed
 
 

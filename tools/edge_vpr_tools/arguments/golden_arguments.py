@@ -30,6 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="events of the recording to take, from its start",
     )
     vectors.add_argument("--seed", type=int, default=0, help="of the random suite")
+    vectors.add_argument(
+        "--rtl",
+        action="store_true",
+        help="add the hardware core, its parameters for each case, and a testbench",
+    )
     output = parser.add_argument_group("output")
     output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     output.add_argument(

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     if recorded:
         suites["recording"] = recorded
     with replacing_folder(output) as folder:
-        manifest = write_suites(folder, design, suites, args.seed)
+        manifest = write_suites(folder, design, suites, args.seed, rtl=args.rtl)
     for suite in manifest["suites"]:
         missed = [corner for corner, number in suite["coverage"].items() if number == 0]
         if suite["name"] == "corners" and missed:

@@ -1,0 +1,1 @@
+"""The hardware core in ``firmware_model/rtl``: its parameters, simulation, proofs and size."""

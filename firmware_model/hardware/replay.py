@@ -1,0 +1,129 @@
+"""Hold the core to golden vectors: ``python -m firmware_model.hardware.replay``.
+
+With a folder of vectors that ``edge-vpr golden --rtl`` wrote, its cases are replayed; with
+``--designs N``, those of N random designs. Needs Icarus Verilog.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_model.errors import ToolError, VectorError
+from firmware_model.hardware.simulation import replay_vectors
+from firmware_model.vectors.random_designs import random_design
+from firmware_model.vectors.suite import standard_suites, write_suites
+from firmware_model.vectors.verify import verify
+
+
+class Outcome(NamedTuple):
+    """Records that were equal, by kind, and the first difference of each case that has one."""
+
+    equal: Counter[str]
+    differences: list[str]
+    cases: int
+
+
+def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
+    """Replay all cases of a folder of vectors, and compare.
+
+    Parameters
+    ----------
+    vectors : path
+    seed, stall, resets : int
+        As of `firmware_model.hardware.simulation.replay`.
+
+    Returns
+    -------
+    Outcome
+    """
+    outcome = Outcome(Counter(), [], 0)
+    with tempfile.TemporaryDirectory() as work:
+        replays = replay_vectors(vectors, Path(work), seed=seed, stall=stall, resets=resets)
+        for _, replay in replays:
+            verdict = verify(vectors, replay.records)
+            outcome.equal.update(verdict.compared)
+            outcome.differences.extend(verdict.differences)
+            outcome = outcome._replace(cases=outcome.cases + 1)
+    return outcome
+
+
+def hold_random_designs(number: int, *, seed: int, stall: int, resets: int) -> Outcome:
+    """Replay the cases of random designs.
+
+    Parameters
+    ----------
+    number : int
+        Of designs.
+    seed : int
+        Of designs and cases, and of stalls and resets.
+    stall, resets : int
+        As of `hold`.
+
+    Returns
+    -------
+    Outcome
+        Of all designs.
+    """
+    rng = np.random.default_rng(seed)
+    total = Outcome(Counter(), [], 0)
+    for _ in range(number):
+        design = random_design(rng)
+        with tempfile.TemporaryDirectory() as folder:
+            vectors = Path(folder) / "vectors"
+            write_suites(vectors, design, standard_suites(design, seed), seed, rtl=True)
+            outcome = hold(vectors, seed=seed, stall=stall, resets=resets)
+        total.equal.update(outcome.equal)
+        total.differences.extend(f"{line} ({design})" for line in outcome.differences)
+        total = total._replace(cases=total.cases + outcome.cases)
+    return total
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    words : sequence of str, optional
+        The command line.
+
+    Returns
+    -------
+    int
+        1 if a case differs.
+    """
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("vectors", nargs="?", type=Path, help="folder of vectors")
+    parser.add_argument("--designs", type=int, default=0, metavar="N", help="random designs")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--stall", type=int, default=40, metavar="PER_CENT")
+    parser.add_argument("--resets", type=int, default=1, metavar="N")
+    args = parser.parse_args(words)
+    if (args.vectors is None) == (args.designs == 0):
+        parser.error("name a folder of vectors, or a number of --designs")
+    given = {"seed": args.seed, "stall": args.stall, "resets": args.resets}
+    try:
+        outcome = (
+            hold(args.vectors, **given)
+            if args.vectors is not None
+            else hold_random_designs(args.designs, **given)
+        )
+    except (ToolError, VectorError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    for line in outcome.differences:
+        print(line)
+    equal = ", ".join(f"{number:,} {kind} records" for kind, number in outcome.equal.items())
+    print(f"{outcome.cases} cases, {len(outcome.differences)} differ; equal: {equal}")
+    return int(bool(outcome.differences))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,178 @@
+"""Simulate the core by Icarus Verilog: replay a case of golden vectors, and return its records."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from firmware_model.errors import ToolError, VectorError
+from firmware_model.hardware import sources
+from firmware_model.hardware.parameters import PACKAGE
+from firmware_model.vectors.case import Record
+from firmware_model.vectors.suite import RTL_FOLDER
+from firmware_model.vectors.verify import load_manifest, read_results
+
+COMPILER, RUNTIME = "iverilog", "vvp"
+
+
+class Replay(NamedTuple):
+    """What a simulated core returned for a case.
+
+    Attributes
+    ----------
+    records : list of (kind, values)
+        As `firmware_model.vectors.verify.verify` takes them.
+    least_cycles, most_cycles : int
+        From the clock of a window's end to that of its match; 0 if there was none.
+    """
+
+    records: list[Record]
+    least_cycles: int
+    most_cycles: int
+
+
+def available() -> bool:
+    """Return whether Icarus Verilog is installed."""
+    return all(shutil.which(tool) for tool in (COMPILER, RUNTIME))
+
+
+def compile_bench(package: Path, program: Path, folder: Path = sources.FOLDER) -> None:
+    """Compile core and testbench for one design.
+
+    Parameters
+    ----------
+    package : path
+        The design's generated package.
+    program : path
+        What is written.
+    folder : path
+        Of the core's sources.
+
+    Raises
+    ------
+    ToolError
+        If Icarus Verilog is not installed, or refuses the sources.
+    """
+    files = [folder / name for name in (*sources.DEVICE, sources.BENCH)]
+    command = [COMPILER, "-g2012", "-Wall", "-Wno-timescale", "-s", "vpr_bench"]
+    _run([*command, "-o", str(program), str(package), *map(str, files)])
+
+
+def replay(
+    program: Path,
+    case: Path,
+    name: str,
+    results: Path,
+    *,
+    seed: int = 1,
+    stall: int = 0,
+    resets: int = 0,
+) -> Replay:
+    """Replay a case.
+
+    Parameters
+    ----------
+    program : path
+        From `compile_bench`, for the design of this case.
+    case : path
+        Folder of the case.
+    name : str
+        Suite and case, such as ``corners/tie_of_two``.
+    results : path
+        What is written, as CSV.
+    seed : int
+        Of stalls and resets.
+    stall : int
+        Per cent of clocks in which each side waits.
+    resets : int
+        After which the case begins again.
+
+    Returns
+    -------
+    Replay
+
+    Raises
+    ------
+    ToolError
+        If Icarus Verilog is not installed, or the testbench ends with a fault.
+    """
+    arguments = {
+        "case": name,
+        "results": results.resolve(),
+        "seed": seed,
+        "stall": stall,
+        "resets": resets,
+    }
+    words = [f"+{key}={value}" for key, value in arguments.items()]
+    said = _run([RUNTIME, "-n", str(program.resolve()), *words], case)
+    cycles = re.search(r"cycles a match (\d+) to (\d+)", said)
+    if cycles is None:
+        raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
+    return Replay(read_results(results), int(cycles[1]), int(cycles[2]))
+
+
+def replay_vectors(
+    vectors: Path, work: Path, *, seed: int = 1, stall: int = 0, resets: int = 0
+) -> Iterator[tuple[str, Replay]]:
+    """Replay all cases of vectors that were made with ``rtl``, by the sources beside them.
+
+    Parameters
+    ----------
+    vectors, work : path
+        Folder of the vectors, and a folder for programs and results.
+    seed, stall, resets : int
+        As of `replay`; each case has random numbers of its own.
+
+    Yields
+    ------
+    str, Replay
+        Suite and case, and what the core returned.
+
+    Raises
+    ------
+    VectorError
+        If the vectors have no sources.
+    ToolError
+        As of `replay`.
+    """
+    manifest = load_manifest(vectors)
+    if not manifest.get("rtl"):
+        raise VectorError(f"{vectors} has no hardware sources: make it by edge-vpr golden --rtl")
+    programs: dict[str, Path] = {}
+    for suite in manifest["suites"]:
+        for case in suite["cases"]:
+            name = f"{suite['name']}/{case['name']}"
+            package = vectors / name / f"{PACKAGE}.sv"
+            parameters = package.read_text(encoding="ascii")
+            if parameters not in programs:
+                programs[parameters] = work / f"design_{len(programs)}.vvp"
+                compile_bench(package, programs[parameters], vectors / RTL_FOLDER)
+            yield (
+                name,
+                replay(
+                    programs[parameters],
+                    vectors / name,
+                    name,
+                    work / "results.csv",
+                    seed=seed + case["number"],
+                    stall=stall,
+                    resets=resets,
+                ),
+            )
+
+
+def _run(command: Sequence[str], folder: Path | None = None) -> str:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
+    except FileNotFoundError as error:
+        raise ToolError(
+            f"simulating the core needs {command[0]}, which is not installed: install Icarus "
+            "Verilog, for example by apt install iverilog"
+        ) from error
+    if done.returncode:
+        raise ToolError(f"{command[0]}: {(done.stderr + done.stdout).strip()}")
+    return done.stdout

@@ -1,0 +1,54 @@
+"""Source files of the core, each after the modules that it uses."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+FOLDER = Path(__file__).parents[1] / "rtl"
+
+MEMORIES = ("vpr_rom.sv", "vpr_ram.sv", "vpr_ram_single.sv")
+UNITS = (
+    "vpr_pixel_lookup.sv",
+    "vpr_window_timer.sv",
+    "vpr_window_quota.sv",
+    "vpr_counters.sv",
+    "vpr_events.sv",
+    "vpr_encoder.sv",
+    "vpr_place_memory.sv",
+    "vpr_sad_lanes.sv",
+    "vpr_distance.sv",
+    "vpr_sequence.sv",
+    "vpr_search.sv",
+    "vpr_accept.sv",
+    "vpr_core.sv",
+)
+#: the core of one design; the generated package comes first
+DEVICE = (*MEMORIES, *UNITS, "vpr_device.sv")
+#: replays a case of golden vectors
+BENCH = "vpr_bench.sv"
+#: what a simulation needs, beside the package and the case
+SIMULATED = (*DEVICE, BENCH)
+#: for a board with an iCE40UP5K; the pins are those of an iCEBreaker
+UP5K = ("vpr_spi.sv", "vpr_up5k.sv")
+UP5K_PINS = "icebreaker.pcf"
+
+
+def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:
+    """Copy source files into a new folder.
+
+    Parameters
+    ----------
+    folder : path
+    names : sequence of str
+
+    Returns
+    -------
+    list of str
+        The names.
+    """
+    folder.mkdir()
+    for name in names:
+        shutil.copyfile(FOLDER / name, folder / name)
+    return list(names)

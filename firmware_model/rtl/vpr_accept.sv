@@ -1,0 +1,36 @@
+// Acceptance in integers: by margin, second - best >= MARGIN; by ratio, second > 0 and
+// best * DENOMINATOR <= second * NUMERATOR. Without a second best a match is not accepted.
+//
+// The answer is registered at the second clock edge after its inputs are there.
+module vpr_accept #(
+    parameter bit          BY_MARGIN     = 0,
+    parameter logic [31:0] MARGIN        = 0,
+    parameter logic [15:0] NUMERATOR     = 1,
+    parameter logic [15:0] DENOMINATOR   = 2,
+    parameter int          SUM_BITS      = 1,
+    parameter int          PRODUCT_BITS  = 2
+) (
+    input  logic                clk,
+    input  logic [SUM_BITS-1:0] best_sum,
+    input  logic                has_second,
+    input  logic [SUM_BITS-1:0] second_sum,
+    output logic                accepted
+);
+    generate
+        if (BY_MARGIN) begin : g_margin
+            localparam int BITS = (SUM_BITS > 32 ? SUM_BITS : 32) + 1;
+            logic [BITS-1:0] least;
+            always_ff @(posedge clk) begin
+                least    <= BITS'(best_sum) + BITS'(MARGIN);
+                accepted <= has_second && least <= BITS'(second_sum);
+            end
+        end else begin : g_ratio
+            logic [PRODUCT_BITS-1:0] best_product, second_product;
+            always_ff @(posedge clk) begin
+                best_product   <= PRODUCT_BITS'(best_sum) * PRODUCT_BITS'(DENOMINATOR);
+                second_product <= PRODUCT_BITS'(second_sum) * PRODUCT_BITS'(NUMERATOR);
+                accepted <= has_second && second_sum != 0 && best_product <= second_product;
+            end
+        end
+    endgenerate
+endmodule

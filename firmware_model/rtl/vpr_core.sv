@@ -1,0 +1,212 @@
+// The place recogniser: events in, matches out, as docs/firmware.md specifies it.
+//
+// All streams are AXI-Stream; a word is a line of the file of golden vectors with its name:
+//   s_event   events.mem            s_place    places.mem, after reset, before the first match
+//   m_event   expected_events.mem   m_window   expected_windows.mem, `tlast` with a window's last
+//   m_match   expected_matches.mem             word, `tuser` the number of events before its end
+// Outputs that are of no use are left open with their tready at 1, and cost nothing.
+//
+// `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
+// which is read in its last clock. s_event_tready rises WORDS * LANES + 2 clocks after it. Events are taken
+// while a window is matched; the end of a further window waits.
+module vpr_core #(
+    parameter int          HEIGHT            = 2,
+    parameter int          PIXELS            = 1,
+    parameter bit          POLARITY          = 0,
+    parameter int          LOOKUP_DEPTH      = 2,
+    parameter int          SLOTS             = 1,
+    parameter int          TABLES            = 1,
+    parameter int          COUNT_MAX         = 1,
+    parameter bit          BY_TIME           = 1,
+    parameter logic [63:0] TAU_US            = 1,
+    parameter logic [31:0] WINDOW_EVENTS     = 1,
+    parameter int          PLACES            = 1,
+    parameter int          WORDS             = 1,
+    parameter int          LANES             = 1,
+    parameter int          LENGTH            = 1,
+    parameter int          EXCLUSION         = 0,
+    parameter bit          BY_MARGIN         = 0,
+    parameter logic [31:0] MARGIN            = 0,
+    parameter logic [15:0] NUMERATOR         = 1,
+    parameter logic [15:0] DENOMINATOR       = 2,
+    parameter int          EVENT_TIME_BITS   = 32,
+    parameter int          TIMESTAMP_BITS    = 32,
+    parameter int          COLUMN_BITS       = 1,
+    parameter int          ROW_BITS          = 1,
+    parameter int          ADDRESS_BITS      = 1,
+    parameter int          OWNER_BITS        = 2,
+    parameter int          SLOT_BITS         = 1,
+    parameter int          COUNT_BITS        = 1,
+    parameter int          WINDOW_COUNT_BITS = 1,
+    parameter int          TABLE_BITS        = 1,
+    parameter int          CODE_BITS         = 1,
+    parameter int          DISTANCE_BITS     = 1,
+    parameter int          SEQUENCE_BITS     = 1,
+    parameter int          PRODUCT_BITS      = 2,
+    parameter int          PLACE_BITS        = 1,
+    parameter              MEMORY_STYLE      = "auto"
+) (
+    input  logic                                   clk,
+    input  logic                                   rst,
+    input  logic [TIMESTAMP_BITS-1:0]              start_time,
+
+    input  logic                                   s_place_tvalid,
+    output logic                                   s_place_tready,
+    input  logic [LANES*CODE_BITS-1:0]             s_place_tdata,
+
+    input  logic                                   s_event_tvalid,
+    output logic                                   s_event_tready,
+    input  logic [EVENT_TIME_BITS+31:0]            s_event_tdata,
+
+    output logic                                   m_event_tvalid,
+    input  logic                                   m_event_tready,
+    output logic [SLOT_BITS+COUNT_BITS:0]          m_event_tdata,
+
+    output logic                                   m_window_tvalid,
+    input  logic                                   m_window_tready,
+    output logic [LANES*CODE_BITS-1:0]             m_window_tdata,
+    output logic                                   m_window_tlast,
+    output logic [31:0]                            m_window_tuser,
+
+    output logic                                   m_match_tvalid,
+    input  logic                                   m_match_tready,
+    output logic [3*PLACE_BITS+2*SEQUENCE_BITS+33:0] m_match_tdata
+);
+    localparam int PLACE_ADDRESS_BITS = PLACES * WORDS > 1 ? $clog2(PLACES * WORDS) : 1;
+    localparam int LONGER             = WORDS > LENGTH ? WORDS : LENGTH;
+    // clocks a place: words of a distance, terms of a sum, and two of the search
+    localparam int PERIOD             = LONGER > 2 ? LONGER : 2;
+
+    // Events, and the descriptor of a window that ended
+
+    logic                       busy;
+    logic                       window_ready, window_end;
+    logic [31:0]                events_taken;
+    logic                       drain, clear, clearing;
+    logic [SLOT_BITS-1:0]       drain_slot, clear_slot;
+    logic [COUNT_BITS-1:0]      drained;
+    logic [LANES*CODE_BITS-1:0] place_word;
+
+    vpr_events #(
+        .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
+        .LOOKUP_DEPTH(LOOKUP_DEPTH), .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .BY_TIME(BY_TIME),
+        .TAU_US(TAU_US), .WINDOW_EVENTS(WINDOW_EVENTS), .EVENT_TIME_BITS(EVENT_TIME_BITS),
+        .TIMESTAMP_BITS(TIMESTAMP_BITS), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
+        .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
+        .COUNT_BITS(COUNT_BITS), .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS)
+    ) events (
+        .clk(clk), .rst(rst), .start_time(start_time),
+        .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),
+        .s_event_tdata(s_event_tdata),
+        .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
+        .m_event_tdata(m_event_tdata),
+        .clearing(clearing), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
+        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .clear(clear), .clear_slot(clear_slot)
+    );
+
+    vpr_encoder #(
+        .SLOTS(SLOTS), .WORDS(WORDS), .LANES(LANES), .TABLES(TABLES), .COUNT_MAX(COUNT_MAX),
+        .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .TABLE_BITS(TABLE_BITS),
+        .CODE_BITS(CODE_BITS)
+    ) encoder (
+        .clk(clk), .rst(rst), .start(window_end), .clearing(clearing),
+        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .clear(clear), .clear_slot(clear_slot),
+        .word_valid(m_window_tvalid), .word_ready(m_window_tready),
+        .word_last(m_window_tlast), .word(m_window_tdata)
+    );
+
+    // Distances, sums, and the search
+
+    logic                          compare;
+    logic                          place_step, place_last;
+    logic                          distance_valid;
+    logic [DISTANCE_BITS-1:0]      distance;
+    logic                          sum_valid, sum_complete, sum_last;
+    logic [PLACE_BITS-1:0]         place;
+    logic [SEQUENCE_BITS-1:0]      sum;
+
+    wire query_write = m_window_tvalid && m_window_tready;
+
+    vpr_place_memory #(
+        .PLACES(PLACES), .WORDS(WORDS), .WORD_BITS(LANES * CODE_BITS),
+        .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE)
+    ) place_memory (
+        .clk(clk), .rst(rst), .busy(busy),
+        .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
+        .s_place_tdata(s_place_tdata),
+        .start(compare), .step(place_step), .last(place_last), .word(place_word)
+    );
+
+    vpr_distance #(
+        .WORDS(WORDS), .LANES(LANES), .PERIOD(PERIOD), .CODE_BITS(CODE_BITS),
+        .DISTANCE_BITS(DISTANCE_BITS)
+    ) distances (
+        .clk(clk), .rst(rst), .query_write(query_write), .query_word(m_window_tdata),
+        .start(compare), .place_step(place_step), .place_last(place_last), .place_word(place_word),
+        .distance_valid(distance_valid), .distance(distance)
+    );
+
+    vpr_sequence #(
+        .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS), .DISTANCE_BITS(DISTANCE_BITS),
+        .SEQUENCE_BITS(SEQUENCE_BITS), .MEMORY_STYLE(MEMORY_STYLE)
+    ) sequence_sums (
+        .clk(clk), .rst(rst), .start(compare),
+        .distance_valid(distance_valid), .distance(distance),
+        .sum_valid(sum_valid), .sum_complete(sum_complete), .sum_last(sum_last),
+        .place(place), .sum(sum)
+    );
+
+    logic                     has_best, has_second, accepted;
+    logic [PLACE_BITS-1:0]    best, ties, second;
+    logic [SEQUENCE_BITS-1:0] best_sum, second_sum;
+
+    vpr_search #(
+        .EXCLUSION(EXCLUSION), .SUM_BITS(SEQUENCE_BITS), .PLACE_BITS(PLACE_BITS)
+    ) search (
+        .clk(clk), .rst(rst), .start(compare),
+        .sum_valid(sum_valid && sum_complete), .place(place), .sum(sum), .has_best(has_best),
+        .best(best), .best_sum(best_sum), .ties(ties),
+        .has_second(has_second), .second(second), .second_sum(second_sum)
+    );
+
+    vpr_accept #(
+        .BY_MARGIN(BY_MARGIN), .MARGIN(MARGIN), .NUMERATOR(NUMERATOR), .DENOMINATOR(DENOMINATOR),
+        .SUM_BITS(SEQUENCE_BITS), .PRODUCT_BITS(PRODUCT_BITS)
+    ) accept (
+        .clk(clk), .best_sum(best_sum), .has_second(has_second), .second_sum(second_sum),
+        .accepted(accepted)
+    );
+
+    // A window at a time: from its end until its match is taken, or there is none
+
+    logic [31:0] window;
+    logic [2:0]  finishing;  // the search's two clocks, and the first of the acceptance test
+
+    wire match_taken = m_match_tvalid && m_match_tready;
+
+    always_ff @(posedge clk) begin
+        compare   <= query_write && m_window_tlast;
+        finishing <= {finishing[1:0], sum_valid && sum_last};
+        if (finishing[2]) m_match_tvalid <= has_best;
+        else if (match_taken) m_match_tvalid <= 1'b0;
+        if (window_end) begin
+            busy           <= 1'b1;
+            window         <= window + 1'b1;
+            m_window_tuser <= events_taken;
+        end else if (match_taken || (finishing[2] && !has_best)) busy <= 1'b0;
+        window_ready <= !busy && !window_end;
+        if (rst) begin
+            compare        <= 1'b0;
+            finishing      <= '0;
+            m_match_tvalid <= 1'b0;
+            busy           <= 1'b0;
+            window         <= '1;
+        end
+    end
+
+    assign m_match_tdata = {
+        accepted, ties, second_sum, second, has_second, best_sum, best, window
+    };
+endmodule

@@ -1,0 +1,90 @@
+// Distances of a descriptor to all places, in the order of places, one every PERIOD clocks.
+//
+// The descriptor is written word by word before `start`. The fixed period leaves the sequence unit
+// its LENGTH clocks and the search its two, so that nothing within a match ever waits.
+module vpr_distance #(
+    parameter int WORDS         = 1,
+    parameter int LANES         = 1,
+    parameter int PERIOD        = 2,
+    parameter int CODE_BITS     = 1,
+    parameter int DISTANCE_BITS = 1
+) (
+    input  logic                       clk,
+    input  logic                       rst,
+    input  logic                       query_write,
+    input  logic [LANES*CODE_BITS-1:0] query_word,
+    input  logic                       start,
+    output logic                       place_step,
+    input  logic                       place_last,
+    input  logic [LANES*CODE_BITS-1:0] place_word,
+    output logic                       distance_valid,
+    output logic [DISTANCE_BITS-1:0]   distance
+);
+    localparam int WORD_BITS   = LANES * CODE_BITS;
+    localparam int PERIOD_BITS = $clog2(PERIOD);
+    localparam int QUERY_BITS  = WORDS > 1 ? $clog2(WORDS) : 1;
+    // from an address to its word's sum: the memories, the differences, the levels of the tree
+    localparam int LATENCY     = 2 + $clog2(LANES);
+    localparam int SAD_BITS    = CODE_BITS + $clog2(LANES);
+
+    logic                   running;
+    logic                   reading;  // in the first WORDS clocks of a period
+    logic [PERIOD_BITS-1:0] phase;
+    logic [QUERY_BITS-1:0]  query_address;
+    logic [QUERY_BITS-1:0]  write_address;
+    logic [WORD_BITS-1:0]   query;
+    logic [SAD_BITS-1:0]    sad;
+    logic                   sad_lacks;
+    logic [LATENCY-1:0]     valid, first, last;
+
+    wire [DISTANCE_BITS-1:0] so_far = first[LATENCY-1] ? '0 : distance;
+
+    wire end_phase = phase == PERIOD_BITS'(PERIOD - 1);
+    wire end_word  = query_address == QUERY_BITS'(WORDS - 1);
+
+    assign place_step = running && reading;
+
+    always_ff @(posedge clk) begin
+        if (query_write)
+            write_address <= write_address == QUERY_BITS'(WORDS - 1) ? '0 : write_address + 1'b1;
+        if (start) begin
+            running       <= 1'b1;
+            reading       <= 1'b1;
+            phase         <= '0;
+            query_address <= '0;
+        end else if (running) begin
+            phase <= end_phase ? '0 : phase + 1'b1;
+            if (reading) begin
+                query_address <= end_word ? '0 : query_address + 1'b1;
+                if (place_last) running <= 1'b0;
+            end
+            reading <= end_phase || (reading && !end_word);
+        end
+        valid <= LATENCY'({valid, place_step});
+        first <= LATENCY'({first, query_address == 0});
+        last  <= LATENCY'({last, end_word});
+        // with a carry into the lowest bit
+        if (valid[LATENCY-1])
+            distance <= DISTANCE_BITS'(({so_far, 1'b1} + {DISTANCE_BITS'(sad), sad_lacks}) >> 1);
+        distance_valid <= valid[LATENCY-1] && last[LATENCY-1];
+        if (rst) begin
+            running        <= 1'b0;
+            write_address  <= '0;
+            valid          <= '0;
+            distance_valid <= 1'b0;
+        end
+    end
+
+    vpr_ram #(
+        .DEPTH(WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(QUERY_BITS)
+    ) queries (
+        .clk(clk), .write(query_write), .write_address(write_address), .write_word(query_word),
+        .read(1'b1), .read_address(query_address), .read_word(query)
+    );
+
+    vpr_sad_lanes #(
+        .LANES(LANES), .CODE_BITS(CODE_BITS), .SUM_BITS(SAD_BITS)
+    ) sad_lanes (
+        .clk(clk), .a(place_word), .b(query), .sum(sad), .lacks(sad_lacks)
+    );
+endmodule

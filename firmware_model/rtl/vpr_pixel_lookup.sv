@@ -1,0 +1,68 @@
+// Slot of a pixel by row displacement: the entry of (column, row) is at column + displacement[row],
+// and belongs to the pixel only if it names that row as its owner.
+//
+// A pixel is taken with `take`. Its result is registered at the third clock edge after that one and
+// stays until another pixel is taken.
+module vpr_pixel_lookup #(
+    parameter int HEIGHT       = 2,
+    parameter int PIXELS       = 1,
+    parameter bit POLARITY     = 0,
+    parameter int DEPTH        = 2,
+    parameter int COLUMN_BITS  = 1,
+    parameter int ROW_BITS     = 1,
+    parameter int ADDRESS_BITS = 1,
+    parameter int OWNER_BITS   = 2,
+    parameter int SLOT_BITS    = 1,
+    parameter     DISPLACEMENT_FILE = "displacement.mem",
+    parameter     LOOKUP_FILE       = "lookup.mem"
+) (
+    input  logic                 clk,
+    input  logic                 take,
+    input  logic [15:0]          column,
+    input  logic [14:0]          row,
+    input  logic                 on,
+    output logic                 selected,
+    output logic [SLOT_BITS-1:0] slot
+);
+    logic [ADDRESS_BITS-1:0]         displacement;
+    logic [OWNER_BITS+SLOT_BITS-1:0] entry;
+
+    logic [COLUMN_BITS-1:0] held_column;
+    logic [ROW_BITS-1:0]    held_row;
+    logic                   off_column, off_row;
+    logic                   second_half;
+
+    always_ff @(posedge clk) begin
+        if (take) begin
+            held_column <= column[COLUMN_BITS-1:0];
+            held_row    <= row[ROW_BITS-1:0];
+            // all bits of the input: an event from off the sensor is of no pixel. Columns from WIDTH
+            // to 2^COLUMN_BITS, which is at most DEPTH, have entries that their row does not own.
+            off_column  <= column != 16'(column[COLUMN_BITS-1:0]);
+            off_row     <= {1'b0, row} >= 16'(HEIGHT);
+            second_half <= POLARITY && !on;
+        end
+    end
+
+    vpr_rom #(
+        .DEPTH(HEIGHT), .BITS(ADDRESS_BITS), .ADDRESS_BITS(ROW_BITS), .FILE(DISPLACEMENT_FILE)
+    ) displacements (
+        .clk(clk), .enable(take), .address(row[ROW_BITS-1:0]), .word(displacement)
+    );
+
+    wire [ADDRESS_BITS-1:0] address = ADDRESS_BITS'(held_column) + displacement;
+
+    vpr_rom #(
+        .DEPTH(DEPTH), .BITS(OWNER_BITS + SLOT_BITS), .ADDRESS_BITS(ADDRESS_BITS),
+        .FILE(LOOKUP_FILE)
+    ) entries (
+        .clk(clk), .enable(1'b1), .address(address), .word(entry)
+    );
+
+    wire [OWNER_BITS-1:0] owner = entry[SLOT_BITS+:OWNER_BITS];
+
+    always_ff @(posedge clk) begin
+        selected <= !off_column && !off_row && owner == OWNER_BITS'(held_row);
+        slot     <= entry[SLOT_BITS-1:0] + (second_half ? SLOT_BITS'(PIXELS) : SLOT_BITS'(0));
+    end
+endmodule

@@ -1,0 +1,43 @@
+// Codes of all places, WORDS words each, in the order of places.mem. One address serves to load and
+// to read them: it returns to the first word after the last, after reset and with `start`. A load
+// that a match interrupts begins again.
+module vpr_place_memory #(
+    parameter int PLACES       = 1,
+    parameter int WORDS        = 1,
+    parameter int WORD_BITS    = 1,
+    parameter int ADDRESS_BITS = 1,
+    parameter     MEMORY_STYLE = "auto"
+) (
+    input  logic                    clk,
+    input  logic                    rst,
+    input  logic                    busy,
+    input  logic                    s_place_tvalid,
+    output logic                    s_place_tready,
+    input  logic [WORD_BITS-1:0]    s_place_tdata,
+    input  logic                    start,
+    input  logic                    step,
+    output logic                    last,
+    output logic [WORD_BITS-1:0]    word
+);
+    localparam logic [ADDRESS_BITS-1:0] LAST = ADDRESS_BITS'(PLACES * WORDS - 1);
+
+    logic [ADDRESS_BITS-1:0] address;
+
+    assign last = address == LAST;
+
+    wire load = s_place_tvalid && s_place_tready;
+
+    always_ff @(posedge clk) begin
+        s_place_tready <= !busy && !rst;
+        if (start || rst) address <= '0;
+        else if (load || step) address <= last ? '0 : address + 1'b1;
+    end
+
+    vpr_ram_single #(
+        .DEPTH(PLACES * WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(ADDRESS_BITS),
+        .STYLE(MEMORY_STYLE)
+    ) places (
+        .clk(clk), .write(load), .address(address),
+        .write_word(s_place_tdata), .read_word(word)
+    );
+endmodule

@@ -1,0 +1,57 @@
+// Sum of absolute differences of two words of LANES codes: the differences are registered, and so
+// is each level of the adder tree. The result is `sum` + `lacks`, and follows 1 + log2(LANES), rounded up, clocks later.
+module vpr_sad_lanes #(
+    parameter int LANES     = 1,
+    parameter int CODE_BITS = 1,
+    parameter int SUM_BITS  = 1
+) (
+    input  logic                       clk,
+    input  logic [LANES*CODE_BITS-1:0] a,
+    input  logic [LANES*CODE_BITS-1:0] b,
+    output logic [SUM_BITS-1:0]        sum,
+    output logic                       lacks
+);
+    localparam int LEVELS = $clog2(LANES);
+    localparam int WIDE   = 1 << LEVELS;
+
+    // The inverse of a negative difference is its magnitude less one. That one is not added here: each
+    // node hands on what its own sum lacks, of which the adder that follows takes one as its carry.
+    genvar level, node;
+    generate
+        for (level = 0; level <= LEVELS; level = level + 1) begin : g_level
+            localparam int NODES = WIDE >> level;
+            localparam int BITS  = CODE_BITS + level;
+            wire [NODES*BITS-1:0] sums;
+            wire [NODES-1:0]      lacking;
+            for (node = 0; node < NODES; node = node + 1) begin : g_node
+                logic [BITS-1:0] node_sum;
+                logic            node_lacks;
+                assign sums[node*BITS+:BITS] = node_sum;
+                assign lacking[node]         = node_lacks;
+                if (level > 0) begin : g_add
+                    wire [BITS-2:0] left  = g_level[level-1].sums[(2*node)*(BITS-1)+:BITS-1];
+                    wire [BITS-2:0] right = g_level[level-1].sums[(2*node+1)*(BITS-1)+:BITS-1];
+                    wire            carry = g_level[level-1].lacking[2*node];
+                    always_ff @(posedge clk) begin
+                        node_sum   <= BITS'(({1'b0, left, 1'b1} + {1'b0, right, carry}) >> 1);
+                        node_lacks <= g_level[level-1].lacking[2*node+1];
+                    end
+                end else if (node < LANES) begin : g_difference
+                    wire [CODE_BITS:0] difference =
+                        {1'b0, a[node*CODE_BITS+:CODE_BITS]} - {1'b0, b[node*CODE_BITS+:CODE_BITS]};
+                    wire negative = difference[CODE_BITS];
+                    always_ff @(posedge clk) begin
+                        node_sum   <= difference[BITS-1:0] ^ {BITS{negative}};
+                        node_lacks <= negative;
+                    end
+                end else begin : g_filler
+                    assign node_sum   = '0;
+                    assign node_lacks = 1'b0;
+                end
+            end
+        end
+    endgenerate
+
+    assign sum   = SUM_BITS'(g_level[LEVELS].sums);
+    assign lacks = g_level[LEVELS].lacking[0];
+endmodule

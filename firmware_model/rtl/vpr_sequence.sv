@@ -1,0 +1,105 @@
+// Sums along the diagonal: the distances of the last LENGTH windows, one place back for each window
+// back. They are kept in a ring of LENGTH rows of PLACES distances in a memory with one port, which
+// is written in the clock of a distance and read in the LENGTH - 1 clocks after it.
+//
+// `start` begins a window. A place filter takes the same distances and gives the same kind of sums:
+// it stands beside this unit. `sum` and `place` stay for the clock after `sum_valid`; there is a
+// sum for every place, but those that no sequence ends at are not `complete`.
+module vpr_sequence #(
+    parameter int PLACES        = 1,
+    parameter int LENGTH        = 1,
+    parameter int PLACE_BITS    = 1,
+    parameter int DISTANCE_BITS = 1,
+    parameter int SEQUENCE_BITS = 1,
+    parameter     MEMORY_STYLE = "auto"
+) (
+    input  logic                     clk,
+    input  logic                     rst,
+    input  logic                     start,
+    input  logic                     distance_valid,
+    input  logic [DISTANCE_BITS-1:0] distance,
+    output logic                     sum_valid,
+    output logic                     sum_complete,
+    output logic                     sum_last,
+    output logic [PLACE_BITS-1:0]    place,
+    output logic [SEQUENCE_BITS-1:0] sum
+);
+    localparam int LENGTH_BITS = $clog2(LENGTH + 1);
+
+    logic [LENGTH_BITS-1:0] seen;
+    logic                   sum_next;  // with the next clock there is a sum
+
+    wire seen_all = seen == LENGTH_BITS'(LENGTH);
+
+    always_ff @(posedge clk) begin
+        if (start && !seen_all) seen <= seen + 1'b1;
+        if (start) place <= '1;
+        else if (sum_next) place <= place + 1'b1;
+        sum_valid <= sum_next;
+        if (rst) begin
+            seen      <= '0;
+            sum_valid <= 1'b0;
+        end
+    end
+
+    assign sum_complete = seen_all && place >= PLACE_BITS'(LENGTH - 1);
+    assign sum_last     = place == PLACE_BITS'(PLACES - 1);
+
+    generate
+        if (LENGTH == 1) begin : g_single
+            assign sum_next = distance_valid;
+            always_ff @(posedge clk) if (distance_valid) sum <= SEQUENCE_BITS'(distance);
+        end else begin : g_diagonal
+            localparam int ADDRESS_BITS = $clog2(LENGTH * PLACES);
+            localparam int ROW_BITS     = $clog2(LENGTH);
+            // one row and one place back; from the first row, to the last
+            localparam logic [ADDRESS_BITS-1:0] BACK    = ADDRESS_BITS'(-(PLACES + 1));
+            localparam logic [ADDRESS_BITS-1:0] WRAPPED = ADDRESS_BITS'((LENGTH - 1) * PLACES - 1);
+
+            logic [ROW_BITS-1:0]      newest, row;
+            logic [ADDRESS_BITS-1:0]  write_address, read_address;
+            logic [LENGTH_BITS-1:0]   terms;
+            logic                     term_valid, term_last;
+            logic [DISTANCE_BITS-1:0] term;
+            logic [SEQUENCE_BITS-1:0] partial;
+
+            wire                     newest_last = newest == ROW_BITS'(LENGTH - 1);
+            wire                     reading     = terms != 0;
+            wire [ROW_BITS-1:0]      here_row    = distance_valid ? newest : row;
+            wire [ADDRESS_BITS-1:0]  here        = distance_valid ? write_address : read_address;
+            wire [ADDRESS_BITS-1:0]  back        = here_row == 0 ? WRAPPED : BACK;
+            wire [SEQUENCE_BITS-1:0] added       = partial + SEQUENCE_BITS'(term);
+
+            assign sum_next = term_valid && term_last;
+
+            always_ff @(posedge clk) begin
+                if (start) newest <= newest_last ? '0 : newest + 1'b1;
+                // a row begins where the one before it ended
+                if (start && newest_last) write_address <= '0;
+                else if (distance_valid) write_address <= write_address + 1'b1;
+                if (distance_valid) terms <= LENGTH_BITS'(LENGTH - 1);
+                else if (reading) terms <= terms - 1'b1;
+                row          <= here_row == 0 ? ROW_BITS'(LENGTH - 1) : here_row - 1'b1;
+                read_address <= here + back;
+                term_valid   <= reading;
+                term_last    <= terms == 1;
+                if (distance_valid) partial <= SEQUENCE_BITS'(distance);
+                else if (term_valid) partial <= added;
+                if (sum_next) sum <= added;
+                if (rst) begin
+                    newest     <= ROW_BITS'(LENGTH - 1);
+                    terms      <= '0;
+                    term_valid <= 1'b0;
+                end
+            end
+
+            vpr_ram_single #(
+                .DEPTH(LENGTH * PLACES), .BITS(DISTANCE_BITS), .ADDRESS_BITS(ADDRESS_BITS),
+                .STYLE(MEMORY_STYLE)
+            ) history (
+                .clk(clk), .write(distance_valid), .address(here), .write_word(distance),
+                .read_word(term)
+            );
+        end
+    endgenerate
+endmodule
