@@ -6,6 +6,7 @@
 #ifndef VPR_FILTER_H
 #define VPR_FILTER_H
 
+#include "quotient.h"
 #include "sad.h"
 #include "vpr.h"
 
@@ -17,23 +18,51 @@
 #define TRUST_SHIFT 2U
 #define PAUSE_STEPS 3U
 #define STEPS_MAX 16U
+#define NEAR 4U      /* steps whose metrics stay in registers: 0 to 3 places */
+#define BLOCK 16U    /* places whose distances are at hand at once */
+#define FAR 0xFFFFU /* metric of a place off the map, and price of a step that there is not */
 
-/* What a step to a place costs, and the metrics above the present place before they changed. */
+/* What a step to a place costs, less the least metric: prices wrap where they are below it, and
+ * their sum with a metric does not. */
 typedef struct {
-    const uint16_t *price; /* forward from a step of 0 on, then back from -1 on */
-    uint32_t steps;
-    uint32_t back;
-    uint32_t least; /* metric of the window before */
-    uint32_t limit; /* what any place costs at most: a restart from the least */
-    uint16_t ahead[STEPS_MAX];
+    uint32_t near[NEAR]; /* of a step of 0, 1 ... */
+    uint32_t near_count;
+    const uint16_t *far; /* of those beyond, in the design */
+    uint32_t far_count;
+    const uint16_t *back; /* of -1, -2 ... */
+    uint32_t back_count;
+    uint32_t least;
+    uint32_t limit;            /* what any place costs at most: a restart */
+    uint32_t above;            /* metrics in `ahead` */
+    uint16_t ahead[STEPS_MAX]; /* of the places above the present one, before they changed */
 } prices_t;
 
-/* Of all places, after one window. */
+/* Of the places that have their new metric. */
 typedef struct {
     uint32_t place;
     uint32_t metric;
     uint32_t ties;
 } least_t;
+
+/* Places next to one another, and the distances to them. */
+typedef struct {
+    uint32_t from;
+    uint32_t end; /* behind the last one */
+    const uint16_t *distance;
+} block_t;
+
+/* What the distances of a window have in common. */
+typedef struct {
+    uint32_t nearest;
+    uint32_t mean;
+    uint32_t reciprocal;
+    uint32_t deviations; /* from the mean, summed so far */
+} scale_t;
+
+static inline uint32_t lesser(uint32_t a, uint32_t b)
+{
+    return (a < b) ? a : b;
+}
 
 /* Move a value by 1 / 2^shift of its difference to a target, rounded down. */
 static uint32_t moved(uint32_t value, uint32_t target, uint32_t shift)
@@ -44,123 +73,233 @@ static uint32_t moved(uint32_t value, uint32_t target, uint32_t shift)
     return value - (((value - target) + ((1U << shift) - 1U)) >> shift);
 }
 
-/* Divide, rounded down, a bit at a time: the smallest cores do it in a library. The divisor is
- * below 2^31. */
-static uint32_t quotient(uint32_t dividend, uint32_t divisor)
+/* Price of the cheapest way to a place by any step: metrics at and below it have not changed yet,
+ * and those above it are in the delay line. */
+static uint32_t cheapest(const prices_t *p, const uint16_t *metric, uint32_t at)
 {
-    uint32_t left = dividend;
-    uint32_t rest = 0U;
-    uint32_t found = 0U;
-    for (uint32_t i = 0U; i < 32U; i++) {
-        rest = (rest << 1) | (left >> 31);
-        left <<= 1;
-        found <<= 1;
-        if (rest >= divisor) {
-            rest -= divisor;
-            found++;
-        }
+    uint32_t found = p->limit;
+    for (uint32_t i = 0U; (i < NEAR) && (i <= at); i++) {
+        found = lesser(found, metric[at - i] + p->near[i]);
+    }
+    for (uint32_t i = 0U; (i < p->far_count) && ((i + NEAR) <= at); i++) {
+        found = lesser(found, ((uint32_t)metric[at - NEAR - i] + p->far[i]) - p->least);
+    }
+    for (uint32_t i = 0U; i < p->above; i++) {
+        found = lesser(found, ((uint32_t)p->ahead[i] + p->back[i]) - p->least);
     }
     return found;
 }
 
-static inline uint32_t distance_to(const vpr_design_t *d, const vpr_state_t *s, uint32_t place)
+/* Move the delay line of the metrics above by one place. */
+static void shift_ahead(prices_t *p, uint16_t metric)
 {
-    return d->keep_distances ? s->distance[place]
-                             : sad(s->query, &d->places[place * d->stride], d->stride);
+    p->above = lesser(p->above + 1U, p->back_count);
+    for (uint32_t i = p->above; i > 1U; i--) {
+        p->ahead[i - 1U] = p->ahead[i - 2U];
+    }
+    p->ahead[0] = metric;
 }
 
-static inline uint32_t apart(uint32_t a, uint32_t b)
+/* The same for places from the fourth on, in a design without other steps than the near ones. */
+static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t from, uint32_t end,
+                                bool of_three_places)
 {
-    return (a < b) ? (b - a) : (a - b);
+    const uint32_t limit = p->limit;
+    const uint32_t stay = p->near[0];
+    const uint32_t one = p->near[1];
+    const uint32_t two = p->near[2];
+    const uint32_t three = p->near[3];
+    uint32_t here = metric[end - 1U];
+    uint32_t below = metric[end - 2U];
+    uint32_t lower = metric[end - 3U];
+    for (uint32_t at = end - 1U; at >= from; at--) {
+        const uint32_t lowest = metric[at - 3U];
+        uint32_t price = lesser(lesser(limit, here + stay), below + one);
+        price = lesser(price, lower + two);
+        if (of_three_places) {
+            price = lesser(price, lowest + three);
+        }
+        metric[at] = (uint16_t)price;
+        here = below;
+        below = lower;
+        lower = lowest;
+    }
 }
 
-/* The scale of the evidence, of the deviations' sum. */
+/* Put the prediction in the place of the metric, from the last place of a block to the first: steps
+ * lead from lower places, which have not changed by then. */
+static void predict(prices_t *p, uint16_t *metric, const block_t *b)
+{
+    uint32_t end = b->end;
+    if (((p->far_count | p->back_count) == 0U) && (end >= NEAR)) {
+        const uint32_t from = (b->from < (NEAR - 1U)) ? (NEAR - 1U) : b->from;
+        if (p->near_count == NEAR) {
+            predict_near(p, metric, from, end, true);
+        } else {
+            predict_near(p, metric, from, end, false);
+        }
+        end = from;
+    }
+    while (end > b->from) {
+        end--;
+        const uint16_t before = metric[end];
+        metric[end] = (uint16_t)cheapest(p, metric, end);
+        shift_ahead(p, before);
+    }
+}
+
+/* Take a place's metric into the search; places come from the last to the first, so that the lowest
+ * of equals comes last. */
+static inline void search_least(least_t *f, uint32_t place, uint32_t metric)
+{
+    if (metric <= f->metric) {
+        f->ties = (metric == f->metric) ? (f->ties + 1U) : 0U;
+        f->place = place;
+        f->metric = metric;
+    }
+}
+
+/* Add the evidence to the predictions of a block. */
+static void add_evidence(scale_t *scale, uint16_t *metric, const block_t *b, least_t *f)
+{
+    const uint16_t *const distances = b->distance;
+    const uint32_t nearest = scale->nearest;
+    const uint32_t mean = scale->mean;
+    const uint32_t reciprocal = scale->reciprocal;
+    uint32_t deviations = scale->deviations;
+    uint16_t *const metrics = &metric[b->from];
+    least_t found = *f;
+    for (uint32_t i = b->end - b->from; i > 0U; i--) {
+        const uint32_t distance = distances[i - 1U];
+        const uint32_t scaled = ((distance - nearest) * reciprocal) >> EVIDENCE_SHIFT;
+        const uint32_t value =
+            lesser(metrics[i - 1U] + lesser(scaled, EVIDENCE_TOP), METRIC_TOP);
+        metrics[i - 1U] = (uint16_t)value;
+        deviations += (distance < mean) ? (mean - distance) : (distance - mean);
+        search_least(&found, b->from + i - 1U, value);
+    }
+    scale->deviations = deviations;
+    *f = found;
+}
+
+/* Distances to the places of a block. */
+static void compare(const vpr_design_t *d, const uint8_t *query, uint32_t from, uint32_t end,
+                    uint16_t *distance)
+{
+    const uint8_t *codes = &d->places[from * d->stride];
+    for (uint32_t i = 0U; i < (end - from); i++) {
+        distance[i] = (uint16_t)sad(query, codes, d->stride);
+        codes = &codes[d->stride];
+    }
+}
+
+/* The block before the place `end`: all places below it if their distances were kept; else those
+ * that there is room for, compared again. */
+static block_t block_before(const vpr_design_t *d, const vpr_state_t *s, uint32_t end,
+                            uint16_t *room)
+{
+    block_t found = {0U, end, s->distance};
+    if (!d->keep_distances) {
+        found.from = (end - 1U) & ~(BLOCK - 1U);
+        found.distance = room;
+        compare(d, s->query, found.from, end, room);
+    }
+    return found;
+}
+
+/* The sum of the deviations from the mean. */
+static uint32_t deviations_of(const block_t *b, uint32_t mean)
+{
+    uint32_t sum = 0U;
+    for (uint32_t i = 0U; i < (b->end - b->from); i++) {
+        const uint32_t distance = b->distance[i];
+        sum += (distance < mean) ? (mean - distance) : (distance - mean);
+    }
+    return sum;
+}
+
 static uint32_t reciprocal_of(const vpr_design_t *d, uint32_t deviations)
 {
     const uint32_t spread = quotient(deviations, d->place_count);
     return quotient(RECIPROCAL_ONE, (spread == 0U) ? 1U : spread);
 }
 
-/* Price of the cheapest way to a place, from the metrics at and below it, which have not changed
- * yet, and from those above it, which have. */
-static inline uint32_t predicted(const prices_t *p, const uint16_t *metric, uint32_t place,
-                                 uint32_t above)
+/* Compare with all places: the mean distance, and the least. */
+static uint32_t compare_all(const vpr_design_t *d, const vpr_state_t *s, uint32_t *nearest)
 {
-    uint32_t cheapest = p->limit;
-    const uint32_t steps = (place < p->steps) ? (place + 1U) : p->steps;
-    for (uint32_t i = 0U; i < steps; i++) {
-        const uint32_t price = (uint32_t)metric[place - i] + p->price[i];
-        cheapest = (price < cheapest) ? price : cheapest;
+    uint16_t room[BLOCK];
+    uint32_t total = 0U;
+    uint32_t least = VPR_NONE;
+    if (d->keep_distances) {
+        compare(d, s->query, 0U, d->place_count, s->distance);
     }
-    const uint32_t back = (above < p->back) ? above : p->back;
-    for (uint32_t i = 0U; i < back; i++) {
-        const uint32_t price = (uint32_t)p->ahead[i] + p->price[p->steps + i];
-        cheapest = (price < cheapest) ? price : cheapest;
+    uint32_t end = d->place_count;
+    while (end > 0U) {
+        const block_t block = block_before(d, s, end, room);
+        for (uint32_t i = 0U; i < (end - block.from); i++) {
+            const uint32_t distance = block.distance[i];
+            total += distance;
+            least = lesser(least, distance);
+        }
+        end = block.from;
     }
-    return cheapest - p->least;
+    *nearest = least;
+    return quotient(total, d->place_count);
 }
 
-/* Give a place its new metric. Places come from the last to the first, so that the lowest of equals
- * comes last. */
-static inline void put_metric(prices_t *p, least_t *f, uint16_t *metric, uint32_t place,
-                              uint32_t value)
-{
-    for (uint32_t i = p->back; i > 1U; i--) {
-        p->ahead[i - 1U] = p->ahead[i - 2U];
-    }
-    if (p->back != 0U) {
-        p->ahead[0] = metric[place];
-    }
-    metric[place] = (uint16_t)value;
-    if (value <= f->metric) {
-        f->ties = (value == f->metric) ? (f->ties + 1U) : 0U;
-        f->metric = value;
-        f->place = place;
-    }
-}
-
-static void advance_standing(const vpr_design_t *d, vpr_state_t *s, prices_t *p, least_t *f)
-{
-    for (uint32_t place = d->place_count; place > 0U; place--) {
-        put_metric(p, f, s->metric, place - 1U, predicted(p, s->metric, place - 1U, 0U));
-    }
-}
-
+/* Advance by a window in which the camera moved. */
 static void advance_moving(const vpr_design_t *d, vpr_state_t *s, prices_t *p, least_t *f)
 {
-    const uint32_t count = d->place_count;
-    uint32_t total = 0U;
-    uint32_t nearest = VPR_NONE;
-    const uint8_t *codes = d->places;
-    for (uint32_t place = 0U; place < count; place++) {
-        const uint32_t distance = sad(s->query, codes, d->stride);
-        codes = &codes[d->stride];
-        total += distance;
-        nearest = (distance < nearest) ? distance : nearest;
-        if (d->keep_distances) {
-            s->distance[place] = (uint16_t)distance;
-        }
-    }
-    const uint32_t mean = quotient(total, count);
+    uint16_t room[BLOCK];
+    scale_t scale = {0U, 0U, 0U, 0U};
+    scale.mean = compare_all(d, s, &scale.nearest);
     if (s->reciprocal == 0U) { /* the first window's is its own */
-        uint32_t own = 0U;
-        for (uint32_t place = 0U; place < count; place++) {
-            own += apart(distance_to(d, s, place), mean);
+        uint32_t deviations = 0U;
+        for (uint32_t end = d->place_count; end > 0U;) {
+            const block_t block = block_before(d, s, end, room);
+            deviations += deviations_of(&block, scale.mean);
+            end = block.from;
         }
-        s->reciprocal = reciprocal_of(d, own);
+        s->reciprocal = reciprocal_of(d, deviations);
     }
-    const uint32_t reciprocal = s->reciprocal;
-    uint32_t deviations = 0U;
-    for (uint32_t place = count; place > 0U; place--) {
-        const uint32_t at = place - 1U;
-        const uint32_t distance = distance_to(d, s, at);
-        const uint32_t scaled = ((distance - nearest) * reciprocal) >> EVIDENCE_SHIFT;
-        const uint32_t evidence = (scaled < EVIDENCE_TOP) ? scaled : EVIDENCE_TOP;
-        const uint32_t value = predicted(p, s->metric, at, count - place) + evidence;
-        deviations += apart(distance, mean);
-        put_metric(p, f, s->metric, at, (value < METRIC_TOP) ? value : METRIC_TOP);
+    scale.reciprocal = s->reciprocal;
+    for (uint32_t end = d->place_count; end > 0U;) {
+        const block_t block = block_before(d, s, end, room);
+        predict(p, s->metric, &block);
+        add_evidence(&scale, s->metric, &block, f);
+        end = block.from;
     }
-    s->reciprocal = reciprocal_of(d, deviations);
+    s->reciprocal = reciprocal_of(d, scale.deviations);
+}
+
+/* Advance by a window in which it stood. */
+static void advance_standing(const vpr_design_t *d, vpr_state_t *s, prices_t *p, least_t *f)
+{
+    const block_t all = {0U, d->place_count, s->distance};
+    predict(p, s->metric, &all);
+    for (uint32_t place = d->place_count; place > 0U; place--) {
+        search_least(f, place - 1U, s->metric[place - 1U]);
+    }
+}
+
+/* Prices of this window's steps. */
+static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
+{
+    static const uint16_t standing[PAUSE_STEPS] = {0U, 0U, 4U};
+    const uint16_t *const price = s->paused ? standing : d->price;
+    const uint32_t steps = s->paused ? PAUSE_STEPS : d->steps;
+    for (uint32_t i = 0U; i < NEAR; i++) {
+        p->near[i] = ((i < steps) ? price[i] : FAR) - s->least;
+    }
+    p->near_count = lesser(steps, NEAR);
+    p->far_count = (steps > NEAR) ? (steps - NEAR) : 0U;
+    p->far = &price[steps - p->far_count];
+    p->back = &d->price[d->steps];
+    p->back_count = s->paused ? 0U : d->back;
+    p->above = 0U;
+    p->least = s->least;
+    /* before the first window, each place is as likely as another */
+    p->limit = (s->place == VPR_NONE) ? 0U : d->restart;
 }
 
 /* The least metric of some places, into the second best: ties to the lowest place. */
@@ -189,22 +328,13 @@ static void trust(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 /* Advance by the window that ended last, and search it. */
 static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
-    static const uint16_t standing[PAUSE_STEPS] = {0U, 0U, 4U};
     least_t found = {0U, VPR_NONE, 0U};
-    prices_t p;
-    p.least = s->least;
-    /* before the first window, each place is as likely as another */
-    p.limit = (s->place == VPR_NONE) ? 0U : (s->least + d->restart);
+    prices_t prices;
+    set_prices(d, s, &prices);
     if (s->paused) {
-        p.price = standing;
-        p.steps = PAUSE_STEPS;
-        p.back = 0U;
-        advance_standing(d, s, &p, &found);
+        advance_standing(d, s, &prices, &found);
     } else {
-        p.price = d->price;
-        p.steps = d->steps;
-        p.back = d->back;
-        advance_moving(d, s, &p, &found);
+        advance_moving(d, s, &prices, &found);
     }
     s->least = found.metric;
     m->place = found.place;
