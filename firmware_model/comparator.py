@@ -11,7 +11,11 @@ from firmware_model.memories import Memories
 
 
 class MatchResult(NamedTuple):
-    """One match; second and second_sum are None if every place lies in the exclusion zone."""
+    """One match; second and second_sum are None if every place lies in the exclusion zone.
+
+    Of the place filter the two sums are metrics, and there is a trust: the margin of this window
+    and those before, with weights that fall by 3/4 a window, in units of 1/16 of a metric.
+    """
 
     window: int
     place: int
@@ -20,6 +24,7 @@ class MatchResult(NamedTuple):
     second_sum: int | None
     ties: int
     accepted: bool
+    trust: int | None = None
 
 
 class Candidate(NamedTuple):

@@ -33,23 +33,31 @@ def memories(design: Design) -> dict[str, Memory]:
     Returns
     -------
     dict of str to Memory
-        Row displacements and look-up; counters; code tables, and which each counter uses; the
-        descriptor that is compared; the places; the distances of the last L windows; the delay line
-        of the search.
+        Row displacements and look-up; counters; code tables, and which each counter uses; running
+        means; the descriptor that is compared; the places; the distances of the last L windows, or
+        the filter's metrics and, if kept, distances; the delay line of the search.
     """
     bits = {name: form.width for name, form in design.formats.items()}
     lanes = design.lanes * bits["code"]
+    if design.filters:
+        kept = {"metric": Memory(design.places, bits["metric"])}
+        if design.keep_distances:
+            kept["distance"] = Memory(design.places, bits["distance"])
+    else:
+        kept = {"history": Memory(design.length * design.places, bits["distance"])}
+    if design.own_mean:
+        kept["mean"] = Memory(design.slots, bits["mean"])
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
         "counts": Memory(design.slots, bits["count"]),
-        "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["code"]),
+        "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["entry"]),
         # a single table need not be told
         "table": Memory(design.slots if len(design.full_scales) > 1 else 0, bits["table"]),
         "query": Memory(design.words, lanes),
         "places": Memory(design.places * design.words, lanes),
-        "history": Memory(design.length * design.places, bits["distance"]),
-        "delay": Memory(design.exclusion + 1, bits["sequence"]),
+        **kept,
+        "delay": Memory(design.exclusion + 1, bits["sum"]),
     }
 
 
@@ -68,11 +76,12 @@ class Cycles(NamedTuple):
 
 
 def cycles(design: Design) -> Cycles:
-    """Count the clock cycles that `Machine.match_cycles` steps through.
+    """Count the clock cycles that `Machine` steps through.
 
-    A place takes ``ceil(slots / P)`` cycles in the distance unit and L in the sequence unit, which
-    work at once: the longer of the two decides. After the last distance follow its L terms, the
-    search, and the acceptance test.
+    Of sequences, a place takes ``ceil(slots / P)`` cycles in the distance unit and L in the
+    sequence unit, which work at once: the longer of the two decides. After the last distance follow
+    its L terms, the search, and the acceptance test. Of the filter, a window that is not the first
+    and does not pause.
 
     Parameters
     ----------
@@ -82,9 +91,33 @@ def cycles(design: Design) -> Cycles:
     -------
     Cycles
     """
+    if design.filters:
+        parts = filter_cycles(design)
+        return Cycles(1, design.slots, parts.compare + parts.mean + parts.advance, parts.scale + 1)
     period = max(design.words, design.length)
     compare = (design.places - 1) * period + design.words
     return Cycles(event=1, encode=design.slots, compare=compare, drain=design.length + 2)
+
+
+class FilterCycles(NamedTuple):
+    """Clock cycles of the filter's parts: see `Machine.filter_cycles`."""
+
+    compare: int
+    mean: int
+    advance: int
+    scale: int
+
+
+def filter_cycles(design: Design) -> FilterCycles:
+    """Count the clock cycles of the filter's parts.
+
+    A restoring divider takes a cycle for each bit of the quotient at most: the mean and the spread
+    as many as the sum of all distances has, the reciprocal 17.
+    """
+    form = design.formats
+    total, compare = form["distance_total"].width, design.places * design.words
+    advance = design.places if design.keep_distances else compare
+    return FilterCycles(compare, total, advance, total + form["reciprocal"].width)
 
 
 class Operations(NamedTuple):
@@ -99,6 +132,11 @@ class Operations(NamedTuple):
 def operations(design: Design) -> Operations:
     """Count the operations of one match with L windows seen.
 
+    Of the filter, in a window after the first that does not pause: for each place, a term of two
+    sums (all distances, and their deviations from the mean), the difference to the least distance
+    and its product, the price of each step and their least, the evidence and its limits, and the
+    search by a delay line. Two products of the acceptance, and three divisions, are for all places.
+
     Parameters
     ----------
     design : Design
@@ -109,10 +147,28 @@ def operations(design: Design) -> Operations:
         Additions are those of the distances and along the diagonals; comparisons those of the
         search (against the best, the best on the left, and the second) and one to accept.
     """
+    if design.filters:
+        return _filter_operations(design)
     sums = design.places - design.length + 1
     return Operations(
         absolute_differences=design.places * design.slots,
         additions=design.places * (design.slots - 1) + sums * (design.length - 1),
         comparisons=3 * sums + 1,
         multiplications=2 if design.accept == "ratio" else 0,
+    )
+
+
+def _filter_operations(design: Design) -> Operations:
+    places, again = design.places, 1 if design.keep_distances else 2
+    # steps that lead to a place from within the map
+    steps = sum(max(0, places - step) for step in range(len(design.steps)))
+    steps += sum(max(0, places - step) for step in range(1, len(design.back) + 1))
+    return Operations(
+        absolute_differences=again * places * design.slots + places,
+        # distances; both sums over places; the price of a step, less the least metric; the
+        # difference to the least distance, and the evidence
+        additions=again * places * (design.slots - 1) + 2 * (places - 1) + 2 * steps + 2 * places,
+        # least distance; least price, and restart; limits of evidence and metric; search; accept
+        comparisons=(places - 1) + steps + 2 * places + 3 * places + 1,
+        multiplications=places + (2 if design.accept == "ratio" else 0),
     )

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from firmware_model.memories import Codes, Memories
+from firmware_model.running import ActivityModel, MeanModel
 
 
 class Event(NamedTuple):
@@ -26,11 +27,15 @@ class EventResult(NamedTuple):
 
 
 class WindowResult(NamedTuple):
-    """A window that ended, and how many events had been taken by then."""
+    """A window that ended, and how many events had been taken by then.
+
+    It pauses if it has so few events at selected pixels that the camera must be standing.
+    """
 
     number: int
     events: int
     codes: Codes
+    paused: bool = False
 
 
 class DescriptorModel:
@@ -56,6 +61,9 @@ class DescriptorModel:
         Events at selected pixels in the open window.
     events, windows : int
         Taken, and ended, so far.
+    activity : ActivityModel
+    mean : MeanModel
+        Of own-mean codes.
     """
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
@@ -68,11 +76,19 @@ class DescriptorModel:
         self.counted = 0
         self.events = 0
         self.windows = 0
+        self.activity = ActivityModel(memories.activity)
+        self.mean = MeanModel(self.design, memories.mean)
 
     @property
     def codes(self) -> Codes:
         """Codes of the counts as they are now."""
-        return tuple(self.memories.encode(slot, count) for slot, count in enumerate(self.counts))
+        return tuple(
+            self.mean.code(slot, entry) if self.design.own_mean else entry
+            for slot, entry in enumerate(self._entries())
+        )
+
+    def _entries(self) -> list[int]:
+        return [self.memories.entry(slot, count) for slot, count in enumerate(self.counts)]
 
     def elapsed(self, t: int) -> int:
         """Time since the open window's start; negative for an event from before it.
@@ -118,7 +134,11 @@ class DescriptorModel:
         return slot
 
     def _end_window(self) -> Iterator[WindowResult]:
-        yield WindowResult(self.windows, self.events, self.codes)
+        paused = self.activity.pauses(self.counted)
+        yield WindowResult(self.windows, self.events, self.codes, paused)
+        if self.design.own_mean and not paused:
+            self.mean.update(self._entries())
+        self.activity.update(self.counted)
         self.counts = [0] * self.design.slots
         self.counted = 0
         self.windows += 1

@@ -1,33 +1,40 @@
-"""One frozen design: the parameters of a device, and the width of everything in it."""
+"""One frozen design: the parameters of a device."""
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
+from firmware_model.design_files import DesignFile
 from firmware_model.errors import DesignError
+from firmware_model.widths import FRACTION_BITS, METRIC_TOP, TRUST_TOP, formats_of
 from fixedpoint.codes import CodeKind, CounterCode
 from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import FixedFormat
-from fixedpoint.ops import sum_format
+from fixedpoint.own_mean import OwnMeanCode
 
+DeviceCode = Literal[CodeKind, "own-mean"]
 WindowKind = Literal["time", "count"]
+Matching = Literal["sequence", "filter"]
 AcceptKind = Literal["margin", "ratio"]
 
 #: code tables of one design
 MAX_TABLES = 16
+#: sequence length that 0 stands for
+LENGTH = 5
+#: steps of each direction that have a price
+MAX_STEPS = 16
+#: largest price: with its fraction bits, it is below the largest metric
+MAX_PRICE = (METRIC_TOP >> FRACTION_BITS) - 1
 #: rows are told by 15 bits in an event, beside its polarity
 MAX_SIDE = 1 << 15
 
 
 @dataclass(frozen=True, kw_only=True)
-class Design:
+class Design(DesignFile):
     """Everything that decides what a device computes, but for the contents of its tables.
 
     Parameters
@@ -38,12 +45,15 @@ class Design:
         J, selected pixels.
     polarity : bool
         Count ON and OFF events apart: J counters for ON are followed by J for OFF.
-    code : {"linear", "sqrt", "log"}
+    code : {"linear", "sqrt", "log", "own-mean"}
     code_bits : int
-        What a count is turned into at its window's end, see `fixedpoint.codes.CounterCode`.
+        What a count is turned into at its window's end, see `fixedpoint.codes.CounterCode`; or its
+        logarithm less the counter's running mean, see `fixedpoint.own_mean.OwnMeanCode`, of at
+        most 8 bits.
     full_scales : tuple of int
         Where each of one or more code tables ends, 0 for the code's own choice. Each counter uses
         one of the tables, as `Memories` says; all counters saturate at the largest full scale.
+        Own-mean codes have one.
     window : {"time", "count"}
         A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
         `window_events`-th event at a selected pixel.
@@ -54,8 +64,17 @@ class Design:
         number.
     places : int
         K.
+    matching : {"sequence", "filter"}
+        Sequences of L windows, or the place filter (`firmware_model.place_filter`).
     length : int
-        L, windows in a sequence.
+        L, windows in a sequence; 0 takes 5. The filter has 1.
+    steps, back : tuple of int
+        Of the filter, the price of a step of 0, 1, 2 ... places in a window, and of -1, -2 ...
+    restart : int
+        Of the filter, the price of getting to any place.
+    keep_distances : bool
+        Of the filter, keep the distances of a window in memory; or compute them twice, which takes
+        no memory and more time.
     lanes : int
         P, codes that are compared in one cycle.
     exclusion : int
@@ -64,6 +83,8 @@ class Design:
         A match is accepted if ``second - best >= margin``; or, by ratio, if ``second > 0`` and
         ``best * ratio[1] <= second * ratio[0]``. It is not if there is no second.
     margin : int
+    trust : int
+        A match of the filter of less trust is not accepted either, in units of 1/16 of a metric.
     ratio : tuple of int
         Numerator and denominator, in lowest terms or not, below 1.
     lookup_depth : int
@@ -80,7 +101,7 @@ class Design:
     height: int
     pixels: int
     polarity: bool = False
-    code: CodeKind = "log"
+    code: DeviceCode = "log"
     code_bits: int = 3
     full_scales: tuple[int, ...] = (0,)
     window: WindowKind = "time"
@@ -88,22 +109,32 @@ class Design:
     window_events: int = 450
     timestamp_bits: int = 32
     places: int
-    length: int = 5
+    matching: Matching = "sequence"
+    length: int = 0
+    steps: tuple[int, ...] = (1, 0, 1)
+    back: tuple[int, ...] = ()
+    restart: int = 16
+    keep_distances: bool = False
     lanes: int = 8
     exclusion: int = 3
     accept: AcceptKind = "ratio"
     margin: int = 0
+    trust: int = 0
     ratio: tuple[int, int] = (7, 8)
     lookup_depth: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("full_scales", "ratio"):
+        for name in _TUPLES:
             object.__setattr__(self, name, tuple(int(part) for part in getattr(self, name)))
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
                 raise DesignError(f"design: {name} = {value!r}: expected {low} to {high}")
-        for name, choices in (("window", WindowKind), ("accept", AcceptKind)):
+        for name, choices in (
+            ("window", WindowKind),
+            ("matching", Matching),
+            ("accept", AcceptKind),
+        ):
             if getattr(self, name) not in get_args(choices):
                 raise DesignError(
                     f"design: {name} = {getattr(self, name)!r}: choose from "
@@ -124,12 +155,17 @@ class Design:
             raise DesignError(
                 f"design: {len(self.full_scales)} full scales: expected 1 to {MAX_TABLES}"
             )
+        if self.code == "own-mean" and len(self.full_scales) != 1:
+            raise DesignError(
+                f"design: {len(self.full_scales)} full scales of own-mean codes: expected 1"
+            )
         try:
-            codes = tuple(CounterCode(self.code, self.code_bits, f) for f in self.full_scales)
+            scales = tuple(self._code(scale).full_scale for scale in self.full_scales)
         except FixedPointError as error:
             raise DesignError(f"design: {error}") from error
         # what 0 stood for, so that the file of a design says all
-        object.__setattr__(self, "full_scales", tuple(code.full_scale for code in codes))
+        object.__setattr__(self, "full_scales", scales)
+        self._check_matching()
         if self.tau_us >= 1 << (self.timestamp_bits - 1):
             raise DesignError(
                 f"design: windows of {self.tau_us} us, and a clock of {self.timestamp_bits} bits: "
@@ -152,7 +188,43 @@ class Design:
                 f"{self.width} columns and {self.pixels} pixels"
             )
 
+    def _check_matching(self) -> None:
+        if self.length == 0:
+            object.__setattr__(self, "length", 1 if self.matching == "filter" else LENGTH)
+        if self.matching == "filter" and self.length != 1:
+            raise DesignError(
+                f"design: sequences of {self.length} in a place filter: leave length out"
+            )
+        if self.matching == "sequence" and self.trust:
+            raise DesignError(
+                f"design: trust = {self.trust} of sequences: only the place filter has it"
+            )
+        for name, least in (("steps", 1), ("back", 0)):
+            prices = getattr(self, name)
+            if not least <= len(prices) <= MAX_STEPS or not all(
+                0 <= price <= MAX_PRICE for price in prices
+            ):
+                raise DesignError(
+                    f"design: {name} = {list(prices)}: expected {least} to {MAX_STEPS} prices "
+                    f"from 0 to {MAX_PRICE}"
+                )
+
+    def _code(self, scale: int) -> CounterCode | OwnMeanCode:
+        if self.code == "own-mean":
+            return OwnMeanCode(self.code_bits, scale)
+        return CounterCode(self.code, self.code_bits, scale)
+
     # Sizes
+
+    @property
+    def filters(self) -> bool:
+        """Whether matches are the place filter's."""
+        return self.matching == "filter"
+
+    @property
+    def own_mean(self) -> bool:
+        """Whether codes are taken against a running mean of each counter."""
+        return self.code == "own-mean"
 
     @property
     def slots(self) -> int:
@@ -166,99 +238,40 @@ class Design:
 
     @cached_property
     def tables(self) -> tuple[tuple[int, ...], ...]:
-        """Code of each count, for each full scale; all of them of ``count_max + 1`` entries."""
-        codes = [CounterCode(self.code, self.code_bits, scale) for scale in self.full_scales]
-        counts = np.arange(self.count_max + 1)
-        return tuple(tuple(code.encode(counts).tolist()) for code in codes)
+        """Code of each count, for each full scale; all of them of ``count_max + 1`` entries.
+
+        Of own-mean codes, the logarithm of each count in units of 1/256 octave.
+        """
+        counts, found = np.arange(self.count_max + 1), []
+        for code in map(self._code, self.full_scales):
+            table = code.levels if isinstance(code, OwnMeanCode) else code.encode(counts)
+            found.append(tuple(table.tolist()))
+        return tuple(found)
 
     @cached_property
     def code_max(self) -> int:
         """Largest code; the smallest is 0."""
+        if self.own_mean:
+            return (1 << self.code_bits) - 1
         return max(table[-1] for table in self.tables)
+
+    @property
+    def entry_max(self) -> int:
+        """Largest entry of a code table: a code, or a logarithm."""
+        return self.tables[0][-1] if self.own_mean else self.code_max
 
     @property
     def words(self) -> int:
         """Memory words of one descriptor, P codes in each; the last is filled up with zeros."""
         return -(-self.slots // self.lanes)
 
-    # Widths, each from the largest value that can occur
-
     @property
     def formats(self) -> dict[str, FixedFormat]:
-        """Format of every quantity by its name, all unsigned integers."""
-        code = FixedFormat(False, self.code_bits)
-        distance = sum_format(code, self.slots)
-        sequence = sum_format(code, self.slots * self.length)
-        return {
-            "timestamp": FixedFormat(False, self.timestamp_bits),
-            "column": _holding(self.width - 1),
-            "row": _holding(self.height - 1),
-            "address": _holding(self.lookup_depth - 1),
-            # one value more than there are rows marks an entry without an owner
-            "owner": _holding(self.height),
-            "slot": _holding(self.slots - 1),
-            "count": _holding(self.count_max),
-            "window_count": _holding(self.window_events),
-            "table": _holding(len(self.full_scales) - 1),
-            "code": code,
-            "distance": distance,
-            "sequence": sequence,
-            "product": _holding(sequence.highest * self.ratio[1]),
-            "place": _holding(self.places - 1),
-        }
-
-    # Files
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON and TOML."""
-        values = asdict(self)
-        return values | {"full_scales": list(self.full_scales), "ratio": list(self.ratio)}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Design:
-        """Build from plain values.
-
-        Raises
-        ------
-        DesignError
-            If a name is unknown or missing, or a value out of range; `source` is named.
-        """
-        known = {field.name for field in fields(cls)}
-        unknown = sorted(set(values) - known)
-        if unknown:
-            raise DesignError(
-                f"{source} has the unknown name {unknown[0]!r}: choose from "
-                f"{', '.join(sorted(known))}"
-            )
-        missing = sorted({"width", "height", "pixels", "places"} - set(values))
-        if missing:
-            raise DesignError(f"{source} lacks {missing[0]}: name it")
-        return cls(**values)
-
-    def to_toml(self) -> str:
-        """Write as TOML, which `load` reads."""
-        return "".join(f"{name} = {_toml(value)}\n" for name, value in self.to_dict().items())
-
-    def save(self, path: str | Path) -> None:
-        """Write as a TOML file."""
-        Path(path).write_text(self.to_toml(), encoding="utf-8")
-
-    @classmethod
-    def load(cls, path: str | Path) -> Design:
-        """Read a TOML file.
-
-        Raises
-        ------
-        DesignError
-            If it cannot be read, or is no design.
-        """
-        try:
-            values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise DesignError(f"cannot read a design from {path}: {error}") from error
-        return cls.from_dict(values, str(path))
+        """Format of every quantity by its name, see `firmware_model.widths`."""
+        return formats_of(self)
 
 
+_TUPLES = ("full_scales", "steps", "back", "ratio")
 _RANGES = {
     "width": (1, MAX_SIDE),
     "height": (1, MAX_SIDE),
@@ -267,7 +280,9 @@ _RANGES = {
     "window_events": (1, (1 << 32) - 1),
     "timestamp_bits": (2, 64),
     "places": (1, 1 << 24),
-    "length": (1, 1 << 12),
+    "length": (0, 1 << 12),
+    "restart": (0, MAX_PRICE),
+    "trust": (0, TRUST_TOP),
     "lanes": (1, 1 << 10),
     "exclusion": (0, 1 << 15),
     "margin": (0, (1 << 32) - 1),
@@ -277,16 +292,3 @@ _RANGES = {
 
 def _power_of_two(least: int) -> int:
     return 1 << (least - 1).bit_length()
-
-
-def _holding(largest: int) -> FixedFormat:
-    """Narrowest unsigned integer that holds 0 to `largest`."""
-    return FixedFormat(False, max(1, largest.bit_length()))
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    return repr(value)

@@ -24,11 +24,15 @@ from firmware_model.build import build_sanitized
 from firmware_model.errors import ToolError
 from firmware_model.image import image
 from firmware_model.vectors.images import image_cases
-from firmware_model.vectors.random_designs import random_design, random_memories
+from firmware_model.vectors.random_designs import (
+    random_adaptive_design,
+    random_design,
+    random_memories,
+)
 
 FILES = ("vpr.c", "plain.c", "fuzz_main.c")
 #: undamaged images of random designs, beside those of `image_cases`
-DESIGNS = 64
+DESIGNS = 96
 #: larger ones would make the run slow, and are no other
 _LARGEST = 4096
 #: images of one call of the program
@@ -71,7 +75,8 @@ def undamaged(seed: int) -> list[bytes]:
         Of random small designs, and those of `image_cases` that open.
     """
     rng = np.random.default_rng(seed)
-    images = [image(random_memories(rng, random_design(rng))) for _ in range(DESIGNS)]
+    draws = (random_design, random_adaptive_design)
+    images = [image(random_memories(rng, draws[i % 2](rng))) for i in range(DESIGNS)]
     return images + [c.image for c in image_cases() if c.opens and len(c.image) <= _LARGEST]
 
 

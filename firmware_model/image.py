@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from enum import IntEnum
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
+from firmware_model.widths import FRACTION_BITS
 
-MAGIC, VERSION = 0x49525056, 1
-HEADER_WORDS = 28
+MAGIC, VERSION = 0x49525056, 2
+HEADER_WORDS = 36
 
 
 class Word(IntEnum):
@@ -41,6 +43,15 @@ class Word(IntEnum):
     CODE_TABLE = 22
     WHICH_CODE_TABLE = 23
     PLACES_TABLE = 24
+    PRICE_TABLE = 25
+    MEAN_TABLE = 26
+    STEPS = 27
+    BACK = 28
+    RESTART = 29
+    KEEP_DISTANCES = 30
+    TRUST = 31
+    OWN_MEAN = 32
+    ACTIVITY = 33
 
 
 #: offsets of the tables, in the order in which they lie in the image
@@ -50,6 +61,8 @@ TABLES = (
     Word.CODE_TABLE,
     Word.WHICH_CODE_TABLE,
     Word.PLACES_TABLE,
+    Word.PRICE_TABLE,
+    Word.MEAN_TABLE,
 )
 #: rows of codes, and tables, begin at multiples of so many bytes
 ALIGNMENT = 16
@@ -88,9 +101,11 @@ def image(memories: Memories) -> bytes:
     tables = [
         struct.pack(f"<{design.height}H", *lookup.displacement),
         b"".join(entries),
-        b"".join(map(bytes, memories.codes)),
+        b"".join(map(_words if design.own_mean else bytes, memories.codes)),
         bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
+        _words(prices(design)),
+        _words(memories.mean),
     ]
     offsets, body = [], b""
     for table in tables:
@@ -119,10 +134,30 @@ def image(memories: Memories) -> bytes:
         Word.LOOKUP_DEPTH: design.lookup_depth,
         Word.CODE_MAX: design.code_max,
         Word.CODES: len(design.full_scales),
+        Word.OWN_MEAN: design.code_bits if design.own_mean else 0,
+        Word.ACTIVITY: memories.activity,
         **dict(zip(TABLES, offsets, strict=True)),
     }
+    if design.filters:
+        header |= {
+            Word.STEPS: len(design.steps),
+            Word.BACK: len(design.back),
+            Word.RESTART: design.restart << FRACTION_BITS,
+            Word.KEEP_DISTANCES: int(design.keep_distances),
+            Word.TRUST: design.trust,
+        }
     words = [header.get(Word(at), 0) if at < len(Word) else 0 for at in range(HEADER_WORDS)]
     return struct.pack(f"<{HEADER_WORDS}I", *words) + body
+
+
+def prices(design: Design) -> list[int]:
+    """Prices of the filter's steps with fraction bits, forward and then back; none of sequences."""
+    found = (*design.steps, *design.back) if design.filters else ()
+    return [price << FRACTION_BITS for price in found]
+
+
+def _words(values: Sequence[int]) -> bytes:
+    return struct.pack(f"<{len(values)}H", *values)
 
 
 def ram_bytes(design: Design) -> int:
@@ -131,7 +166,9 @@ def ram_bytes(design: Design) -> int:
         stride(design)
         + _aligned(2 * design.slots)
         + _aligned(2 * design.length * design.places)
-        + _aligned(4 * (design.exclusion + 1))
+        + (0 if design.filters else _aligned(4 * (design.exclusion + 1)))
+        + (_aligned(2 * design.places) if design.filters and design.keep_distances else 0)
+        + (_aligned(4 * design.slots) if design.own_mean else 0)
     )
 
 
@@ -139,7 +176,9 @@ def check_limits(design: Design) -> None:
     """Raise DesignError unless the reference firmware can hold the design's numbers."""
     formats = design.formats
     distance = design.slots * design.code_max
-    product = distance * design.length * (design.ratio[1] if design.accept == "ratio" else 1)
+    # a metric times any denominator has 26 bits
+    factor = design.ratio[1] if design.accept == "ratio" and not design.filters else 1
+    product = distance * design.length * factor
     for what, value, bits in (
         ("codes", design.code_max, 8),
         ("timestamps", formats["timestamp"].highest, 32),

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from firmware_model.comparator import ComparatorModel, MatchResult, SearchModel
+from firmware_model.cost import filter_cycles as cycles
 from firmware_model.descriptor import DescriptorModel, Event, EventResult, WindowResult
 from firmware_model.memories import Codes, Memories
+from firmware_model.place_filter import PlaceFilterModel
 from firmware_model.sequence import SequenceModel
 
 Result = EventResult | WindowResult | MatchResult
-Phase = Literal["encode", "compare", "drain", "accept"]
+Phase = Literal["encode", "compare", "drain", "divide", "filter", "accept"]
 
 
 @dataclass
@@ -49,6 +51,8 @@ class Cycle(NamedTuple):
         Of the sequence unit.
     searched : int or None
         The place that the search took in this cycle.
+    metric : int or None
+        Of the place that the search took, by the filter.
     """
 
     number: int
@@ -60,6 +64,7 @@ class Cycle(NamedTuple):
     sequence_place: int | None = None
     sequence_sum: int | None = None
     searched: int | None = None
+    metric: int | None = None
 
 
 class Machine:
@@ -77,7 +82,8 @@ class Machine:
     comparator : ComparatorModel
     sequence : SequenceModel
     search : SearchModel
-        Of the last match.
+        Of the last match of sequences.
+    place_filter : PlaceFilterModel
     """
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
@@ -86,6 +92,7 @@ class Machine:
         self.comparator = ComparatorModel(memories)
         self.sequence = SequenceModel(self.design)
         self.search = SearchModel(self.design)
+        self.place_filter = PlaceFilterModel(self.design)
 
     def take(self, event: Event) -> Iterator[Result]:
         """Take an event; a match follows each window that ends, once L windows were seen.
@@ -104,6 +111,10 @@ class Machine:
 
     def match(self, window: WindowResult) -> MatchResult | None:
         """Compare a window with every place."""
+        if self.design.filters:
+            return self.place_filter.match(
+                window.number, window.paused, lambda: self._distances(window.codes)
+            )
         self.sequence.next_window()
         self.search = SearchModel(self.design)
         for place in range(self.design.places):
@@ -112,8 +123,54 @@ class Machine:
                 self.search.take(place, total)
         return self.search.result(window.number)
 
+    def _distances(self, codes: Codes) -> Iterator[int]:
+        return (self.comparator.distance(place, codes) for place in range(self.design.places))
+
+    def filter_cycles(self, codes: Codes, paused: bool = False) -> Iterator[Cycle]:
+        """Do what `match` does with the place filter, one clock cycle after another.
+
+        Encoding takes a cycle a slot. The distance unit takes P codes of a place in a cycle, for
+        all places: then total and least distance are known, and a restoring divider makes the mean,
+        a bit a cycle. The filter takes a place in a cycle; or in as many as its distance takes, if
+        that is computed again. The divider makes the spread and its reciprocal for the next window.
+        The first window, whose evidence is scaled by its own spread, takes as many cycles more as
+        the deviations and two divisions do. A window that pauses needs no distances.
+        """
+        design, cost = self.design, cycles(self.design)
+        phases: list[Cycle] = [Cycle(0, "encode", slot=slot) for slot in range(design.slots)]
+        if not paused:
+            first = self.place_filter.reciprocal == 0
+            phases += self._compared(codes) + [Cycle(0, "divide")] * cost.mean
+            if first:
+                phases += self._compared(codes) if not design.keep_distances else []
+                phases += [Cycle(0, "compare")] * (design.places if design.keep_distances else 0)
+                phases += [Cycle(0, "divide")] * cost.scale
+        self.place_filter.match(0, paused, lambda: self._distances(codes))
+        for place, metric in enumerate(self.place_filter.metrics):
+            again = not (paused or design.keep_distances)
+            words = list(self.comparator.steps(place, codes)) if again else [None]
+            for word, accumulator in enumerate(words):
+                last = word == len(words) - 1
+                phases.append(
+                    Cycle(
+                        0, "filter", None,
+                        place if again else None, word if again else None, accumulator,
+                        searched=place if last else None, metric=metric if last else None,
+                    )
+                )  # fmt: skip
+        phases += [] if paused else [Cycle(0, "divide")] * cost.scale
+        for number, cycle in enumerate([*phases, Cycle(0, "accept")]):
+            yield cycle._replace(number=number)
+
+    def _compared(self, codes: Codes) -> list[Cycle]:
+        return [
+            Cycle(0, "compare", None, place, word, accumulator)
+            for place in range(self.design.places)
+            for word, accumulator in enumerate(self.comparator.steps(place, codes))
+        ]
+
     def match_cycles(self, codes: Codes) -> Iterator[Cycle]:
-        """Do what `match` does, one clock cycle after another.
+        """Do what `match` does with sequences, one clock cycle after another.
 
         Encoding takes a cycle a slot. Then three units work at once, each handing its result to
         the next with the clock: the distance unit takes P codes of a place in a cycle, the sequence

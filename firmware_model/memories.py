@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
+from firmware_model.widths import ACTIVITY_BITS, EVENTS_TOP
 
 Pixel = tuple[int, int]
 Codes = tuple[int, ...]
@@ -57,6 +58,12 @@ class Memories:
     codes : sequence of sequences of int, optional
         Code of each count in each code table; by default those of the design. A device looks them
         up, so that any others of the same size will do.
+    mean : sequence of int, length slots, optional
+        Of own-mean codes, where each counter's running mean starts, in units of 1/256 octave; by
+        default 0.
+    activity : int
+        Selected events that a window usually has, in units of 1/256 event; 0 if windows never
+        pause. Of the filter and of own-mean codes.
 
     Raises
     ------
@@ -69,6 +76,8 @@ class Memories:
     places: tuple[Codes, ...]
     tables: tuple[int, ...]
     codes: tuple[Codes, ...]
+    mean: tuple[int, ...]
+    activity: int
 
     def __init__(
         self,
@@ -77,12 +86,17 @@ class Memories:
         places: Sequence[Sequence[int]],
         tables: Sequence[int] | None = None,
         codes: Sequence[Sequence[int]] | None = None,
+        mean: Sequence[int] | None = None,
+        activity: int = 0,
     ) -> None:
         coded = design.tables if codes is None else tuple(tuple(map(int, t)) for t in codes)
         chosen = (0,) * design.slots if tables is None else tuple(map(int, tables))
         object.__setattr__(self, "tables", chosen)
         object.__setattr__(self, "codes", coded)
         object.__setattr__(self, "design", design)
+        start = (0,) * (design.slots if design.own_mean else 0)
+        object.__setattr__(self, "mean", start if mean is None else tuple(map(int, mean)))
+        object.__setattr__(self, "activity", int(activity))
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
         object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
         if len(self.pixels) != design.pixels or len(set(self.pixels)) != design.pixels:
@@ -103,6 +117,7 @@ class Memories:
             )
         if codes is not None:
             self._check_codes()
+        self._check_adaptive()
         if len(self.places) != design.places:
             raise DesignError(f"{len(self.places)} places: the design has {design.places}")
         for k, place in enumerate(self.places):
@@ -116,15 +131,28 @@ class Memories:
         design = self.design
         entries = [len(table) for table in self.codes]
         if entries != [design.count_max + 1] * len(design.tables) or not all(
-            0 <= min(table) <= max(table) <= design.code_max for table in self.codes
+            0 <= min(table) <= max(table) <= design.entry_max for table in self.codes
         ):
             raise DesignError(
                 f"code tables of {entries} entries: expected {len(design.tables)} of "
-                f"{design.count_max + 1}, from 0 to {design.code_max}"
+                f"{design.count_max + 1}, from 0 to {design.entry_max}"
             )
 
-    def encode(self, slot: int, count: int) -> int:
-        """Code of a count of one counter."""
+    def _check_adaptive(self) -> None:
+        design = self.design
+        if len(self.mean) != (design.slots if design.own_mean else 0) or not all(
+            0 <= mean <= design.entry_max for mean in self.mean
+        ):
+            raise DesignError(
+                f"means of {len(self.mean)} counters: own-mean codes have one of each of "
+                f"{design.slots}, from 0 to {design.entry_max}, and others none"
+            )
+        most = EVENTS_TOP << ACTIVITY_BITS if design.own_mean or design.filters else 0
+        if not 0 <= self.activity <= most:
+            raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
+
+    def entry(self, slot: int, count: int) -> int:
+        """Entry of a count in the counter's table: its code, or its logarithm."""
         return self.codes[self.tables[slot]][count]
 
     def lookup(self) -> Lookup:

@@ -354,7 +354,7 @@ def place_filter(
         evidence = [0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d]
         metric = [min(p + e, 1023) for p, e in zip(predicted, evidence, strict=True)]
         scale = scale if pause else own
-        activity += (256 * events[j] - activity) // 64
+        activity += (256 * min(events[j], 2**23 - 1) - activity) // 64
         best, second, _ = best_and_second(metric, exclusion)
         margin = metric[second] - metric[best] if second >= 0 else 1023
         follows = last is not None and -len(back) <= best - last < max(len(forward), 3)

@@ -17,7 +17,11 @@ from firmware_model.image import Word, image, ram_bytes
 from firmware_model.instructions import TABLE, Instructions, compiler, measure, table
 from firmware_model.vectors import Case, from_binary, in_order, records, standard_suites, to_binary
 from firmware_model.vectors.images import image_cases
-from firmware_model.vectors.random_designs import random_design, random_memories
+from firmware_model.vectors.random_designs import (
+    random_adaptive_design,
+    random_design,
+    random_memories,
+)
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
@@ -94,6 +98,20 @@ def test_random_designs_on_every_emulated_processor(emulator):
         events = wrapped(random_stream(rng, memories, 150, start), memories.design)
         case = Case(str(seed), memories, tuple(events), start)
         assert emulated(emulator, case) == told(case), seed
+
+
+def test_random_filters_and_own_means_on_every_emulated_processor(emulator):
+    """60 designs with the place filter, own-mean codes, or both; windows that pause among them."""
+    paused = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        memories = random_memories(rng, random_adaptive_design(rng))
+        start = int(rng.integers(0, 1 << memories.design.timestamp_bits))
+        events = wrapped(random_stream(rng, memories, 150, start), memories.design)
+        case = Case(str(seed), memories, tuple(events), start)
+        assert emulated(emulator, case) == told(case), seed
+        paused += sum(window.paused for window in case.trace().windows)
+    assert paused > 100
 
 
 ODD_DESIGNS = [

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from designs import random_stream, wrapped
 
+from edge_vpr.descriptors.own_mean import encode_running
+from edge_vpr.descriptors.pauses import Activity
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import DescriptorStream, FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import best_matches, distance_matrix
+from edge_vpr.matching.place_filter import PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import sequence_sums
 from firmware_model import (
     Design,
@@ -28,8 +31,14 @@ from firmware_model import (
     cost,
     trace,
 )
-from firmware_model.vectors.random_designs import random_design, random_memories
+from firmware_model.running import ActivityModel
+from firmware_model.vectors.random_designs import (
+    random_adaptive_design,
+    random_design,
+    random_memories,
+)
 from fixedpoint.codes import CounterCode, PixelCodes
+from fixedpoint.own_mean import OwnMeanCode
 
 ROOM = Path(__file__).parents[1] / "firmware_model"
 
@@ -44,12 +53,18 @@ def pipeline(memories: Memories, events: list[Event], start: int):
         polarity=design.polarity,
     )
     t, x, y, on = zip(*events, strict=True)
-    counts = stream.update(make_events(np.array(t) - start, x, y, on)).counts
-    code = PixelCodes(
-        tuple(CounterCode(design.code, design.code_bits, scale) for scale in design.full_scales),
-        np.array(memories.tables),
-    )
-    codes = code.encode(counts)
+    counted = stream.update(make_events(np.array(t) - start, x, y, on))
+    if design.own_mean:
+        code = OwnMeanCode(design.code_bits, design.full_scales[0])
+        codes = encode_running(counted, code, np.array(memories.mean), memories.activity).counts
+    else:
+        kind, bits = design.code, design.code_bits
+        codes = PixelCodes(
+            tuple(CounterCode(kind, bits, scale) for scale in design.full_scales),
+            np.array(memories.tables),
+        ).encode(counted.counts)
+    if design.filters:
+        return codes, by_filter(memories, codes, counted.activity)
     if len(codes) < design.length:
         return codes, []
     sums = sequence_sums(distance_matrix(np.array(memories.places), codes), design.length)
@@ -62,16 +77,69 @@ def pipeline(memories: Memories, events: list[Event], start: int):
             matches.append(MatchResult(j + last, best + last, best_sum, None, None, ties, False))
             continue
         second_sum = int(sums[second, j])
-        ratio = best_sum / second_sum if second_sum else 1.0
-        accepted = (
-            ratio <= design.ratio[0] / design.ratio[1]
-            if design.accept == "ratio"
-            else second_sum - best_sum >= design.margin
-        )
+        accepted = accepts(design, best_sum, second_sum)
         matches.append(
             MatchResult(j + last, best + last, best_sum, second + last, second_sum, ties, accepted)
         )
     return codes, matches
+
+
+def accepts(design: Design, best: int, second: int) -> bool:
+    ratio = best / second if second else 1.0
+    if design.accept == "ratio":
+        return ratio <= design.ratio[0] / design.ratio[1]
+    return second - best >= design.margin
+
+
+def by_filter(memories: Memories, codes, events):
+    """Matches of each window by the pipeline's place filter."""
+    design = memories.design
+    prices = StepPrices(design.steps, design.back, design.restart)
+    found = PlaceFilter(design.places, prices, design.exclusion, memories.activity)
+    distances, matches = distance_matrix(np.array(memories.places), codes), []
+    for j, window in enumerate(events.tolist()):
+        m = found.advance(distances[:, j], window)
+        second = (None, None) if m.second < 0 else (m.second, m.second_metric)
+        accepted = m.second >= 0 and m.trust >= design.trust
+        accepted = accepted and accepts(design, m.metric, m.second_metric)
+        matches.append(MatchResult(j, m.place, m.metric, *second, m.ties, accepted, m.trust))
+    return matches
+
+
+def test_the_filter_and_own_mean_codes_equal_the_pipeline():
+    """Every window and match over 100 designs with the filter, own-mean codes, or both."""
+    seen = Counter()
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        design = random_adaptive_design(rng)
+        memories = random_memories(rng, design)
+        start = int(rng.integers(0, 1 << design.timestamp_bits))
+        events = random_stream(rng, memories, 150, start)
+        codes, matches = pipeline(memories, events, start)
+        done = trace(memories, wrapped(events, design), start)
+        assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
+        assert done.matches == matches, seed
+        form = design.formats
+        assert all(form["sum"].holds(match.sum) for match in done.matches)
+        assert all(form["trust"].holds(match.trust) for match in done.matches if design.filters)
+        seen["own mean"] += design.own_mean
+        seen["filter"] += design.filters
+        seen["pauses"] += sum(window.paused for window in done.windows)
+        seen["moves"] += sum(not window.paused for window in done.windows)
+        seen["back"] += bool(design.back)
+        seen["rejected by trust"] += sum(
+            m.second is not None and m.trust < design.trust for m in matches if design.filters
+        )
+    assert seen["pauses"] > 300 and seen["moves"] > 300 and min(seen.values()) > 20, seen
+
+
+def test_the_activity_saturates_where_its_width_ends():
+    """Windows of more than 2**23 events count as that many, and their mean stays in 31 bits."""
+    ours, theirs = ActivityModel(0), Activity(0)
+    for _ in range(2000):
+        ours.update(1 << 40)
+        theirs.update(1 << 40)
+    assert ours.usual == theirs.usual and ours.usual.bit_length() == 31
 
 
 def test_the_model_equals_the_pipeline_on_random_designs_and_streams():
@@ -173,6 +241,32 @@ def test_cycles_and_results_of_the_stepped_machine():
     assert stalled > 10
 
 
+def test_cycles_and_results_of_the_stepped_filter():
+    """Stepped cycle by cycle the metrics are the same, and a window takes what its cost says."""
+    for seed in range(80):
+        rng = np.random.default_rng(seed)
+        design = replace(random_adaptive_design(rng), lanes=int(rng.integers(1, 30)))
+        if not design.filters:
+            continue
+        memories = random_memories(rng, design)
+        at_once, stepped = Machine(memories), Machine(memories)
+        for number in range(4):
+            codes = tuple(rng.integers(0, design.code_max + 1, design.slots).tolist())
+            paused = number == 2
+            at_once.match(WindowResult(number, 0, codes, paused))
+            states = list(stepped.filter_cycles(codes, paused))
+            metrics = at_once.place_filter.metrics
+            assert stepped.place_filter.metrics == metrics
+            assert stepped.place_filter.trust == at_once.place_filter.trust
+            told = [(s.searched, s.metric) for s in states if s.searched is not None]
+            assert told == list(enumerate(metrics))
+            assert [state.number for state in states] == list(range(len(states)))
+            if number in (1, 3):
+                assert len(states) == cost.cycles(design).match
+            if paused:
+                assert len(states) == design.slots + design.places + 1
+
+
 def test_cycles_agree_with_the_measured_core():
     """A throw-away core took N + K ceil(N/P) + about 6 cycles a match."""
     design = Design(width=346, height=260, pixels=150, places=860, length=5, lanes=8)
@@ -250,6 +344,15 @@ def test_a_design_survives_its_file(tmp_path):
         ({"lookup_depth": 5}, "power of two"),
         ({"timestamp_bits": 4}, "half of the time"),
         ({"window": "sliding"}, "choose from"),
+        ({"matching": "viterbi"}, "choose from sequence"),
+        ({"matching": "filter", "length": 2}, "leave length out"),
+        ({"steps": ()}, "1 to 16 prices"),
+        ({"steps": (0,) * 17}, "1 to 16 prices"),
+        ({"back": (255,)}, "from 0 to 254"),
+        ({"restart": 255}, "restart = 255"),
+        ({"trust": 1}, "only the place filter"),
+        ({"code": "own-mean", "full_scales": (7, 3)}, "expected 1"),
+        ({"code": "own-mean", "code_bits": 9}, "1 to 8"),
     ],
 )
 def test_a_design_that_cannot_be_is_refused(changes, message):
@@ -280,6 +383,16 @@ def test_tables_that_do_not_fit_the_design_are_refused():
     ):
         with pytest.raises(DesignError, match=message):
             Memories(design, pixels, places)
+    adaptive = small(matching="filter", code="own-mean", code_bits=3)
+    for changed, given, message in (
+        (adaptive, {"mean": [0]}, "means of 1 counters"),
+        (adaptive, {"mean": [0, 2561]}, "from 0 to 2560"),
+        (design, {"mean": [0, 0]}, "and others none"),
+        (design, {"activity": 1}, "expected 0 to 0"),
+        (adaptive, {"activity": 1 << 31}, "activity = 2147483648"),
+    ):
+        with pytest.raises(DesignError, match=message):
+            Memories(changed, good.pixels, good.places, **given)
     with pytest.raises(DesignError, match="lookup_depth = 8"):
         # what one row leaves free is not two neighbours
         Memories(

@@ -18,7 +18,7 @@ from streams import random_events
 
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import match_descriptors
-from edge_vpr.pipeline import describe
+from edge_vpr.pipeline import describe_query
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, VectorError
@@ -356,17 +356,21 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     reference = ReferenceMap.load(map_file)
     arrays = np.load(folder / "recording" / "drive" / "case.npz")
     recording = open_recording(query)
-    found = describe(recording, reference.pixel_map, reference.settings, reference.full_scale)
+    device = replace(reference.settings, query_mean="running")
+    reference = replace(reference, settings=device)
+    found = describe_query(recording, reference)
     windows = arrays["expected_windows"]
     assert 0 < len(windows) <= len(found)
     assert np.array_equal(windows, found.counts[: len(windows)])
-    matches = match_descriptors(reference.places, found, reference.settings)
-    end = reference.settings.sequence_length - 1 - reference.settings.sequence_length // 2
+    matches = match_descriptors(reference.places, found, device)
+    length, anchor = device.windows_per_match, device.anchor
+    end = length - 1 - length // 2 if anchor == "middle" and length > 1 else 0
     for row, i in zip(arrays["expected_matches"].tolist(), range(len(matches)), strict=False):
         assert row[0] == matches.query[i] + end
         assert row[1] == matches.place[i] + end and row[2] == matches.distance_sum[i]
         assert row[4] == matches.second_sum[i] and row[5] == matches.ties[i]
         assert row[3] == (matches.second[i] + end if matches.second[i] >= 0 else -1)
+        assert device.matching == "sequence" or row[7] == matches.trust[i]
     return len(arrays["expected_matches"])
 
 
@@ -374,10 +378,11 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     "settings",
     [
         [],
-        ["--polarity", "--window", "count", "--counter-code", "log", "--counter-bits", "4"],
+        ["--polarity", "--window", "count", "--counter-bits", "4", "--matching", "sequence"],
         ["--counter-code", "sqrt", "--counter-scaling", "per-pixel"],
+        ["--preset", "paper"],
     ],
-    ids=["counts", "codes and polarities", "codes of each pixel"],
+    ids=["defaults", "own means, sequences", "codes of each pixel, filter", "counts"],
 )
 def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_path, settings):
     """All windows and matches of a random drive, by counts and by codes."""

@@ -9,6 +9,8 @@ import numpy.typing as npt
 PAUSE_SHIFT = 4
 #: the usual number moves by 1/64 of the difference in a window; it has 8 fraction bits
 ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
+#: where the number of a window's events saturates, so that the usual number fits 31 bits
+EVENTS_TOP = (1 << 23) - 1
 
 
 class Activity:
@@ -30,18 +32,20 @@ class Activity:
     def update(self, events: int) -> None:
         """Take the selected events of a finished window."""
         # Python's integers: the shift rounds down, also what is negative
-        self.usual += ((events << ACTIVITY_BITS) - self.usual) >> ACTIVITY_SHIFT
+        self.usual += ((min(events, EVENTS_TOP) << ACTIVITY_BITS) - self.usual) >> ACTIVITY_SHIFT
 
 
 def mean_activity(events: npt.NDArray[np.integer]) -> int:
     """Return the mean of the windows' selected events, in units of 1/256 event, rounded down.
+
+    It saturates as `Activity` does.
 
     Parameters
     ----------
     events : ndarray of int, shape (n,)
         n of at least 1.
     """
-    return (int(events.sum()) << ACTIVITY_BITS) // len(events)
+    return min((int(events.sum()) << ACTIVITY_BITS) // len(events), EVENTS_TOP << ACTIVITY_BITS)
 
 
 def find_pauses(events: npt.NDArray[np.integer], usual: int) -> npt.NDArray[np.bool_]:

@@ -214,7 +214,8 @@ static void end_window(const vpr_design_t *d, vpr_state_t *s, plain_t *p)
     if (found &&
         ((got.window != wanted.window) || (got.place != wanted.place) || (got.sum != wanted.sum) ||
          (got.second != wanted.second) || (got.second_sum != wanted.second_sum) ||
-         (got.ties != wanted.ties) || (got.accepted != wanted.accepted))) {
+         (got.ties != wanted.ties) || (got.accepted != wanted.accepted) ||
+         (got.trust != wanted.trust))) {
         differs("a match");
     }
     done.windows++;

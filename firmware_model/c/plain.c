@@ -21,7 +21,15 @@ enum {
     LOOKUP = 21,
     CODES = 22,
     WHICH_CODES = 23,
-    MAP = 24
+    MAP = 24,
+    PRICES = 25,
+    MEANS = 26,
+    STEPS = 27,
+    BACK = 28,
+    RESTART = 29,
+    TRUST = 31,
+    OWN_MEAN = 32,
+    ACTIVITY = 33
 };
 
 static uint32_t byte_at(const plain_t *p, uint64_t at)
@@ -37,6 +45,19 @@ static uint32_t word_at(const plain_t *p, uint64_t at)
 {
     return byte_at(p, at) | (byte_at(p, at + 1U) << 8) | (byte_at(p, at + 2U) << 16) |
            (byte_at(p, at + 3U) << 24);
+}
+
+static uint32_t half_at(const plain_t *p, uint64_t at)
+{
+    return byte_at(p, at) | (byte_at(p, at + 1U) << 8);
+}
+
+/* Divide by a power of two, rounded down, also what is negative. */
+static int64_t floor_shift(int64_t value, uint32_t shift)
+{
+    const int64_t divisor = (int64_t)1 << shift;
+    const int64_t rest = ((value % divisor) + divisor) % divisor;
+    return (value - rest) / divisor;
 }
 
 uint32_t plain_word(const plain_t *p, uint32_t word)
@@ -59,6 +80,21 @@ void plain_begin(plain_t *p, const uint8_t *image, uint32_t bytes, uint32_t star
     if ((p->counts == NULL) || (p->codes == NULL)) {
         abort();
     }
+    const uint32_t places = plain_word(p, PLACES);
+    p->mean = calloc(slots, sizeof *p->mean);
+    p->metric = calloc(places, sizeof *p->metric);
+    if ((p->mean == NULL) || (p->metric == NULL)) {
+        abort();
+    }
+    for (uint32_t i = 0U; (i < slots) && (plain_word(p, OWN_MEAN) != 0U); i++) {
+        p->mean[i] = (int64_t)half_at(p, plain_word(p, MEANS) + ((uint64_t)i * 2U)) * 256;
+    }
+    p->usual = plain_word(p, ACTIVITY);
+    p->paused = false;
+    p->moved = 0U;
+    p->reciprocal = 0;
+    p->place = -1;
+    p->trust = 0;
     p->end = (start + (uint64_t)plain_word(p, WINDOW)) % period(p);
     p->counted = 0U;
     p->windows = 0U;
@@ -68,6 +104,8 @@ void plain_free(plain_t *p)
 {
     free(p->counts);
     free(p->codes);
+    free(p->mean);
+    free(p->metric);
 }
 
 bool plain_is_behind(const plain_t *p, const vpr_event_t *e)
@@ -107,17 +145,41 @@ uint32_t plain_take(plain_t *p, const vpr_event_t *e)
     return VPR_NONE;
 }
 
+static uint8_t own_mean_code(plain_t *p, uint32_t slot)
+{
+    const int64_t level = half_at(p, plain_word(p, CODES) + ((uint64_t)p->counts[slot] * 2U));
+    const int64_t half = (int64_t)1 << (plain_word(p, OWN_MEAN) - 1U);
+    const int64_t mean = floor_shift(p->mean[slot] + 128, 8U);
+    int64_t octaves = floor_shift(level - mean + 128, 8U);
+    octaves = (octaves < -half) ? -half : octaves;
+    octaves = (octaves > (half - 1)) ? (half - 1) : octaves;
+    uint32_t shift = 8U;
+    while ((16U + p->moved) < (1U << shift)) {
+        shift--;
+    }
+    if (!p->paused) {
+        p->mean[slot] += floor_shift((level * 256) - p->mean[slot], shift);
+    }
+    return (uint8_t)(octaves + half);
+}
+
 const uint8_t *plain_window_end(plain_t *p)
 {
+    const int64_t events = (p->counted < 0x7FFFFFU) ? p->counted : 0x7FFFFF;
+    p->paused = (events == 0) || ((events * 16 * 256) < p->usual);
     const uint32_t slots = plain_word(p, SLOTS);
     uint8_t *const codes = &p->codes[(size_t)p->windows * slots];
     const uint64_t entries = (uint64_t)plain_word(p, COUNT_MAX) + 1U;
     for (uint32_t slot = 0U; slot < slots; slot++) {
         const uint64_t table = byte_at(p, (uint64_t)plain_word(p, WHICH_CODES) + slot);
         codes[slot] =
-            (uint8_t)byte_at(p, plain_word(p, CODES) + table * entries + p->counts[slot]);
+            (plain_word(p, OWN_MEAN) != 0U)
+                ? own_mean_code(p, slot)
+                : (uint8_t)byte_at(p, plain_word(p, CODES) + table * entries + p->counts[slot]);
         p->counts[slot] = 0U;
     }
+    p->usual += floor_shift((events * 256) - p->usual, 6U);
+    p->moved += p->paused ? 0U : 1U;
     p->end = (p->end + plain_word(p, WINDOW)) % period(p);
     p->counted = 0U;
     p->windows++;
@@ -145,8 +207,97 @@ static uint64_t sequence(const plain_t *p, uint32_t place)
     return sum;
 }
 
-bool plain_match(const plain_t *p, vpr_match_t *m)
+/* Scale of the evidence, of the mean absolute deviation of the distances. */
+static int64_t reciprocal_of(const int64_t *distances, uint32_t places)
 {
+    int64_t total = 0;
+    int64_t deviations = 0;
+    for (uint32_t k = 0U; k < places; k++) {
+        total += distances[k];
+    }
+    for (uint32_t k = 0U; k < places; k++) {
+        deviations += llabs(distances[k] - (total / places));
+    }
+    const int64_t spread = deviations / places;
+    return 65536 / ((spread < 1) ? 1 : spread);
+}
+
+/* Price of being at a place, without the evidence. */
+static int64_t predicted(const plain_t *p, const int64_t *metric, int64_t least, uint32_t place)
+{
+    static const int64_t standing[] = {0, 0, 4};
+    const int64_t steps = p->paused ? 3 : (int64_t)plain_word(p, STEPS);
+    const int64_t back = p->paused ? 0 : (int64_t)plain_word(p, BACK);
+    int64_t cheapest = plain_word(p, RESTART);
+    for (int64_t step = -back; step < steps; step++) {
+        const int64_t from = (int64_t)place - step;
+        const int64_t entry = (step < 0) ? ((int64_t)plain_word(p, STEPS) - 1 - step) : step;
+        const int64_t price =
+            p->paused ? standing[entry]
+                      : (int64_t)half_at(p, plain_word(p, PRICES) + ((uint64_t)entry * 2U));
+        if ((from >= 0) && (from < (int64_t)plain_word(p, PLACES)) &&
+            ((metric[from] - least + price) < cheapest)) {
+            cheapest = metric[from] - least + price;
+        }
+    }
+    return (p->place < 0) ? 0 : cheapest;
+}
+
+static void advance(plain_t *p)
+{
+    const uint32_t places = plain_word(p, PLACES);
+    int64_t *const before = calloc(places, sizeof *before);
+    int64_t *const distances = calloc(places, sizeof *distances);
+    if ((before == NULL) || (distances == NULL)) {
+        abort();
+    }
+    int64_t least = p->metric[0];
+    int64_t nearest = INT64_MAX;
+    for (uint32_t k = 0U; k < places; k++) {
+        before[k] = p->metric[k];
+        least = (before[k] < least) ? before[k] : least;
+        distances[k] = (int64_t)distance(p, p->windows - 1U, k);
+        nearest = (distances[k] < nearest) ? distances[k] : nearest;
+    }
+    const int64_t own = reciprocal_of(distances, places);
+    const int64_t reciprocal = (p->reciprocal == 0) ? own : p->reciprocal;
+    for (uint32_t k = 0U; k < places; k++) {
+        int64_t evidence = ((distances[k] - nearest) * reciprocal) / 16384;
+        evidence = (evidence > 255) ? 255 : evidence;
+        p->metric[k] = predicted(p, before, least, k) + (p->paused ? 0 : evidence);
+        p->metric[k] = (p->metric[k] > 1023) ? 1023 : p->metric[k];
+    }
+    p->reciprocal = p->paused ? p->reciprocal : own;
+    free(before);
+    free(distances);
+}
+
+/* What the match before says of this one. */
+static void trust(plain_t *p, vpr_match_t *m)
+{
+    const int64_t forward = (plain_word(p, STEPS) > 3U) ? (int64_t)plain_word(p, STEPS) : 3;
+    const int64_t margin =
+        (m->second == VPR_NONE) ? 1023 : ((int64_t)m->second_sum - (int64_t)m->sum);
+    const int64_t step = (int64_t)m->place - p->place;
+    if ((p->place < 0) || (step >= forward) || (step < -(int64_t)plain_word(p, BACK))) {
+        p->trust = 0;
+    }
+    const int64_t stood = p->trust - (p->trust / 16);
+    p->trust += floor_shift((margin * 16) - p->trust, 2U);
+    if ((step == 0) && (p->place >= 0) && (p->trust > stood)) {
+        p->trust = stood;
+    }
+    p->place = m->place;
+    m->trust = (uint32_t)p->trust;
+    m->accepted = m->accepted && (m->trust >= plain_word(p, TRUST));
+}
+
+bool plain_match(plain_t *p, vpr_match_t *m)
+{
+    const bool filters = plain_word(p, STEPS) != 0U;
+    if (filters) {
+        advance(p);
+    }
     const uint32_t length = plain_word(p, LENGTH);
     const uint32_t places = plain_word(p, PLACES);
     if (p->windows < length) {
@@ -158,7 +309,7 @@ bool plain_match(const plain_t *p, vpr_match_t *m)
     }
     uint32_t best = length - 1U;
     for (uint32_t k = length - 1U; k < places; k++) {
-        sums[k] = sequence(p, k);
+        sums[k] = filters ? (uint64_t)p->metric[k] : sequence(p, k);
         best = (sums[k] < sums[best]) ? k : best;
     }
     uint32_t second = VPR_NONE;
@@ -187,5 +338,9 @@ bool plain_match(const plain_t *p, vpr_match_t *m)
             (sums[second] > 0U) && ((sums[best] * denominator) <= (sums[second] * accept));
     }
     free(sums);
+    m->trust = 0U;
+    if (filters) {
+        trust(p, m);
+    }
     return true;
 }

@@ -16,6 +16,14 @@ typedef struct {
     uint64_t end;      /* of the open window, by the image's clock */
     uint32_t counted;  /* in the open window */
     uint32_t windows;  /* ended so far */
+    int64_t usual;     /* events of a window, in units of 1/256 */
+    bool paused;       /* the window that ended last */
+    int64_t *mean;     /* [slots]: in units of 1/65536 octave */
+    uint32_t moved;    /* windows that moved it */
+    int64_t *metric;   /* [places] */
+    int64_t reciprocal;
+    int64_t place; /* of the match before, or -1 */
+    int64_t trust;
 } plain_t;
 
 /* The memory is the caller's: that of `plain_free`. */
@@ -37,6 +45,6 @@ uint32_t plain_take(plain_t *p, const vpr_event_t *e);
 const uint8_t *plain_window_end(plain_t *p);
 
 /* The match of the window that ended last; false if there is none. */
-bool plain_match(const plain_t *p, vpr_match_t *m);
+bool plain_match(plain_t *p, vpr_match_t *m);
 
 #endif

@@ -43,10 +43,10 @@ static void put_window(writer_t *w, const vpr_design_t *d, const vpr_state_t *s,
     }
 }
 
-static void put_match(writer_t *w, const vpr_match_t *m)
+static void put_match(writer_t *w, const vpr_design_t *d, const vpr_match_t *m)
 {
     put(w, VPR_RECORD_MATCH);
-    put(w, 7U);
+    put(w, (d->steps != 0U) ? 8U : 7U);
     put(w, m->window);
     put(w, m->place);
     put(w, m->sum);
@@ -54,6 +54,9 @@ static void put_match(writer_t *w, const vpr_match_t *m)
     put(w, m->second_sum);
     put(w, m->ties);
     put(w, m->accepted ? 1U : 0U);
+    if (d->steps != 0U) {
+        put(w, m->trust);
+    }
 }
 
 static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint32_t events)
@@ -63,7 +66,7 @@ static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint3
     vpr_window_end(d, s);
     put_window(w, d, s, events);
     if (vpr_match_places(d, s, &match)) {
-        put_match(w, &match);
+        put_match(w, d, &match);
     }
 }
 

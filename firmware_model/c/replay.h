@@ -8,7 +8,7 @@
 /* A record is its kind, the number of values, and the values, each a 32-bit word:
  *   event:  number, slot (VPR_NONE: not selected), count after it
  *   window: number, events before its end, the code of each slot
- *   match:  window, place, sum, second, second_sum, ties, accepted */
+ *   match:  window, place, sum, second, second_sum, ties, accepted; of the place filter also trust */
 enum { VPR_RECORD_EVENT = 1, VPR_RECORD_WINDOW = 2, VPR_RECORD_MATCH = 3 };
 
 /* Hand the events over `batch` at a time, at least 1; records of events are only written where it is

@@ -1,5 +1,8 @@
 #include "vpr.h"
 
+#include <stddef.h>
+
+#include "filter.h"
 #include "sad.h"
 
 /* Words of the image's header. Offsets are in bytes from its beginning, multiples of 16; the tables
@@ -29,7 +32,16 @@ enum {
     AT_LOOKUP_TABLE,
     AT_CODE_TABLE,
     AT_WHICH_CODE_TABLE,
-    AT_PLACES_TABLE
+    AT_PLACES_TABLE,
+    AT_PRICE_TABLE,
+    AT_MEAN_TABLE,
+    AT_STEPS, /* prices of the place filter; 0: sequences */
+    AT_BACK,
+    AT_RESTART,
+    AT_KEEP_DISTANCES,
+    AT_TRUST,
+    AT_OWN_MEAN, /* bits of own-mean codes; 0: others */
+    AT_ACTIVITY
 };
 
 #define LIMIT 0xFFFFU     /* of what is multiplied */
@@ -38,6 +50,19 @@ enum {
 #define ROW_SHIFT 16U
 #define PIXEL_MASK 0x7FFFFFFFU
 #define ON_SHIFT 31U
+#define PRICE_MAX 1016U
+#define TRUST_MAX 16368U
+#define LEVEL_MAX 4096U /* logarithm of 65,536 in units of 1/256 octave */
+#define LEVEL_BITS 8U
+#define LEVEL_HALF 128U
+#define MEAN_BITS 8U
+#define MEAN_HALF 128U
+#define FIRST_SHIFT 4U /* a running mean moves by 1/16 at first, by 1/256 in the end */
+#define LAST_SHIFT 8U
+#define EVENTS_TOP 0x7FFFFFU
+#define ACTIVITY_BITS 8U
+#define ACTIVITY_SHIFT 6U
+#define PAUSE_BITS 12U /* of a number of events less than 1/16 of the usual */
 
 /* The search over the places of one match, in ascending order. */
 typedef struct {
@@ -59,6 +84,22 @@ static bool fits(uint32_t wide, uint32_t narrow)
     return (((wide >> 16) * narrow) + (((wide & LIMIT) * narrow) >> 16)) <= LIMIT;
 }
 
+/* Whether the place filter's words and those of own-mean codes suit one another; those of what the
+ * design has not are zero. */
+static bool adaptive_within_limits(const uint32_t *image)
+{
+    const uint32_t own_mean = image[AT_OWN_MEAN];
+    const bool filters = image[AT_STEPS] != 0U;
+    const uint32_t of_filter =
+        image[AT_BACK] | image[AT_RESTART] | image[AT_KEEP_DISTANCES] | image[AT_TRUST];
+    const uint32_t activity_max =
+        (filters || (own_mean != 0U)) ? (EVENTS_TOP << ACTIVITY_BITS) : 0U;
+    return (filters ? (image[AT_LENGTH] == 1U) : (of_filter == 0U)) &&
+           ((own_mean == 0U) ||
+            ((image[AT_CODES] == 1U) && (image[AT_CODE_MAX] == ((1U << own_mean) - 1U)))) &&
+           (image[AT_ACTIVITY] <= activity_max);
+}
+
 /* Whether every word of the header is within its range, each alone and those that are multiplied
  * together. */
 static bool within_limits(const uint32_t *image)
@@ -73,7 +114,10 @@ static bool within_limits(const uint32_t *image)
                  {AT_LENGTH, 1U, LIMIT},    {AT_EXCLUSION, 0U, LIMIT},
                  {AT_WINDOW_KIND, 0U, 1U},  {AT_TIMESTAMP_BITS, 2U, 32U},
                  {AT_CODE_MAX, 1U, 255U},   {AT_CODES, 1U, 16U},
-                 {AT_RATIO_DENOMINATOR, 0U, LIMIT}};
+                 {AT_RATIO_DENOMINATOR, 0U, LIMIT},
+                 {AT_STEPS, 0U, STEPS_MAX}, {AT_BACK, 0U, STEPS_MAX},
+                 {AT_RESTART, 0U, PRICE_MAX}, {AT_KEEP_DISTANCES, 0U, 1U},
+                 {AT_TRUST, 0U, TRUST_MAX}, {AT_OWN_MEAN, 0U, 8U}};
     for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
         const uint32_t value = image[range[i].word];
         if ((value < range[i].least) || (value > range[i].most)) {
@@ -93,16 +137,21 @@ static bool within_limits(const uint32_t *image)
            ((depth & (depth - 1U)) == 0U) && ((image[AT_WINDOW] - 1U) < windows) &&
            (image[AT_LENGTH] <= image[AT_PLACES]) &&
            ((denominator == 0U) || (image[AT_ACCEPT] < denominator)) && (distance_max <= LIMIT) &&
-           fits(distance_max * image[AT_LENGTH], denominator) &&
-           fits(image[AT_PLACES] * image[AT_LENGTH], 8U);
+           ((image[AT_STEPS] != 0U) || fits(distance_max * image[AT_LENGTH], denominator)) &&
+           fits(image[AT_PLACES] * image[AT_LENGTH], 8U) && adaptive_within_limits(image);
 }
 
 /* Whether the tables lie behind the header and one another, aligned, and within the image. */
 static bool laid_out(const uint32_t *image)
 {
-    const uint32_t size[] = {image[AT_HEIGHT] * 2U, image[AT_LOOKUP_DEPTH] * 8U,
-                             image[AT_CODES] * (image[AT_COUNT_MAX] + 1U), image[AT_SLOTS],
-                             image[AT_PLACES] * image[AT_STRIDE]};
+    const bool own_mean = image[AT_OWN_MEAN] != 0U;
+    const uint32_t size[] = {image[AT_HEIGHT] * 2U,
+                             image[AT_LOOKUP_DEPTH] * 8U,
+                             image[AT_CODES] * (image[AT_COUNT_MAX] + 1U) * (own_mean ? 2U : 1U),
+                             image[AT_SLOTS],
+                             image[AT_PLACES] * image[AT_STRIDE],
+                             (image[AT_STEPS] + image[AT_BACK]) * 2U,
+                             own_mean ? (image[AT_SLOTS] * 2U) : 0U};
     uint32_t end = VPR_HEADER_WORDS * 4U;
     for (uint32_t i = 0U; i < (sizeof size / sizeof *size); i++) {
         const uint32_t at = image[AT_DISPLACEMENT_TABLE + i];
@@ -119,6 +168,16 @@ static bool at_most(const uint8_t *bytes, uint32_t count, uint32_t most)
 {
     for (uint32_t i = 0U; i < count; i++) {
         if (bytes[i] > most) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static bool words_at_most(const uint16_t *words, uint32_t count, uint32_t most)
+{
+    for (uint32_t i = 0U; i < count; i++) {
+        if (words[i] > most) {
             return false;
         }
     }
@@ -152,6 +211,16 @@ static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
     return owned == pixels;
 }
 
+/* Whether the entries that codes are made of are within their range. */
+static bool codes_sound(const vpr_design_t *d, uint32_t tables)
+{
+    if (d->level != NULL) {
+        return words_at_most(d->level, d->count_max + 1U, LEVEL_MAX) &&
+               words_at_most(d->mean, d->slots, LEVEL_MAX);
+    }
+    return at_most(d->code, tables * (d->count_max + 1U), d->code_max);
+}
+
 /* Whether no place has a code beyond the largest, and padding that is not zero. */
 static bool places_sound(const vpr_design_t *d, uint32_t code_max)
 {
@@ -180,6 +249,11 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
     d->lookup = (const vpr_entry_t *)(const void *)&bytes[image[AT_LOOKUP_TABLE]];
     d->code = &bytes[image[AT_CODE_TABLE]];
+    d->level = (image[AT_OWN_MEAN] != 0U)
+                   ? (const uint16_t *)(const void *)&bytes[image[AT_CODE_TABLE]]
+                   : NULL;
+    d->price = (const uint16_t *)(const void *)&bytes[image[AT_PRICE_TABLE]];
+    d->mean = (const uint16_t *)(const void *)&bytes[image[AT_MEAN_TABLE]];
     d->code_table = &bytes[image[AT_WHICH_CODE_TABLE]];
     d->places = &bytes[image[AT_PLACES_TABLE]];
     d->height = image[AT_HEIGHT];
@@ -195,16 +269,26 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->exclusion = image[AT_EXCLUSION];
     d->ratio_denominator = image[AT_RATIO_DENOMINATOR];
     d->accept = image[AT_ACCEPT];
-    return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) &&
-           at_most(d->code, image[AT_CODES] * (d->count_max + 1U), image[AT_CODE_MAX]) &&
+    d->code_max = image[AT_CODE_MAX];
+    d->steps = image[AT_STEPS];
+    d->back = image[AT_BACK];
+    d->restart = image[AT_RESTART];
+    d->trust = image[AT_TRUST];
+    d->activity = image[AT_ACTIVITY];
+    d->keep_distances = image[AT_KEEP_DISTANCES] != 0U;
+    return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && codes_sound(d, image[AT_CODES]) &&
            at_most(d->code_table, d->slots, image[AT_CODES] - 1U) &&
-           places_sound(d, image[AT_CODE_MAX]);
+           words_at_most(d->price, d->steps + d->back, PRICE_MAX) &&
+           places_sound(d, d->code_max);
 }
 
 uint32_t vpr_ram_bytes(const vpr_design_t *d)
 {
+    /* of the filter, a metric takes the room of a sequence of 1, and there is no delay line */
     return d->stride + rounded_up(d->slots * 2U) + rounded_up(d->length * d->place_count * 2U) +
-           rounded_up((d->exclusion + 1U) * 4U);
+           ((d->steps != 0U) ? 0U : rounded_up((d->exclusion + 1U) * 4U)) +
+           (d->keep_distances ? rounded_up(d->place_count * 2U) : 0U) +
+           ((d->level != NULL) ? rounded_up(d->slots * 4U) : 0U);
 }
 
 void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
@@ -218,7 +302,12 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     at += rounded_up(d->slots * 2U);
     s->history = (uint16_t *)(void *)&bytes[at];
     at += rounded_up(d->length * d->place_count * 2U);
+    s->metric = s->history;
     s->delay = (uint32_t *)(void *)&bytes[at];
+    at += (d->steps != 0U) ? 0U : rounded_up((d->exclusion + 1U) * 4U);
+    s->distance = (uint16_t *)(void *)&bytes[at];
+    at += d->keep_distances ? rounded_up(d->place_count * 2U) : 0U;
+    s->mean = (uint32_t *)(void *)&bytes[at];
 
     /* the padding of the query must be zero as that of the places is; the rest is written
      * before it is read */
@@ -234,6 +323,20 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->windows = 0U;
     s->seen = 0U;
     s->newest = 0U;
+    s->usual = d->activity;
+    s->paused = false;
+    s->mean_shift = FIRST_SHIFT;
+    s->mean_windows = 1U << FIRST_SHIFT;
+    s->reciprocal = 0U;
+    s->least = 0U;
+    s->place = VPR_NONE;
+    s->trust = 0U;
+    for (uint32_t i = 0U; (d->level != NULL) && (i < d->slots); i++) {
+        s->mean[i] = (uint32_t)d->mean[i] << MEAN_BITS;
+    }
+    for (uint32_t i = 0U; (d->steps != 0U) && (i < d->place_count); i++) {
+        s->metric[i] = 0U;
+    }
 }
 
 /* A row's pixels lie in the look-up from its displacement on, between those of other rows: an entry
@@ -301,11 +404,44 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
     return status;
 }
 
+/* Code a count against the counter's running mean, and move the mean unless the camera stands. */
+static uint8_t own_mean_code(const vpr_design_t *d, vpr_state_t *s, uint32_t slot)
+{
+    const uint32_t level = d->level[s->counts[slot]];
+    const uint32_t mean = (s->mean[slot] + MEAN_HALF) >> MEAN_BITS;
+    /* codes have no sign: half of their range is added */
+    const uint32_t above = level + (((d->code_max + 1U) / 2U) << LEVEL_BITS) + LEVEL_HALF;
+    const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_BITS;
+    if (!s->paused) {
+        s->mean[slot] = moved(s->mean[slot], level << MEAN_BITS, s->mean_shift);
+    }
+    return (uint8_t)((octaves < d->code_max) ? octaves : d->code_max);
+}
+
+/* Whether the open window pauses; and the usual number of events with it. */
+static void take_activity(const vpr_design_t *d, vpr_state_t *s)
+{
+    const uint32_t counted = d->budget - s->left;
+    const uint32_t events = (counted < EVENTS_TOP) ? counted : EVENTS_TOP;
+    const uint32_t least = (s->usual + ((1U << PAUSE_BITS) - 1U)) >> PAUSE_BITS;
+    s->paused = (events == 0U) || (events < least);
+    s->usual = moved(s->usual, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
+}
+
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
 {
+    take_activity(d, s);
     for (uint32_t i = 0U; i < d->slots; i++) {
-        s->query[i] = d->code[(d->code_table[i] * (d->count_max + 1U)) + s->counts[i]];
+        if (d->level != NULL) {
+            s->query[i] = own_mean_code(d, s, i);
+        } else {
+            s->query[i] = d->code[(d->code_table[i] * (d->count_max + 1U)) + s->counts[i]];
+        }
         s->counts[i] = 0U;
+    }
+    if (!s->paused && (s->mean_shift < LAST_SHIFT)) {
+        s->mean_windows++;
+        s->mean_shift += s->mean_windows >> (s->mean_shift + 1U);
     }
     s->window_end += d->tau;
     s->left = d->budget; /* by time: 0, which becomes 0 again after 2^32 events only */
@@ -369,7 +505,7 @@ static void search(const vpr_design_t *d, uint32_t *delay, search_t *f, vpr_matc
 
 static bool accepted(const vpr_design_t *d, const vpr_match_t *m)
 {
-    if (m->second == VPR_NONE) {
+    if ((m->second == VPR_NONE) || (m->trust < d->trust)) {
         return false;
     }
     if (d->ratio_denominator == 0U) {
@@ -379,7 +515,7 @@ static bool accepted(const vpr_design_t *d, const vpr_match_t *m)
            ((m->sum * d->ratio_denominator) <= (m->second_sum * d->accept));
 }
 
-bool vpr_match_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
+static bool match_sequences(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
     search_t found = {VPR_NONE, VPR_NONE, 0U, 0U};
     const uint8_t *codes = d->places;
@@ -394,9 +530,21 @@ bool vpr_match_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
         }
         codes = &codes[d->stride];
     }
-    if (complete) {
+    m->trust = 0U;
+    return complete;
+}
+
+bool vpr_match_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
+{
+    bool found = true;
+    if (d->steps != 0U) {
+        filter_places(d, s, m);
+    } else {
+        found = match_sequences(d, s, m);
+    }
+    if (found) {
         m->window = s->windows - 1U;
         m->accepted = accepted(d, m);
     }
-    return complete;
+    return found;
 }

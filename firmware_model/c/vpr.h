@@ -20,8 +20,8 @@
 #include <stdint.h>
 
 #define VPR_MAGIC 0x49525056U /* "VPRI" */
-#define VPR_VERSION 1U
-#define VPR_HEADER_WORDS 28U
+#define VPR_VERSION 2U
+#define VPR_HEADER_WORDS 36U
 #define VPR_NONE 0xFFFFFFFFU
 
 /* As it arrives: 8 bytes. */
@@ -41,8 +41,11 @@ typedef struct {
     const uint16_t *displacement; /* [height]: where a row begins in the look-up */
     const vpr_entry_t *lookup;    /* [lookup_mask + 1] */
     const uint8_t *code;          /* [tables][count_max + 1]: code of each count */
+    const uint16_t *level;        /* [count_max + 1]: its logarithm, of own-mean codes; else NULL */
     const uint8_t *code_table;    /* [slots]: which of the tables a counter uses */
     const uint8_t *places;        /* [places][stride]: codes, padded with zeros */
+    const uint16_t *price;        /* [steps + back]: of a step of 0, 1 ... places, and -1, -2 ... */
+    const uint16_t *mean;         /* [slots]: where running means start; of other codes unused */
     uint32_t height;
     uint32_t lookup_mask;
     uint32_t slots;
@@ -56,6 +59,13 @@ typedef struct {
     uint32_t exclusion;
     uint32_t ratio_denominator; /* 0: accept by margin */
     uint32_t accept;            /* margin, or numerator of the ratio */
+    uint32_t code_max;
+    uint32_t steps;   /* of the place filter; of sequences 0 */
+    uint32_t back;
+    uint32_t restart; /* price of getting anywhere */
+    uint32_t trust;   /* least that is accepted */
+    uint32_t activity; /* where the usual number of events starts, in units of 1/256 */
+    bool keep_distances; /* 2 bytes of RAM a place, or each distance computed twice */
 } vpr_design_t;
 
 typedef struct {
@@ -68,6 +78,17 @@ typedef struct {
     uint32_t windows;  /* ended so far */
     uint32_t seen;     /* the same, at most length */
     uint32_t newest;   /* row of history */
+    uint32_t usual;    /* events of a window, in units of 1/256 */
+    bool paused;       /* the window that ended last had hardly any */
+    uint32_t *mean;    /* [slots]: running mean of the logarithm, in units of 1/65536 octave */
+    uint32_t mean_shift;
+    uint32_t mean_windows; /* until the shift grows */
+    uint16_t *metric;      /* [place_count], of the place filter */
+    uint16_t *distance;    /* [place_count], if kept */
+    uint32_t reciprocal; /* of the spread of the window before: scales the evidence */
+    uint32_t least;      /* metric */
+    uint32_t place;      /* of the match before, or VPR_NONE */
+    uint32_t trust;
 } vpr_state_t;
 
 typedef enum {
@@ -78,11 +99,12 @@ typedef enum {
 typedef struct {
     uint32_t window;     /* number of the window that ended last, from 0 */
     uint32_t place;      /* where the sequence ends on the map */
-    uint32_t sum;        /* its distance, over the whole sequence */
+    uint32_t sum;        /* its distance, over the whole sequence; or the metric of the filter */
     uint32_t second;     /* best place outside the exclusion zone, or VPR_NONE */
     uint32_t second_sum; /* VPR_NONE where there is none */
     uint32_t ties;       /* further places at the same smallest distance */
     bool accepted;
+    uint32_t trust; /* of the filter: how far to trust it, in units of 1/16 of a metric; else 0 */
 } vpr_match_t;
 
 /* Check an image and read its design. False: it is none, of another version, damaged, or beyond the
@@ -115,7 +137,7 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s);
 
 /* Compare the window that ended last with every place. False: fewer than `length` windows so far,
- * and no match. To be called once after every vpr_window_end. */
+ * and no match; the place filter has always one. To be called once after every vpr_window_end. */
 bool vpr_match_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m);
 
 #endif

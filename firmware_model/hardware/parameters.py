@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from firmware_model.design import Design
+from firmware_model.errors import DesignError
 
 #: name of the generated package, and of its file
 PACKAGE = "vpr_design"
@@ -21,7 +22,17 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
     -------
     dict of str to (str, int)
         SystemVerilog type and value by name, in the order of the core's declaration.
+
+    Raises
+    ------
+    DesignError
+        If the design has a part that the core does not have.
     """
+    if design.filters or design.own_mean:
+        raise DesignError(
+            "the core in SystemVerilog has sequences and fixed code tables so far: take a design with "
+            'matching = "sequence" and without own-mean codes'
+        )
     bits = {name: form.width for name, form in design.formats.items()}
     return {
         "HEIGHT": ("int", design.height),

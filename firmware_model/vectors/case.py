@@ -84,14 +84,18 @@ def in_order(done: Trace) -> Iterator[Result]:
 
 
 def records(results: Iterable[Result]) -> Iterator[Record]:
-    """Results as a device returns them: integers, `NONE` in place of what there is none of."""
+    """Results as a device returns them: integers, `NONE` in place of what there is none of.
+
+    A match of the filter has its trust behind the others' values.
+    """
     for result in results:
         if isinstance(result, EventResult):
             yield "event", (result.number, _or_none(result.slot), result.counted)
         elif isinstance(result, WindowResult):
             yield "window", (result.number, result.events, *result.codes)
         elif isinstance(result, MatchResult):
-            yield "match", tuple(_or_none(value) for value in result)
+            told = result if result.trust is not None else result[:-1]
+            yield "match", tuple(_or_none(value) for value in told)
 
 
 def to_binary(found: Iterable[Record]) -> bytes:

@@ -28,13 +28,16 @@ def memory_words(memories: Memories) -> dict[str, tuple[Packing, Table]]:
     bits = {name: form.width for name, form in design.formats.items()}
     entry = Packing((("slot", bits["slot"]), ("owner", bits["owner"])))
     entries = zip(lookup.slot, lookup.owner, strict=True)
-    return {
+    words = {
         "displacement": _single("address", bits["address"], lookup.displacement),
         "lookup": (entry, formats.pack(entry, entries)),
-        "codes": _single("code", bits["code"], tuple(chain(*memories.codes))),
+        "codes": _single("code", bits["entry"], tuple(chain(*memories.codes))),
         "code_tables": _single("table", bits["table"], memories.tables),
         "places": descriptor_words(memories, memories.places),
     }
+    if design.own_mean:
+        words["means"] = _single("mean", bits["entry"], memories.mean)
+    return words
 
 
 def descriptor_words(

@@ -48,6 +48,36 @@ def random_design(rng: np.random.Generator) -> Design:
     )
 
 
+def random_adaptive_design(rng: np.random.Generator) -> Design:
+    """Draw a small design with the place filter, own-mean codes, or both.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Design
+        Within the reference firmware's limits.
+    """
+    values = random_design(rng).to_dict()
+    kind = rng.integers(3)
+    if kind != 0:
+        values |= {"code": "own-mean", "full_scales": [int(rng.integers(1, 40))]}
+    if kind != 1:
+        most = int(rng.choice([4, 40, 254]))
+        values |= {
+            "matching": "filter",
+            "length": 1,
+            "steps": rng.integers(0, most + 1, int(rng.integers(1, 6))).tolist(),
+            "back": rng.integers(0, most + 1, int(rng.integers(0, 4))).tolist(),
+            "restart": int(rng.integers(0, most + 1)),
+            "keep_distances": bool(rng.integers(2)),
+            "trust": int(rng.choice([0, int(rng.integers(1, 8000))])),
+        }
+    return Design(**values)
+
+
 def random_memories(rng: np.random.Generator, design: Design) -> Memories:
     """Draw distinct pixels, and places of codes that the design has, some of them alike.
 
@@ -67,4 +97,9 @@ def random_memories(rng: np.random.Generator, design: Design) -> Memories:
             places[k] = places[rng.integers(k)]
     pixels = [(f % design.width, f // design.width) for f in flat]
     tables = rng.integers(0, len(design.full_scales), design.slots)
-    return Memories(design, pixels, places.tolist(), tables.tolist())
+    if not (design.filters or design.own_mean):
+        return Memories(design, pixels, places.tolist(), tables.tolist())
+    mean = rng.integers(0, design.entry_max + 1, design.slots).tolist() if design.own_mean else None
+    # of some, every window pauses at first, and of some none
+    activity = int(rng.integers(0, 1 << int(rng.integers(1, 20))))
+    return Memories(design, pixels, places.tolist(), tables.tolist(), mean=mean, activity=activity)

@@ -160,6 +160,7 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         "name": case.name,
         "number": number,
         "start": case.start,
+        "activity": case.memories.activity,
         "events": len(done.events),
         "windows": len(done.windows),
         "matches": len(done.matches),
@@ -179,15 +180,17 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
     time_bits = 32 if design.timestamp_bits <= 32 else 64
     event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
     seen = (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"]))
+    columns = len(_match_columns(design))
     match = (
         ("window", 32),
         ("place", bits["place"]),
-        ("sum", bits["sequence"]),
+        ("sum", bits["sum"]),
         ("has_second", 1),
         ("second", bits["place"]),
-        ("second_sum", bits["sequence"]),
+        ("second_sum", bits["sum"]),
         ("ties", bits["place"]),
         ("accepted", 1),
+        *([("trust", bits["trust"])] if design.filters else []),
     )
     rows: dict[str, tuple[tuple[tuple[str, int], ...], Iterable[Sequence[int]]]] = {
         "start": ((("t", time_bits),), [(case.start % (1 << design.timestamp_bits),)]),
@@ -199,7 +202,7 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
         "expected_matches": (
             match,
             [
-                (*m[:3], m.second is not None, m.second or 0, m.second_sum or 0, *m[5:])
+                (*m[:3], m.second is not None, m.second or 0, m.second_sum or 0, *m[5:columns])
                 for m in done.matches
             ],
         ),
@@ -218,6 +221,10 @@ _EVENT = ("event", "slot", "count")
 _MATCH = ("window", "place", "sum", "second", "second_sum", "ties", "accepted")
 
 
+def _match_columns(design: Design) -> tuple[str, ...]:
+    return (*_MATCH, "trust") if design.filters else _MATCH
+
+
 def _csv_files(case: Case, done: Trace) -> dict[str, str]:
     slots = range(case.design.slots)
     numbered: dict[str, list[tuple[int, ...]]] = {"event": [], "window": [], "match": []}
@@ -230,7 +237,7 @@ def _csv_files(case: Case, done: Trace) -> dict[str, str]:
         "places.csv": formats.csv([f"slot_{slot}" for slot in slots], case.memories.places),
         "expected_events.csv": formats.csv(_EVENT, numbered["event"]),
         "expected_windows.csv": formats.csv(window, numbered["window"]),
-        "expected_matches.csv": formats.csv(_MATCH, numbered["match"]),
+        "expected_matches.csv": formats.csv(_match_columns(case.design), numbered["match"]),
     }
 
 
@@ -238,7 +245,8 @@ def _arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
     """Arrays by name; -1 in place of what there is none of."""
     lookup, design = case.memories.lookup(), case.design
     t, x, y, on = zip(*case.events, strict=True) if case.events else ((),) * 4
-    matches = [[-1 if v is None else int(v) for v in match] for match in done.matches]
+    columns = len(_match_columns(design))
+    matches = [[-1 if v is None else int(v) for v in match[:columns]] for match in done.matches]
     windows = [window.codes for window in done.windows]
     ended = [window.events for window in done.windows]
     shape = (-1, design.slots)
@@ -259,7 +267,9 @@ def _arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
         "expected_count": np.array([r.counted for r in done.events], dtype="<u4"),
         "expected_window_events": np.array(ended, dtype="<u4"),
         "expected_windows": np.array(windows, dtype="<u2").reshape(shape),
-        "expected_matches": np.array(matches, dtype="<i8").reshape(-1, len(_MATCH)),
+        "expected_matches": np.array(matches, dtype="<i8").reshape(-1, columns),
+        "means": np.array(case.memories.mean, dtype="<u2"),
+        "activity": np.array(case.memories.activity, dtype="<u4"),
     }
 
 

@@ -17,7 +17,7 @@ COMPARED = ("event", "window", "match")
 _FIELDS = {
     "event": ("number", "slot", "count"),
     "window": ("number", "events"),
-    "match": ("window", "place", "sum", "second", "second_sum", "ties", "accepted"),
+    "match": ("window", "place", "sum", "second", "second_sum", "ties", "accepted", "trust"),
 }
 
 

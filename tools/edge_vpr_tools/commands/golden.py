@@ -7,19 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
-from edge_vpr.descriptors.windows import narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.pipeline import cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.whole_files import check_output, replacing_folder
 from edge_vpr_tools.arguments.reading import open_from
-from edge_vpr_tools.estimate.of_map import design_of, device_codes
+from edge_vpr_tools.estimate.of_map import design_of, memories_of
 from edge_vpr_tools.output.messages import note, summary
 from edge_vpr_tools.output.results import check_parent
-from firmware_model import Design, DesignError, Event, Memories, VectorError
+from firmware_model import Design, DesignError, Event, VectorError
 from firmware_model.vectors import Case, standard_suites, write_suites
 from firmware_model.vectors.suite import files_of
 from firmware_model.vectors.verify import load_manifest
@@ -98,11 +95,7 @@ def _from_map(args: argparse.Namespace) -> tuple[Design, list[Case]]:
     design = design_of(reference, args.lanes)
     if args.recording is None:
         return design, []
-    codes, places = device_codes(reference), reference.places.counts
-    if reference.codes is None:
-        places = narrow(codes.encode(places))
-    pixels = np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist()
-    memories = Memories(design, pixels, places.tolist(), codes.row.tolist())
+    memories = memories_of(reference, design)
     clock = 1 << design.timestamp_bits
     events = [Event(t % clock, x, y, bool(p)) for t, x, y, p in _events(args, reference.settings)]
     return design, [Case("drive", memories, tuple(events))]

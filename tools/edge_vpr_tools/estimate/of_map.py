@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
+from edge_vpr.descriptors.pauses import mean_activity
+from edge_vpr.descriptors.windows import narrow
+from edge_vpr.matching.place_filter import StepPrices
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.design import Design
+from firmware_model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
 
 
@@ -13,7 +21,8 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     Parameters
     ----------
     reference : ReferenceMap
-        Where it holds counts, the device's counters have as many bits as the map stores.
+        Where it holds counts, the device's counters have as many bits as the map stores. The place
+        filter gives every match that has a second best as accepted: its trust is for the user.
     lanes : int
         P, which a map does not say.
 
@@ -26,27 +35,78 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     DesignError
         If the device could not be.
     """
-    settings, codes = reference.settings, device_codes(reference)
+    settings = reference.settings
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
         pixels=len(reference.pixel_map),
         polarity=settings.polarity,
-        code=codes.codes[0].kind,
-        code_bits=codes.codes[0].bits,
-        full_scales=tuple(code.full_scale for code in codes.codes),
         window=settings.window,
         tau_us=settings.tau_us,
         window_events=max(1, settings.events_per_window),
         places=len(reference),
-        length=settings.sequence_length,
         lanes=lanes,
         exclusion=settings.exclusion,
+        **_code_of(reference),
+        **_matching_of(reference),
     )
 
 
+def memories_of(reference: ReferenceMap, design: Design) -> Memories:
+    """Take the contents of the device's tables from a map.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    design : Design
+        Of this map.
+
+    Returns
+    -------
+    Memories
+    """
+    places, tables = reference.places.counts, None
+    if not design.own_mean:
+        codes = device_codes(reference)
+        tables = codes.row.tolist()
+        if reference.codes is None:
+            places = narrow(codes.encode(places))
+    adaptive = design.own_mean or design.filters
+    return Memories(
+        design,
+        np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist(),
+        places.tolist(),
+        tables,
+        mean=None if reference.mean is None else reference.mean.tolist(),
+        activity=mean_activity(reference.places.activity) if adaptive else 0,
+    )
+
+
+def _code_of(reference: ReferenceMap) -> dict[str, Any]:
+    own = reference.own_mean_code
+    if own is not None:
+        return {"code": "own-mean", "code_bits": own.bits, "full_scales": (own.full_scale,)}
+    codes = device_codes(reference).codes
+    scales = tuple(code.full_scale for code in codes)
+    return {"code": codes[0].kind, "code_bits": codes[0].bits, "full_scales": scales}
+
+
+def _matching_of(reference: ReferenceMap) -> dict[str, Any]:
+    settings = reference.settings
+    if settings.matching == "sequence":
+        return {"length": settings.sequence_length}
+    prices = StepPrices.of(settings)
+    return {
+        "matching": "filter",
+        "steps": prices.forward,
+        "back": prices.back,
+        "restart": prices.restart,
+        "accept": "margin",
+    }
+
+
 def device_codes(reference: ReferenceMap) -> PixelCodes:
-    """Tell the codes of a device for this map.
+    """Return the code tables of a device for a map that has no own-mean codes.
 
     Where the map holds counts as they are, they saturate at what 8 or 16 bits hold.
     """

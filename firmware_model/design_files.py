@@ -1,0 +1,73 @@
+"""A design as plain values, and as a TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, Self
+
+from firmware_model.errors import DesignError
+
+
+class DesignFile:
+    """What a dataclass of plain values and tuples of them needs to be written and read."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON and TOML."""
+        values = asdict(self)  # type: ignore[call-overload]
+        return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Self:
+        """Build from plain values.
+
+        Raises
+        ------
+        DesignError
+            If a name is unknown or missing, or a value out of range; `source` is named.
+        """
+        known = {field.name for field in fields(cls)}  # type: ignore[arg-type]
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise DesignError(
+                f"{source} has the unknown name {unknown[0]!r}: choose from "
+                f"{', '.join(sorted(known))}"
+            )
+        missing = sorted({"width", "height", "pixels", "places"} - set(values))
+        if missing:
+            raise DesignError(f"{source} lacks {missing[0]}: name it")
+        return cls(**values)
+
+    def to_toml(self) -> str:
+        """Write as TOML, which `load` reads."""
+        values = self.to_dict()
+        return "".join(f"{name} = {_toml(value)}\n" for name, value in values.items())
+
+    def save(self, path: str | Path) -> None:
+        """Write as a TOML file."""
+        Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a TOML file.
+
+        Raises
+        ------
+        DesignError
+            If it cannot be read, or is no design.
+        """
+        try:
+            values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise DesignError(f"cannot read a design from {path}: {error}") from error
+        return cls.from_dict(values, str(path))
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    return repr(value)

@@ -1,0 +1,121 @@
+"""The place filter: one metric a place, advanced window by window in integers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from firmware_model.comparator import MatchResult, SearchModel
+from firmware_model.design import Design
+from firmware_model.running import moved
+from firmware_model.widths import (
+    EVIDENCE_TOP,
+    FRACTION_BITS,
+    METRIC_TOP,
+    RECIPROCAL_BITS,
+    TRUST_BITS,
+)
+
+#: prices of a step of 0, 1 and 2 places while the camera stands
+PAUSE_STEPS = (0, 0, 1)
+#: the trust moves by 1/4 of its difference to the margin in a window
+TRUST_SHIFT = 2
+#: where the place stays the same, the trust falls by 1/16 a window
+STANDING_SHIFT = 4
+
+
+class PlaceFilterModel:
+    """Metrics of all places: the price of the cheapest way to be there now.
+
+    Attributes
+    ----------
+    metrics : list of int, length K
+        Of the latest window.
+    reciprocal : int
+        ``floor(2**16 / spread)`` of the distances of the latest window that did not pause; 0 before
+        there is one. Hardware takes a restoring divider of 17 steps for it, outside the loop over
+        the places.
+    place, trust : int
+        Of the latest match; the place is -1 before the first.
+    """
+
+    def __init__(self, design: Design) -> None:
+        self.design = design
+        self.metrics = [0] * design.places
+        self.reciprocal = 0
+        self.place, self.trust = -1, 0
+
+    def predictions(self, paused: bool) -> list[int]:
+        """Price of being at each place one window after the latest, without evidence."""
+        if self.place < 0:
+            return [0] * self.design.places
+        least = min(self.metrics)
+        return [self.prediction(place, paused, least) for place in range(self.design.places)]
+
+    def prediction(self, place: int, paused: bool, least: int) -> int:
+        """Price of being at one place; `least` is the least metric."""
+        steps, back = (PAUSE_STEPS, ()) if paused else (self.design.steps, self.design.back)
+        cheapest = self.design.restart << FRACTION_BITS
+        for origin, price in (
+            *((place - step, price) for step, price in enumerate(steps)),
+            *((place + step, price) for step, price in enumerate(back, 1)),
+        ):
+            if 0 <= origin < self.design.places:
+                cheapest = min(cheapest, self.metrics[origin] - least + (price << FRACTION_BITS))
+        return cheapest
+
+    def match(
+        self, number: int, paused: bool, distances: Callable[[], Iterable[int]]
+    ) -> MatchResult:
+        """Advance by a window, and search it.
+
+        Parameters
+        ----------
+        number : int
+            Of the window.
+        paused : bool
+        distances : callable
+            Gives those to all places; not called if the window pauses.
+        """
+        predictions = self.predictions(paused)
+        if paused:
+            self.metrics = predictions
+        else:
+            found = list(distances())
+            reciprocal = self.reciprocal or reciprocal_of_spread(found)
+            least = min(found)
+            self.metrics = [
+                min(prediction + evidence(distance - least, reciprocal), METRIC_TOP)
+                for prediction, distance in zip(predictions, found, strict=True)
+            ]
+            # of this window, for the next one
+            self.reciprocal = reciprocal_of_spread(found)
+        return self._answer(number)
+
+    def _answer(self, number: int) -> MatchResult:
+        search = SearchModel(self.design)
+        for place, metric in enumerate(self.metrics):
+            search.take(place, metric)
+        result = search.result(number)
+        assert result is not None, "there is a place"
+        margin = METRIC_TOP if result.second_sum is None else result.second_sum - result.sum
+        design = self.design
+        last = max(len(design.steps), len(PAUSE_STEPS)) - 1
+        follows = self.place >= 0 and -len(design.back) <= result.place - self.place <= last
+        kept = self.trust if follows else 0
+        trust = moved(kept, margin << TRUST_BITS, TRUST_SHIFT)
+        if result.place == self.place:  # the same view again says nothing new
+            trust = min(trust, kept - (kept >> STANDING_SHIFT))
+        self.place, self.trust = result.place, trust
+        return result._replace(trust=trust, accepted=result.accepted and trust >= design.trust)
+
+
+def evidence(difference: int, reciprocal: int) -> int:
+    """Evidence against a place whose distance is so much above the least, saturated."""
+    return min((difference * reciprocal) >> (RECIPROCAL_BITS - FRACTION_BITS), EVIDENCE_TOP)
+
+
+def reciprocal_of_spread(distances: list[int]) -> int:
+    """Return ``floor(2**16 / s)``: s is the mean absolute deviation, rounded down, at least 1."""
+    mean = sum(distances) // len(distances)
+    spread = sum(abs(distance - mean) for distance in distances) // len(distances)
+    return (1 << RECIPROCAL_BITS) // max(spread, 1)
