@@ -30,8 +30,8 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
     """
     if design.filters or design.own_mean:
         raise DesignError(
-            "the core in SystemVerilog has sequences and fixed code tables so far: take a design with "
-            'matching = "sequence" and without own-mean codes'
+            "the core in SystemVerilog has sequences and fixed code tables so far: take a design "
+            'with matching = "sequence" and without own-mean codes'
         )
     bits = {name: form.width for name, form in design.formats.items()}
     return {

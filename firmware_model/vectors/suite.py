@@ -202,7 +202,13 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
         "expected_matches": (
             match,
             [
-                (*m[:3], m.second is not None, m.second or 0, m.second_sum or 0, *m[5:columns])
+                (
+                    *m[:3],
+                    m.second is not None,
+                    m.second or 0,
+                    m.second_sum or 0,
+                    *(value or 0 for value in m[5:columns]),
+                )
                 for m in done.matches
             ],
         ),
