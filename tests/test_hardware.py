@@ -1,0 +1,258 @@
+"""The hardware core: it returns the golden vectors, and its parameters are those of the model."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+
+from firmware_model import Design, ToolError, VectorError, cost
+from firmware_model.hardware import proof, replay, report, simulation, sources
+from firmware_model.hardware.parameters import PACKAGE, package, parameters
+from firmware_model.vectors import check_files, load_manifest, standard_suites, verify, write_suites
+from firmware_model.vectors.random_designs import random_design
+from firmware_model.vectors.suite import files_of
+
+DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
+
+needs_iverilog = pytest.mark.skipif(
+    not simulation.available(), reason="Icarus Verilog is not installed: apt install iverilog"
+)
+
+
+def needs(*tools):
+    missing = [tool for tool in tools if not shutil.which(tool)]
+    return pytest.mark.skipif(bool(missing), reason=f"{', '.join(missing)} not installed")
+
+
+def write_vectors(folder, design, seed=3, suite="corners", cases=slice(None)):
+    suites = {suite: standard_suites(design, seed)[suite][cases]}
+    write_suites(folder, design, suites, seed, rtl=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def vectors(tmp_path_factory):
+    """Vectors of a small design, with the core's sources."""
+    return write_vectors(tmp_path_factory.mktemp("hardware") / "vectors", DESIGN)
+
+
+@needs_iverilog
+def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
+    """Memories and registers start undefined; both sides wait in four clocks of ten."""
+    outcome = replay.hold(vectors, seed=5, stall=40, resets=1)
+    assert outcome.differences == []
+    assert outcome.cases == len(load_manifest(vectors)["suites"][0]["cases"]) > 30
+    assert min(outcome.equal.values()) > 400
+
+
+@needs_iverilog
+@pytest.mark.parametrize("seed", [21, 22])
+def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
+    """Both kinds of window, one polarity and both, lanes that do not divide the slots."""
+    design = random_design(np.random.default_rng(seed))
+    folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
+    outcome = replay.hold(folder, seed=seed, stall=30, resets=2)
+    assert outcome.differences == []
+    assert outcome.equal["event"] == 2000
+
+
+def core_cycles(design):
+    """Clocks from a window's end to its match, as docs/hardware.md says."""
+    model = cost.cycles(design)
+    period = max(design.words, design.length, 2)
+    added = (design.places - 1) * (period - max(design.words, design.length))
+    filled = design.words * design.lanes - design.slots
+    return model.match + added + filled + (design.lanes - 1).bit_length() + 10
+
+
+@needs_iverilog
+@pytest.mark.parametrize(
+    "design",
+    [
+        DESIGN,
+        replace(DESIGN, length=1),
+        replace(DESIGN, lanes=1, places=6),
+        replace(DESIGN, lanes=9, length=1, places=9),
+        replace(DESIGN, lanes=16, length=4),
+    ],
+)
+def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
+    """Every match of a case, where nothing waits."""
+    folder = write_vectors(tmp_path / "v", design, 1, "random", slice(1))
+    ((_, done),) = simulation.replay_vectors(folder, tmp_path)
+    assert verify(folder, done.records).differences == []
+    assert done.least_cycles == done.most_cycles == core_cycles(design)
+
+
+#: faults of the core, each in the text of a file, that the vectors must find
+FAULTS = {
+    "a counter saturates one too late": (
+        "vpr_counters.sv",
+        "count == FULL ? FULL : count + 1'b1",
+        "count + 1'b1",
+    ),
+    "a window ends one microsecond too late": (
+        "vpr_window_timer.sv",
+        "left[TIMESTAMP_BITS-1] || left == 0",
+        "left[TIMESTAMP_BITS-1]",
+    ),
+    "the row of an event off the sensor is not looked at": (
+        "vpr_pixel_lookup.sv",
+        "{1'b0, row} >= 16'(HEIGHT)",
+        "1'b0",
+    ),
+    "the upper bits of a column are not looked at": (
+        "vpr_pixel_lookup.sv",
+        "column != 16'(column[COLUMN_BITS-1:0])",
+        "1'b0",
+    ),
+    "counters are not cleared": ("vpr_encoder.sv", "counted && !counted_filler", "1'b0"),
+    "what an adder lacks is lost": (
+        "vpr_sad_lanes.sv",
+        "node_lacks <= negative",
+        "node_lacks <= 0",
+    ),
+    "the diagonal wraps into its own row": (
+        "vpr_sequence.sv",
+        "(LENGTH - 1) * PLACES - 1",
+        "(LENGTH - 1) * PLACES",
+    ),
+    "sums begin one place too early": (
+        "vpr_sequence.sv",
+        "place >= PLACE_BITS'(LENGTH - 1)",
+        "1'b1",
+    ),
+    "of equal sums the highest place is best": (
+        "vpr_search.sv",
+        "sum < best_sum;",
+        "sum <= best_sum;",
+    ),
+    "a second best of zero is accepted": ("vpr_accept.sv", "second_sum != 0 && ", ""),
+    "a match is not held until it is taken": (
+        "vpr_core.sv",
+        "else if (match_taken) m_match_tvalid",
+        "else m_match_tvalid",
+    ),
+    "a reset keeps the windows that were seen": (
+        "vpr_sequence.sv",
+        "seen      <= '0;",
+        "seen      <= seen;",
+    ),
+}
+
+
+def returned(folder, case, program, **options):
+    try:
+        done = simulation.replay(program, folder / case, case, folder / "results.csv", **options)
+    except (ToolError, VectorError) as error:
+        return str(error)
+    return "".join(verify(folder, done.records).differences)
+
+
+@needs_iverilog
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_of_the_core_is_found(tmp_path, fault):
+    """By one case or another of the suite, under stalls and resets."""
+    name, old, new = FAULTS[fault]
+    folder = tmp_path / "v"
+    chosen = {
+        "events_by_time",
+        "tie_of_two",
+        "tie_of_three",
+        "all_places_equal",
+        "ratio_at_threshold",
+    }
+    cases = [case for case in standard_suites(DESIGN, 3)["corners"] if case.name in chosen]
+    write_suites(folder, DESIGN, {"corners": cases}, 3, rtl=True)
+    source = (folder / "rtl" / name).read_text(encoding="ascii")
+    assert source.count(old) == 1
+    (folder / "rtl" / name).write_text(source.replace(old, new), encoding="ascii")
+    found = []
+    for case in cases:
+        program = tmp_path / "core.vvp"
+        place = f"corners/{case.name}"
+        simulation.compile_bench(folder / place / f"{PACKAGE}.sv", program, folder / "rtl")
+        found.append(returned(folder, place, program, seed=2, stall=40, resets=1))
+        if found[-1]:
+            return
+    pytest.fail(f"no case found it: {found}")
+
+
+def test_the_package_has_every_parameter_of_the_core_with_the_models_widths():
+    """No parameter of the core keeps its default."""
+    core = (sources.FOLDER / "vpr_core.sv").read_text(encoding="ascii")
+    declared = re.findall(r"parameter (?:int|bit|logic \[\d+:0\])\s+(\w+)", core)
+    given = parameters(DESIGN)
+    assert declared == list(given)
+    device = (sources.FOLDER / "vpr_device.sv").read_text(encoding="ascii")
+    assert re.findall(r"\.(\w+)\(vpr_design::\1\)", device) == declared
+    for name, form in DESIGN.formats.items():
+        assert given[f"{name.upper()}_BITS"][1] == form.width
+    text = package(replace(DESIGN, tau_us=5_000_000_000, timestamp_bits=40))
+    assert "TAU_US = 64'd5000000000;" in text
+    assert "EVENT_TIME_BITS = 64;" in text
+
+
+def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsys):
+    """Sources beside the suites, parameters in each case; without the flag there are none."""
+    DESIGN.save(tmp_path / "d.toml")
+    command = ["golden", "--design", str(tmp_path / "d.toml"), "-o", str(tmp_path / "v")]
+    assert main(command) == 0
+    assert not list((tmp_path / "v").rglob("*.sv"))
+    assert main([*command, "--rtl", "--overwrite"]) == 0
+    assert main([*command, "--rtl", "--overwrite"]) == 0
+    capsys.readouterr()
+    written = {str(p.relative_to(tmp_path / "v")) for p in (tmp_path / "v").rglob("*.*")}
+    assert written == set(files_of(load_manifest(tmp_path / "v")))
+    assert {f"rtl/{name}" for name in sources.SIMULATED} <= written
+    assert check_files(tmp_path / "v") > 0
+
+
+def test_vectors_without_sources_are_refused_in_one_line(tmp_path):
+    write_suites(tmp_path / "v", DESIGN, {"random": standard_suites(DESIGN, 0)["random"][:1]}, 0)
+    with pytest.raises(VectorError, match="golden --rtl"):
+        next(simulation.replay_vectors(tmp_path / "v", tmp_path))
+
+
+@needs("verilator")
+def test_the_sources_are_free_of_lint(tmp_path):
+    """All of Verilator's warnings, for designs of several kinds."""
+    for number, design in enumerate(
+        [DESIGN, replace(DESIGN, window="count", accept="margin", full_scales=(7, 3), lanes=5)]
+    ):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        (folder / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
+        files = [folder / f"{PACKAGE}.sv"]
+        files += [sources.FOLDER / name for name in (*sources.DEVICE, "vpr_spi.sv")]
+        command = ["verilator", "--lint-only", "-Wall", "--top-module", "vpr_device"]
+        # the SPI slave is a second top here
+        command += ["-Wno-MULTITOP", *map(str, files)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+@needs("yosys", "yosys-smtbmc", "z3")
+def test_the_search_is_proved_and_broken_ones_are_refused():
+    """One size and three broken versions; the command has all."""
+    assert proof.prove(proof.SMALL)
+    for name in list(proof.BROKEN)[:3]:
+        assert proof.refuted(proof.SMALL, proof.broken(name)), name
+    assert all(proof.broken(name) for name in proof.BROKEN)
+
+
+@needs("yosys", "nextpnr-ice40")
+def test_a_small_design_is_placed_on_a_board():
+    """Area and speed come from the tools' own reports."""
+    found = report.measure(DESIGN, [1])
+    assert 300 < found.netlist.logic_cells < 1500
+    assert found.netlist.large_memories == 2
+    assert found.megahertz[1] > 20
+    assert all(re.search(r"\d", tool) for tool in found.tools)
+    assert f"| {found.netlist.logic_cells:,} of 5,280 |" in report.to_markdown(DESIGN, found)
