@@ -39,8 +39,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def cases() -> dict[str, list[Case]]:
-    """The suites that any design has."""
-    return standard_suites(DESIGN, seed=0)
+    """The suites that any design has, and that of the filter and own-mean codes."""
+    adaptive = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+    return standard_suites(DESIGN, seed=0) | {"filter": standard_suites(adaptive, 0)["filter"]}
 
 
 @pytest.fixture(scope="session")
@@ -81,7 +82,7 @@ def test_every_suite_passes_on_this_computer(folder, cases, expected):
 
 def test_events_may_be_handed_over_in_batches(emulator, cases, expected):
     """The same windows and matches for 2, 7 or all events at a time."""
-    for case in cases["corners"]:
+    for case in (*cases["corners"], *cases["filter"]):
         whole = [r for r in from_binary(expected[case.name]) if r[0] != "event"]
         for batch in (2, 7, 1 << 20):
             flash, ram = image(case.memories), ram_bytes(case.design)

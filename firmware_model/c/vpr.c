@@ -137,7 +137,7 @@ static bool within_limits(const uint32_t *image)
            ((depth & (depth - 1U)) == 0U) && ((image[AT_WINDOW] - 1U) < windows) &&
            (image[AT_LENGTH] <= image[AT_PLACES]) &&
            ((denominator == 0U) || (image[AT_ACCEPT] < denominator)) && (distance_max <= LIMIT) &&
-           ((image[AT_STEPS] != 0U) || fits(distance_max * image[AT_LENGTH], denominator)) &&
+           fits(distance_max * image[AT_LENGTH], denominator) &&
            fits(image[AT_PLACES] * image[AT_LENGTH], 8U) && adaptive_within_limits(image);
 }
 
