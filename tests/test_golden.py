@@ -373,7 +373,7 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     recording = open_recording(query)
     device = replace(reference.settings, query_mean="running")
     reference = replace(reference, settings=device)
-    found = describe_query(recording, reference)
+    found = describe_query(reference, recording)
     windows = arrays["expected_windows"]
     assert 0 < len(windows) <= len(found)
     assert np.array_equal(windows, found.counts[: len(windows)])
