@@ -176,9 +176,7 @@ def check_limits(design: Design) -> None:
     """Raise DesignError unless the reference firmware can hold the design's numbers."""
     formats = design.formats
     distance = design.slots * design.code_max
-    # a metric times any denominator has 26 bits
-    factor = design.ratio[1] if design.accept == "ratio" and not design.filters else 1
-    product = distance * design.length * factor
+    product = distance * design.length * (design.ratio[1] if design.accept == "ratio" else 1)
     for what, value, bits in (
         ("codes", design.code_max, 8),
         ("timestamps", formats["timestamp"].highest, 32),

@@ -10,7 +10,7 @@ import struct
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,9 +26,16 @@ TABLE = SOURCES / "instructions.csv"
 
 #: what is measured: 150 pixels of a DAVIS346, codes of 4 bits, sequences of 5
 DESIGN = Design(width=346, height=260, pixels=150, places=40, length=5, code_bits=4)
+#: and the same with own-mean codes and the place filter, distances computed twice
+FILTER = Design(
+    width=346, height=260, pixels=150, places=40, code="own-mean", code_bits=4, matching="filter"
+)
 
 # addresses are not needed inside: the structures are opaque here
 _STRUCT_BYTES = 512
+
+#: of a filter, before it is counted: the first one takes longer
+_WINDOWS = 3
 
 _Event = tuple[int, int, int, bool]
 
@@ -55,11 +62,17 @@ class Instructions:
         Of `vpr_window_end`, and of `vpr_match_places` with L windows seen.
     match_per_place : int
         What a further place adds to a match.
+    own_mean_window_end : int
+        Of `vpr_window_end` with own-mean codes.
+    filter_match, filter_per_place : int
+        Of a match by the place filter, for `FILTER`.
+    kept_match, kept_per_place : int
+        The same with distances kept.
     sad_per_byte : float
         Of a distance with call and return, over the slots (not their padding).
     code_bytes : int
         Functions and constants of ``vpr.c``.
-    ram_bytes : int
+    ram_bytes, filter_ram_bytes, kept_ram_bytes : int
         Arrays and structures, beside the stack.
     stack_bytes : int
         The most of all functions.
@@ -74,9 +87,16 @@ class Instructions:
     window_end: int
     match: int
     match_per_place: int
+    own_mean_window_end: int
+    filter_match: int
+    filter_per_place: int
+    kept_match: int
+    kept_per_place: int
     sad_per_byte: float
     code_bytes: int
     ram_bytes: int
+    filter_ram_bytes: int
+    kept_ram_bytes: int
     stack_bytes: int
 
 
@@ -84,7 +104,7 @@ class _Run:
     """The firmware with a design opened, and what its calls took so far."""
 
     def __init__(self, emulator: Emulator, memories: Memories) -> None:
-        self.emulator, self.stack = emulator, 0
+        self.emulator, self.stack, self.pixels = emulator, 0, memories.pixels
         emulator.release()
         flash = image(memories)
         self.image = emulator.put(flash)
@@ -118,17 +138,27 @@ class _Run:
         first = self.emulator.put(packed)
         return self.emulator.put(first.to_bytes(8, "little")), first + len(packed)
 
+    def see(self) -> None:
+        """Take an event at a selected pixel, uncounted."""
+        x, y = self.pixels[0]
+        self.emulator.call("vpr_events", self.design, self.state, *self._put([(1, x, y, True)]))
+
     def each(self, events: Sequence[_Event], before: int = 0) -> int:
         """Count what one more of some events adds to a batch: the most of all of them."""
         return max(self.take([e] * 2, before) - self.take([e], before) for e in events)
 
     def match(self, length: int) -> tuple[int, int]:
-        """Count the instructions of a window's end, and of its match with `length` windows seen."""
+        """Count the instructions of a window's end, and of its match with `length` windows seen.
+
+        All windows have an event at a selected pixel, so that none pauses.
+        """
         end = "vpr_window_end", self.design, self.state
         match = "vpr_match_places", self.design, self.state, self.found
         for _ in range(length - 1):
+            self.see()
             self.emulator.call(*end)
             self.emulator.call(*match)
+        self.see()
         return self.count(*end)[1], self.count(*match)[1]
 
 
@@ -170,9 +200,15 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     rows = (emulator.put(bytes(range(row))), emulator.put(bytes(reversed(range(row)))))
     distance = run.count("probe_sad", *rows, row)[1]
     stack = run.stack
-    half = Design(**(DESIGN.to_dict() | {"places": DESIGN.places // 2}))
-    shorter = _Run(emulator, _memories(half))
-    fewer = shorter.match(DESIGN.length)[1]
+    per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
+    filters = _Run(emulator, _memories(FILTER))
+    own_mean, filtered = filters.match(_WINDOWS)
+    filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
+    kept = replace(FILTER, keep_distances=True)
+    keeping = _Run(emulator, _memories(kept))
+    kept_match = keeping.match(_WINDOWS)[1]
+    kept_per_place = _per_place(emulator, kept, _WINDOWS, kept_match)
+    stack = max(stack, filters.stack, keeping.stack)
     alone = Emulator(target, build(target, folder, files=("vpr.c",), name="alone"))
     return Instructions(
         target=target.name,
@@ -183,12 +219,26 @@ def measure(target: Target, folder: str | Path) -> Instructions:
         events_call=call,
         window_end=ended,
         match=matched,
-        match_per_place=-(-(matched - fewer) // (DESIGN.places - half.places)),
+        match_per_place=per_place,
+        own_mean_window_end=own_mean,
+        filter_match=filtered,
+        filter_per_place=filter_per_place,
+        kept_match=kept_match,
+        kept_per_place=kept_per_place,
         sad_per_byte=round(distance / DESIGN.slots, 2),
         code_bytes=alone.code_bytes,
         ram_bytes=ram_bytes(DESIGN) + structures,
+        filter_ram_bytes=ram_bytes(FILTER) + structures,
+        kept_ram_bytes=ram_bytes(kept) + structures,
         stack_bytes=stack,
     )
+
+
+def _per_place(emulator: Emulator, design: Design, windows: int, whole: int) -> int:
+    """Count what a further place adds to a match, from a map of half as many."""
+    half = replace(design, places=design.places // 2)
+    fewer = _Run(emulator, _memories(half)).match(windows)[1]
+    return -(-(whole - fewer) // (design.places - half.places))
 
 
 def _memories(design: Design) -> Memories:

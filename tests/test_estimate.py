@@ -31,9 +31,13 @@ from firmware_model.cost import memories
 from firmware_model.descriptor import DescriptorModel
 from firmware_model.emulator import Emulator
 from firmware_model.image import image
-from firmware_model.instructions import DESIGN, TABLE
+from firmware_model.instructions import DESIGN, FILTER, TABLE
 from firmware_model.memories import Lookup
-from firmware_model.vectors.random_designs import random_design, random_memories
+from firmware_model.vectors.random_designs import (
+    random_adaptive_design,
+    random_design,
+    random_memories,
+)
 
 SMALL = Design(width=64, height=64, pixels=150, places=200)
 RATE = Mission(events_per_s=1e5, selected_share=0.01, matches_per_s=1.0)
@@ -257,7 +261,7 @@ def test_absolute_differences_are_the_places_times_the_pixels_of_the_oracle():
 def test_bytes_are_those_of_the_firmware_image(seed):
     """Without laying it out: flash to the byte, RAM as the C code asks for it."""
     rng = np.random.default_rng(seed)
-    design = random_design(rng)
+    design = (random_design, random_adaptive_design)[seed % 2](rng)
     assert counts.flash_bytes(design) == len(image(random_memories(rng, design)))
 
 
@@ -269,11 +273,11 @@ def m4(tmp_path_factory):
     return build(EMULATED[1], tmp_path_factory.mktemp("m4"))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(10))
 def test_bytes_are_those_that_the_firmware_asks_for(seed, m4):
     """Its own `vpr_ram_bytes` and the image that it opens, on an emulated Cortex-M4."""
     rng = np.random.default_rng(seed)
-    design = random_design(rng)
+    design = (random_design, random_adaptive_design)[seed % 2](rng)
     emulator = Emulator(EMULATED[1], m4)
     flash = image(random_memories(rng, design))
     at_image, at_design = emulator.put(flash), emulator.put(bytes(512))
@@ -374,6 +378,45 @@ def test_instructions_are_predicted_within_a_tenth(target, tmp_path):
         assert told.window == pytest.approx(counted.window, rel=0.1)
 
 
+@pytest.mark.parametrize("target", EMULATED[:2] + EMULATED[3:4], ids=lambda target: target.name)
+def test_instructions_of_the_filter_are_predicted_within_a_tenth(target, tmp_path):
+    """Of those counted under emulation, for eight designs that the table was not fitted on."""
+    pytest.importorskip("ziglang")
+    pytest.importorskip("unicorn")
+    elf = build(target, tmp_path)
+    rng = np.random.default_rng(12)
+    for seed in range(8):
+        design = Design(
+            width=64, height=64, pixels=int(rng.integers(10, 300)), code="own-mean",
+            places=int(rng.integers(30, 50)), code_bits=int(rng.integers(1, 5)),
+            matching="filter", steps=(1, 0, 0, 1)[: 3 + seed % 2], keep_distances=seed % 4 < 2,
+        )  # fmt: skip
+        counted = emulation.count(target, elf, design, seed)
+        told = emulation.predict(design, target.name)
+        assert told.match == pytest.approx(counted.match, rel=0.1), design
+        assert told.window == pytest.approx(counted.window, rel=0.1)
+
+
+def test_counts_of_a_filter_by_hand():
+    """Four pixels, three places, steps of 0 and 1: distances, both sums, prices, evidence."""
+    design = Design(
+        width=8, height=8, pixels=4, places=3, matching="filter", steps=(1, 0), lanes=2,
+        accept="margin", keep_distances=True,
+    )  # fmt: skip
+    work = counts.match_work(design)
+    # 12 of distances, 3 of deviations; 9 in distances, 2 + 2 in sums over places, two each of the
+    # 5 steps that lead from a place to a place, and two a place for the evidence
+    assert (work.absolute_differences, work.additions) == (12 + 3, 9 + 4 + 2 * 5 + 2 * 3)
+    # the least distance, prices, two limits and three of the search a place, and the acceptance
+    assert (work.comparisons, work.multiplications) == (2 + 5 + 6 + 9 + 1, 3)
+    assert (work.traffic["metric"].reads, work.traffic["distance"].writes) == (3, 3)
+    twice = counts.match_work(replace(design, keep_distances=False))
+    assert twice.absolute_differences == 24 + 3 and "distance" not in twice.traffic
+    assert twice.traffic["places"].reads == 2 * work.traffic["places"].reads == 12
+    own = replace(design, code="own-mean", full_scales=(0,))
+    assert counts.window_work(own).traffic["mean"].writes == 4
+
+
 def test_instructions_agree_with_the_table_beside_the_sources():
     """The fitted table against the other one, which the firmware wrote for one design."""
     with TABLE.open(encoding="ascii", newline="") as file:
@@ -383,6 +426,13 @@ def test_instructions_agree_with_the_table_beside_the_sources():
         told = emulation.predict(DESIGN, core)
         assert told.window == pytest.approx(int(row["window_end"]), rel=0.1)
         assert told.match == pytest.approx(int(row["match"]), rel=0.1)
+        for design, name in (
+            (FILTER, "filter_match"),
+            (replace(FILTER, keep_distances=True), "kept_match"),
+        ):
+            assert emulation.predict(design, core).match == pytest.approx(int(row[name]), rel=0.1)
+        own = emulation.predict(FILTER, core).window
+        assert own == pytest.approx(int(row["own_mean_window_end"]), rel=0.1)
         each = instructions_of(DESIGN, core, replace(RATE, events_per_call=10**9))
         assert round(each["selected event"]) == int(row["event_selected"])
         assert firmware()[core].stack_bytes == int(row["stack_bytes"])

@@ -14,7 +14,7 @@ from firmware_model import Design, DesignError, Event, Memories, ToolError
 from firmware_model.build import EMULATED, HOST, SOURCES, build
 from firmware_model.emulator import Emulator, run_host
 from firmware_model.image import Word, image, ram_bytes
-from firmware_model.instructions import TABLE, Instructions, compiler, measure, table
+from firmware_model.instructions import FILTER, TABLE, Instructions, compiler, measure, table
 from firmware_model.vectors import Case, from_binary, in_order, records, standard_suites, to_binary
 from firmware_model.vectors.images import image_cases
 from firmware_model.vectors.random_designs import (
@@ -39,8 +39,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def cases() -> dict[str, list[Case]]:
-    """The suites that any design has."""
-    return standard_suites(DESIGN, seed=0)
+    """The suites that any design has, and that of the filter and own-mean codes."""
+    adaptive = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+    return standard_suites(DESIGN, seed=0) | {"filter": standard_suites(adaptive, 0)["filter"]}
 
 
 @pytest.fixture(scope="session")
@@ -81,7 +82,7 @@ def test_every_suite_passes_on_this_computer(folder, cases, expected):
 
 def test_events_may_be_handed_over_in_batches(emulator, cases, expected):
     """The same windows and matches for 2, 7 or all events at a time."""
-    for case in cases["corners"]:
+    for case in (*cases["corners"], *cases["filter"]):
         whole = [r for r in from_binary(expected[case.name]) if r[0] != "event"]
         for batch in (2, 7, 1 << 20):
             flash, ram = image(case.memories), ram_bytes(case.design)
@@ -216,8 +217,19 @@ def test_instructions_stay_within_their_limits(measured):
     for core in ("cortex-a53", "cortex-a72", "cortex-a76"):
         assert measured[core].sad_per_byte <= 0.7
     for row in measured.values():
-        assert row.event_unselected < row.event_selected and row.code_bytes < 4096
-        assert row.stack_bytes < 256
+        assert row.event_unselected < row.event_selected and row.code_bytes < 6144
+        assert row.stack_bytes < 320
+
+
+def test_the_filter_takes_at_most_half_of_sequences_of_five(measured):
+    """A place and window, beside the distance that both need; and its RAM grows by 2 bytes."""
+    for core in ("cortex-m4", "cortex-m7"):
+        row = measured[core]
+        distance = row.sad_per_byte * 150
+        assert row.kept_per_place - distance <= (row.match_per_place - distance) / 2, core
+    more = replace(FILTER, places=FILTER.places + 800)
+    assert ram_bytes(more) - ram_bytes(FILTER) == 2 * 800
+    assert not FILTER.keep_distances and FILTER.own_mean
 
 
 def test_counted_instructions_are_those_of_a_loop_by_hand(folder):

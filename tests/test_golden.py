@@ -26,6 +26,7 @@ from firmware_model.build import EMULATED, SOURCES, build
 from firmware_model.emulator import Emulator
 from firmware_model.vectors import (
     CORNERS,
+    FILTER_CORNERS,
     check_files,
     corner_cases,
     coverage,
@@ -88,6 +89,20 @@ def test_the_corner_suite_reaches_every_corner(window, polarity):
     assert reached == set(CORNERS)
     # and no case could stand for all the others
     assert max(sum(map(bool, coverage(case).values())) for case in cases) < len(CORNERS) - 5
+
+
+@pytest.mark.parametrize("window", ["time", "count"])
+@pytest.mark.parametrize("code", ["log", "own-mean"])
+def test_the_filter_suite_reaches_every_corner(window, code):
+    """Of a design with the filter, own-mean codes, or both; the other suites stay as they are."""
+    changes = {"code": code, "full_scales": (0,), "window": window, "window_events": 30}
+    design = replace(DESIGN, matching="filter", length=1, **changes)
+    suites = standard_suites(design, 0)
+    reached = {c for case in suites["filter"] for c, n in coverage(case).items() if n}
+    assert reached >= set(FILTER_CORNERS)
+    sequences = replace(design, matching="sequence", length=3)
+    assert ("filter" in standard_suites(sequences, 0)) == (code == "own-mean")
+    assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
 
 
 def test_the_manifest_names_every_file_and_its_hash(vectors):
@@ -358,7 +373,7 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     recording = open_recording(query)
     device = replace(reference.settings, query_mean="running")
     reference = replace(reference, settings=device)
-    found = describe_query(recording, reference)
+    found = describe_query(reference, recording)
     windows = arrays["expected_windows"]
     assert 0 < len(windows) <= len(found)
     assert np.array_equal(windows, found.counts[: len(windows)])
@@ -399,7 +414,9 @@ def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_p
     assert main([*golden, "-o", str(tmp_path / "vectors")]) == 0
     assert same_as_the_pipeline(tmp_path / "vectors", made, query) > 5
     manifest = json.loads((tmp_path / "vectors" / "manifest.json").read_text())
-    assert [suite["name"] for suite in manifest["suites"]] == ["corners", "random", "recording"]
+    adaptive = ["filter"] if "paper" not in settings else []
+    suites = [suite["name"] for suite in manifest["suites"]]
+    assert suites == ["corners", "random", *adaptive, "recording"]
 
 
 def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, shared_data):

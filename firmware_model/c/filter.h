@@ -38,13 +38,6 @@ typedef struct {
     uint16_t ahead[STEPS_MAX]; /* of the places above the present one, before they changed */
 } prices_t;
 
-/* Of the places that have their new metric. */
-typedef struct {
-    uint32_t place;
-    uint32_t metric;
-    uint32_t ties;
-} least_t;
-
 /* Places next to one another, and the distances to them. */
 typedef struct {
     uint32_t from;
@@ -57,7 +50,6 @@ typedef struct {
     uint32_t nearest;
     uint32_t mean;
     uint32_t reciprocal;
-    uint32_t deviations; /* from the mean, summed so far */
 } scale_t;
 
 static inline uint32_t lesser(uint32_t a, uint32_t b)
@@ -149,27 +141,17 @@ static void predict(prices_t *p, uint16_t *metric, const block_t *b)
     }
 }
 
-/* Take a place's metric into the search; places come from the last to the first, so that the lowest
- * of equals comes last. */
-static inline void search_least(least_t *f, uint32_t place, uint32_t metric)
-{
-    if (metric <= f->metric) {
-        f->ties = (metric == f->metric) ? (f->ties + 1U) : 0U;
-        f->place = place;
-        f->metric = metric;
-    }
-}
-
-/* Add the evidence to the predictions of a block. */
-static void add_evidence(scale_t *scale, uint16_t *metric, const block_t *b, least_t *f)
+/* Add the evidence to the predictions of a block; the sum of the deviations from the mean. */
+static uint32_t add_evidence(const scale_t *scale, uint16_t *metric, const block_t *b,
+                             uint32_t *least)
 {
     const uint16_t *const distances = b->distance;
     const uint32_t nearest = scale->nearest;
     const uint32_t mean = scale->mean;
     const uint32_t reciprocal = scale->reciprocal;
-    uint32_t deviations = scale->deviations;
+    uint32_t deviations = 0U;
     uint16_t *const metrics = &metric[b->from];
-    least_t found = *f;
+    uint32_t found = *least;
     for (uint32_t i = b->end - b->from; i > 0U; i--) {
         const uint32_t distance = distances[i - 1U];
         const uint32_t scaled = ((distance - nearest) * reciprocal) >> EVIDENCE_SHIFT;
@@ -177,10 +159,10 @@ static void add_evidence(scale_t *scale, uint16_t *metric, const block_t *b, lea
             lesser(metrics[i - 1U] + lesser(scaled, EVIDENCE_TOP), METRIC_TOP);
         metrics[i - 1U] = (uint16_t)value;
         deviations += (distance < mean) ? (mean - distance) : (distance - mean);
-        search_least(&found, b->from + i - 1U, value);
+        found = lesser(found, value);
     }
-    scale->deviations = deviations;
-    *f = found;
+    *least = found;
+    return deviations;
 }
 
 /* Distances to the places of a block. */
@@ -194,20 +176,6 @@ static void compare(const vpr_design_t *d, const uint8_t *query, uint32_t from, 
     }
 }
 
-/* The block before the place `end`: all places below it if their distances were kept; else those
- * that there is room for, compared again. */
-static block_t block_before(const vpr_design_t *d, const vpr_state_t *s, uint32_t end,
-                            uint16_t *room)
-{
-    block_t found = {0U, end, s->distance};
-    if (!d->keep_distances) {
-        found.from = (end - 1U) & ~(BLOCK - 1U);
-        found.distance = room;
-        compare(d, s->query, found.from, end, room);
-    }
-    return found;
-}
-
 /* The sum of the deviations from the mean. */
 static uint32_t deviations_of(const block_t *b, uint32_t mean)
 {
@@ -219,67 +187,68 @@ static uint32_t deviations_of(const block_t *b, uint32_t mean)
     return sum;
 }
 
-static uint32_t reciprocal_of(const vpr_design_t *d, uint32_t deviations)
+/* The sum of the distances, and the least of them. */
+static uint32_t total_of(const block_t *b, uint32_t *nearest)
 {
-    const uint32_t spread = quotient(deviations, d->place_count);
-    return quotient(RECIPROCAL_ONE, (spread == 0U) ? 1U : spread);
-}
-
-/* Compare with all places: the mean distance, and the least. */
-static uint32_t compare_all(const vpr_design_t *d, const vpr_state_t *s, uint32_t *nearest)
-{
-    uint16_t room[BLOCK];
+    uint32_t least = *nearest;
     uint32_t total = 0U;
-    uint32_t least = VPR_NONE;
-    if (d->keep_distances) {
-        compare(d, s->query, 0U, d->place_count, s->distance);
-    }
-    uint32_t end = d->place_count;
-    while (end > 0U) {
-        const block_t block = block_before(d, s, end, room);
-        for (uint32_t i = 0U; i < (end - block.from); i++) {
-            const uint32_t distance = block.distance[i];
-            total += distance;
-            least = lesser(least, distance);
-        }
-        end = block.from;
+    for (uint32_t i = 0U; i < (b->end - b->from); i++) {
+        const uint32_t distance = b->distance[i];
+        total += distance;
+        least = lesser(least, distance);
     }
     *nearest = least;
-    return quotient(total, d->place_count);
+    return total;
 }
 
-/* Advance by a window in which the camera moved. */
-static void advance_moving(const vpr_design_t *d, vpr_state_t *s, prices_t *p, least_t *f)
+/* Advance by a window in which the camera moved, in passes over the places: for the mean of the
+ * distances, for the spread, which only the first window needs beforehand, and for the metrics. If
+ * the distances are not kept, each pass computes them again, a block at a time. */
+static void advance_moving(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
 {
+    enum { FOR_MEAN, FOR_SPREAD, FOR_METRICS, PASSES };
     uint16_t room[BLOCK];
-    scale_t scale = {0U, 0U, 0U, 0U};
-    scale.mean = compare_all(d, s, &scale.nearest);
-    if (s->reciprocal == 0U) { /* the first window's is its own */
-        uint32_t deviations = 0U;
-        for (uint32_t end = d->place_count; end > 0U;) {
-            const block_t block = block_before(d, s, end, room);
-            deviations += deviations_of(&block, scale.mean);
-            end = block.from;
+    scale_t scale = {VPR_NONE, 0U, 0U};
+    for (uint32_t pass = FOR_MEAN; pass < PASSES; pass++) {
+        uint32_t sum = 0U;
+        if ((pass == FOR_SPREAD) && (s->reciprocal != 0U)) {
+            continue;
         }
-        s->reciprocal = reciprocal_of(d, deviations);
+        scale.reciprocal = s->reciprocal;
+        block_t block = {0U, d->place_count, s->distance};
+        while (block.end > 0U) {
+            uint16_t *const distance = d->keep_distances ? s->distance : room;
+            block.from = d->keep_distances ? 0U : ((block.end - 1U) & ~(BLOCK - 1U));
+            block.distance = distance;
+            if (!d->keep_distances || (pass == FOR_MEAN)) {
+                compare(d, s->query, block.from, block.end, distance);
+            }
+            if (pass == FOR_MEAN) {
+                sum += total_of(&block, &scale.nearest);
+            } else if (pass == FOR_SPREAD) {
+                sum += deviations_of(&block, scale.mean);
+            } else {
+                predict(p, s->metric, &block);
+                sum += add_evidence(&scale, s->metric, &block, &s->least);
+            }
+            block.end = block.from;
+        }
+        sum = quotient(sum, d->place_count);
+        if (pass == FOR_MEAN) {
+            scale.mean = sum;
+        } else {
+            s->reciprocal = quotient(RECIPROCAL_ONE, (sum == 0U) ? 1U : sum);
+        }
     }
-    scale.reciprocal = s->reciprocal;
-    for (uint32_t end = d->place_count; end > 0U;) {
-        const block_t block = block_before(d, s, end, room);
-        predict(p, s->metric, &block);
-        add_evidence(&scale, s->metric, &block, f);
-        end = block.from;
-    }
-    s->reciprocal = reciprocal_of(d, scale.deviations);
 }
 
 /* Advance by a window in which it stood. */
-static void advance_standing(const vpr_design_t *d, vpr_state_t *s, prices_t *p, least_t *f)
+static void advance_standing(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
 {
     const block_t all = {0U, d->place_count, s->distance};
     predict(p, s->metric, &all);
-    for (uint32_t place = d->place_count; place > 0U; place--) {
-        search_least(f, place - 1U, s->metric[place - 1U]);
+    for (uint32_t place = 0U; place < d->place_count; place++) {
+        s->least = lesser(s->least, s->metric[place]);
     }
 }
 
@@ -306,12 +275,35 @@ static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
 /* The least metric of some places, into the second best: ties to the lowest place. */
 static void search_second(const uint16_t *metric, uint32_t from, uint32_t end, vpr_match_t *m)
 {
+    uint32_t least = m->second_sum;
     for (uint32_t place = from; place < end; place++) {
-        if (metric[place] < m->second_sum) {
-            m->second_sum = metric[place];
+        if (metric[place] < least) {
+            least = metric[place];
             m->second = place;
         }
     }
+    m->second_sum = least;
+}
+
+/* The lowest place of the least metric, how many others have it, and the second best. */
+static void search_places(const vpr_design_t *d, const uint16_t *metric, uint32_t least,
+                          vpr_match_t *m)
+{
+    uint32_t best = 0U;
+    while (metric[best] != least) {
+        best++;
+    }
+    uint32_t ties = 0U;
+    for (uint32_t place = best + 1U; place < d->place_count; place++) {
+        ties += (metric[place] == least) ? 1U : 0U;
+    }
+    m->place = best;
+    m->sum = least;
+    m->ties = ties;
+    m->second = VPR_NONE;
+    m->second_sum = VPR_NONE;
+    search_second(metric, 0U, (best > d->exclusion) ? (best - d->exclusion) : 0U, m);
+    search_second(metric, best + d->exclusion + 1U, d->place_count, m);
 }
 
 /* Trust the match by its margin, and by those before it as long as it follows from them. */
@@ -334,24 +326,15 @@ static void trust(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 /* Advance by the window that ended last, and search it. */
 static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
-    least_t found = {0U, VPR_NONE, 0U};
     prices_t prices;
     set_prices(d, s, &prices);
+    s->least = VPR_NONE;
     if (s->paused) {
-        advance_standing(d, s, &prices, &found);
+        advance_standing(d, s, &prices);
     } else {
-        advance_moving(d, s, &prices, &found);
+        advance_moving(d, s, &prices);
     }
-    s->least = found.metric;
-    m->place = found.place;
-    m->sum = found.metric;
-    m->ties = found.ties;
-    m->second = VPR_NONE;
-    m->second_sum = VPR_NONE;
-    const uint32_t right = found.place + d->exclusion + 1U;
-    search_second(s->metric, 0U,
-                  (found.place > d->exclusion) ? (found.place - d->exclusion) : 0U, m);
-    search_second(s->metric, right, d->place_count, m);
+    search_places(d, s->metric, s->least, m);
     trust(d, s, m);
 }
 

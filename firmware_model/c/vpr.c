@@ -137,7 +137,7 @@ static bool within_limits(const uint32_t *image)
            ((depth & (depth - 1U)) == 0U) && ((image[AT_WINDOW] - 1U) < windows) &&
            (image[AT_LENGTH] <= image[AT_PLACES]) &&
            ((denominator == 0U) || (image[AT_ACCEPT] < denominator)) && (distance_max <= LIMIT) &&
-           ((image[AT_STEPS] != 0U) || fits(distance_max * image[AT_LENGTH], denominator)) &&
+           fits(distance_max * image[AT_LENGTH], denominator) &&
            fits(image[AT_PLACES] * image[AT_LENGTH], 8U) && adaptive_within_limits(image);
 }
 
@@ -404,18 +404,28 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
     return status;
 }
 
-/* Code a count against the counter's running mean, and move the mean unless the camera stands. */
-static uint8_t own_mean_code(const vpr_design_t *d, vpr_state_t *s, uint32_t slot)
+/* Code each count against the counter's running mean, and move the mean unless the camera stands. */
+static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
 {
-    const uint32_t level = d->level[s->counts[slot]];
-    const uint32_t mean = (s->mean[slot] + MEAN_HALF) >> MEAN_BITS;
+    const uint32_t code_max = d->code_max;
     /* codes have no sign: half of their range is added */
-    const uint32_t above = level + (((d->code_max + 1U) / 2U) << LEVEL_BITS) + LEVEL_HALF;
-    const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_BITS;
-    if (!s->paused) {
-        s->mean[slot] = moved(s->mean[slot], level << MEAN_BITS, s->mean_shift);
+    const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_BITS) + LEVEL_HALF;
+    const uint32_t shift = s->mean_shift;
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        const uint32_t level = d->level[s->counts[i]];
+        const uint32_t mean = (s->mean[i] + MEAN_HALF) >> MEAN_BITS;
+        const uint32_t above = level + half;
+        const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_BITS;
+        s->query[i] = (uint8_t)lesser(octaves, code_max);
+        s->counts[i] = 0U;
+        if (!s->paused) {
+            s->mean[i] = moved(s->mean[i], level << MEAN_BITS, shift);
+        }
     }
-    return (uint8_t)((octaves < d->code_max) ? octaves : d->code_max);
+    if (!s->paused && (shift < LAST_SHIFT)) {
+        s->mean_windows++;
+        s->mean_shift += s->mean_windows >> (shift + 1U);
+    }
 }
 
 /* Whether the open window pauses; and the usual number of events with it. */
@@ -431,17 +441,13 @@ static void take_activity(const vpr_design_t *d, vpr_state_t *s)
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
 {
     take_activity(d, s);
-    for (uint32_t i = 0U; i < d->slots; i++) {
-        if (d->level != NULL) {
-            s->query[i] = own_mean_code(d, s, i);
-        } else {
+    if (d->level != NULL) {
+        own_mean_codes(d, s);
+    } else {
+        for (uint32_t i = 0U; i < d->slots; i++) {
             s->query[i] = d->code[(d->code_table[i] * (d->count_max + 1U)) + s->counts[i]];
+            s->counts[i] = 0U;
         }
-        s->counts[i] = 0U;
-    }
-    if (!s->paused && (s->mean_shift < LAST_SHIFT)) {
-        s->mean_windows++;
-        s->mean_shift += s->mean_windows >> (s->mean_shift + 1U);
     }
     s->window_end += d->tau;
     s->left = d->budget; /* by time: 0, which becomes 0 again after 2^32 events only */

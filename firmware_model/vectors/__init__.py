@@ -3,6 +3,8 @@
 from firmware_model.vectors.case import Case, from_binary, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, coverage
+from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.filter_coverage import FILTER_CORNERS
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import (
@@ -15,11 +17,13 @@ from firmware_model.vectors.verify import (
 
 __all__ = [
     "CORNERS",
+    "FILTER_CORNERS",
     "Case",
     "Verdict",
     "check_files",
     "corner_cases",
     "coverage",
+    "filter_cases",
     "from_binary",
     "in_order",
     "load_manifest",

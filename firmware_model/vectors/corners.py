@@ -19,12 +19,18 @@ def corner_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
+        Of one with the place filter or own-mean codes, that with sequences and logarithms; what
+        these have is in `filter_cases`.
 
     Returns
     -------
     list of Case
         Of a design with a single code of a bit or two, those that it has room for.
     """
+    values = {"matching": "sequence", "length": 0, "trust": 0} if design.filters else {}
+    if design.own_mean:
+        values |= {"code": "log", "full_scales": (0,)}
+    design = replace(design, **values)
     design = replace(design, places=_roomy(design))
     return [*event_cases(design), *match_cases(design)]
 

@@ -9,6 +9,7 @@ from firmware_model.descriptor import DescriptorModel, Event, WindowResult
 from firmware_model.design import Design
 from firmware_model.machine import Machine
 from firmware_model.vectors.case import Case
+from firmware_model.vectors.filter_coverage import FilterCoverage
 
 #: what is counted, and what one of it is
 CORNERS = {
@@ -73,10 +74,12 @@ def coverage(case: Case) -> dict[str, int]:
     Returns
     -------
     dict of str to int
-        All corners, also those that are not reached.
+        All corners, also those that are not reached: of a design with the filter or own-mean codes
+        also `FILTER_CORNERS`.
     """
     machine = Machine(case.memories, case.start)
     found: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))
+    filtered = FilterCoverage(machine) if case.design.filters or case.design.own_mean else None
     before: list[int | None] = [None, None]
     rows: list[list[int]] = []
     for event in case.events:
@@ -90,10 +93,15 @@ def coverage(case: Case) -> dict[str, int]:
                 distances = [compare(k, result.codes) for k in range(case.design.places)]
                 rows = [distances, *rows[: case.design.length - 1]]
                 _see_distances(case.design, distances, found)
+                if filtered is not None:
+                    filtered.see_window(result, distances)
+            elif isinstance(result, MatchResult) and case.design.filters:
+                assert filtered is not None, "of a filter"
+                filtered.see_match(result)
             elif isinstance(result, MatchResult):
                 _see_match(case.design, result, rows, found)
         found["gap"] += ended >= 3
-    return dict(found)
+    return dict(found) | (dict(filtered.found) if filtered is not None else {})
 
 
 def _see_event(

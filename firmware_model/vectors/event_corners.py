@@ -29,6 +29,22 @@ def event_cases(design: Design) -> list[Case]:
     return [*cases, _event_case("codes_turned_round", by_time, turned), _many_windows(by_time)]
 
 
+def adaptive_event_cases(design: Design) -> list[Case]:
+    """Make the corner cases of events and windows that a filter or own-mean codes change.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    list of Case
+    """
+    names = ("events_by_time", "events_by_count", "both_polarities", "one_place", "narrow_clock")
+    designs = _event_designs(design)
+    return [_event_case(f"adaptive_{name}", designs[name]) for name in names]
+
+
 def _event_designs(design: Design) -> dict[str, Design]:
     by_time = replace(design, window="time", tau_us=max(design.tau_us, 4))
     # a window that holds a counter's full range
@@ -36,6 +52,10 @@ def _event_designs(design: Design) -> dict[str, Design]:
         design, window="count", window_events=max(design.window_events, design.count_max + 9)
     )
     wider = 4 * (design.exclusion // 4 + 1)
+    several = replace(by_time, full_scales=_scales(design)) if not design.own_mean else by_time
+    longer = by_time
+    if not design.filters:
+        longer = replace(by_time, length=design.length + 9, places=design.places + 9)
     odd = next(p for p in range(2, design.slots + 3) if design.slots % p)
     return {
         "events_by_time": by_time,
@@ -43,12 +63,10 @@ def _event_designs(design: Design) -> dict[str, Design]:
         "both_polarities": replace(by_time, polarity=not design.polarity),
         "both_polarities_by_count": replace(by_count, polarity=not design.polarity),
         "unfilled_lanes": replace(by_time, lanes=odd),
-        "several_code_tables": replace(by_time, full_scales=_scales(design)),
+        **({} if design.own_mean else {"several_code_tables": several}),
         "counts_above_255": replace(by_time, full_scales=(300,)),
         "columns_above_511": replace(by_time, width=max(design.width, 1000), lookup_depth=0),
-        "sequence_longer_than_seen": replace(
-            by_time, length=design.length + 9, places=design.places + 9
-        ),
+        **({} if design.filters else {"sequence_longer_than_seen": longer}),
         "one_place": replace(by_time, places=1, length=1),
         "no_zone": replace(by_time, exclusion=0),
         "wider_zone": replace(by_time, exclusion=wider, places=design.places + 3 * wider),

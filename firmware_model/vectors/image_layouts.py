@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 from firmware_model.image import HEADER_WORDS, TABLES, Word
+from firmware_model.vectors.adaptive_images import adaptive
 from firmware_model.vectors.image_draft import NOBODY, Named, base, deep_draft
 
 
@@ -18,6 +19,7 @@ def refused_layouts() -> Named:
             struct.pack_into("<I", cut, Word.BYTES * 4, size)
             yield f"cut_to_{size}_and_says_so", bytes(cut)
     yield "longer_than_it_says", whole + bytes(16)
+    whole = adaptive().pack()  # which has all tables
     for i, word in enumerate(TABLES):
         at, end = struct.unpack_from("<I", whole, word * 4)[0], len(whole)
         before = HEADER_WORDS * 4 if i == 0 else struct.unpack_from("<I", whole, word * 4 - 4)[0]
@@ -37,12 +39,13 @@ def refused_layouts() -> Named:
 
 
 def _unaligned() -> bytes:
-    """Move the places by eight bytes, in an image that is longer by that."""
+    """Move the places by eight bytes, in an image that is longer by twice that."""
     draft = base()
     whole = draft.pack()
     at = draft.words[Word.PLACES_TABLE]
-    draft.header(places_table=at + 8, bytes=len(whole) + 8)
-    return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:])
+    end = len(whole) + 16
+    draft.header(places_table=at + 8, price_table=end, mean_table=end, bytes=end)
+    return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:] + bytes(8))
 
 
 def _in_the_header() -> bytes:

@@ -6,6 +6,7 @@ import struct
 from dataclasses import dataclass
 
 from firmware_model.image import Word
+from firmware_model.vectors.adaptive_images import accepted_adaptive, refused_adaptive
 from firmware_model.vectors.image_draft import (
     NOBODY,
     Draft,
@@ -41,8 +42,9 @@ def image_cases() -> list[ImageCase]:
     list of ImageCase
         Of different names.
     """
-    accepted = [*_accepted_words(), *_accepted_tables(), *_at_products()]
+    accepted = [*_accepted_words(), *_accepted_tables(), *_at_products(), *accepted_adaptive()]
     refused = [*_refused_words(), *refused_layouts(), *_refused_tables(), *_beyond_products()]
+    refused += refused_adaptive()
     return [ImageCase(name, data, True) for name, data in accepted] + [
         ImageCase(name, data, False) for name, data in refused
     ]
@@ -78,7 +80,8 @@ def _accepted_words() -> Named:
 def _refused_words() -> Named:
     yield _words(magic=0x4952_5057)
     yield _words(version=0)
-    yield _words(version=2)
+    yield _words(version=1)
+    yield _words(version=3)
     for word in ("width", "height", "pixels", "slots", "stride", "count_max", "places", "length"):
         yield _words(**{word: 0})
         yield _words(**{word: 0x1_0000})

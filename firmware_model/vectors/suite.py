@@ -22,6 +22,8 @@ from firmware_model.vectors import formats
 from firmware_model.vectors.case import Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, coverage
+from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.filter_coverage import FILTER_CORNERS
 from firmware_model.vectors.formats import Packing, Table
 from firmware_model.vectors.memory_words import MEMORIES, descriptor_words, memory_words
 from firmware_model.vectors.random_cases import random_cases
@@ -36,6 +38,8 @@ Suites = Mapping[str, Sequence[Case]]
 def standard_suites(design: Design, seed: int) -> dict[str, list[Case]]:
     """Make the suites that need nothing but a design: ``corners`` and ``random``.
 
+    A design with the place filter or own-mean codes also has the suite ``filter``.
+
     Parameters
     ----------
     design : Design
@@ -47,7 +51,10 @@ def standard_suites(design: Design, seed: int) -> dict[str, list[Case]]:
     dict of str to list of Case
     """
     rng = np.random.default_rng(seed)
-    return {"corners": corner_cases(design), "random": random_cases(design, rng)}
+    suites = {"corners": corner_cases(design), "random": random_cases(design, rng)}
+    if design.filters or design.own_mean:
+        suites["filter"] = filter_cases(design)
+    return suites
 
 
 def write_suites(
@@ -102,7 +109,7 @@ def write_suites(
         "byte_order": "little",
         "packing": "the first field, and lane 0, in the least significant bits",
         "none": "0xFFFFFFFF in records and CSV",
-        "corners": CORNERS,
+        "corners": CORNERS | FILTER_CORNERS,
         "design": design.to_dict(),
         "rtl": copy_sources(folder / RTL_FOLDER, SIMULATED) if rtl else [],
         "suites": written,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from firmware_model.cost import Memory, memories, operations
 from firmware_model.design import Design
-from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, stride
+from firmware_model.image import ALIGNMENT, HEADER_WORDS, prices, ram_bytes, stride
 from fixedpoint.codes import packed_bytes
 
 Shapes = Sequence[tuple[int, int]]
@@ -123,21 +123,30 @@ def event_work(design: Design, selected: bool) -> Work:
 
 
 def window_work(design: Design) -> Work:
-    """Count what the end of a window does: code, and clear, every counter."""
+    """Count what the end of a window does: code, and clear, every counter.
+
+    Of own-mean codes the difference to the mean and the mean's own step, and both limits.
+    """
+    own = design.slots if design.own_mean else 0
     return Work(
+        additions=3 * own,
+        comparisons=2 * own,
         traffic=_traffic(
             design,
             counts=(design.slots, design.slots),
             table=(design.slots if len(design.full_scales) > 1 else 0, 0),
             code=(design.slots, 0),
             query=(0, design.words),
-        )
+            mean=(own, own),
+        ),
     )
 
 
 def match_work(design: Design) -> Work:
-    """Count what a match does when L windows have been seen."""
+    """Count what a match does when L windows have been seen, in a window that does not pause."""
     done = operations(design)
+    if design.filters:
+        return _filter_work(design)
     sums = design.places - design.length + 1
     words = design.places * design.words
     left = max(0, sums - design.exclusion - 1)
@@ -152,6 +161,27 @@ def match_work(design: Design) -> Work:
             places=(words, 0),
             history=(sums * (design.length - 1), design.places),
             delay=(left, sums),
+        ),
+    )
+
+
+def _filter_work(design: Design) -> Work:
+    done, places = operations(design), design.places
+    words = places * design.words * (1 if design.keep_distances else 2)
+    kept = places if design.keep_distances else 0
+    return Work(
+        absolute_differences=done.absolute_differences,
+        additions=done.additions,
+        comparisons=done.comparisons,
+        multiplications=done.multiplications,
+        traffic=_traffic(
+            design,
+            query=(words, 0),
+            places=(words, 0),
+            # those of the steps' other places are at hand
+            metric=(places, places),
+            distance=(kept, kept),
+            delay=(max(0, places - design.exclusion - 1), places),
         ),
     )
 
@@ -197,9 +227,11 @@ def flash_bytes(design: Design) -> int:
     tables = (
         looked_up * 2 * design.height,
         looked_up * 8 * design.lookup_depth,
-        len(design.full_scales) * (design.count_max + 1),
+        len(design.full_scales) * (design.count_max + 1) * (2 if design.own_mean else 1),
         design.slots,
         design.places * stride(design),
+        2 * len(prices(design)),
+        2 * design.slots if design.own_mean else 0,
     )
     return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)
 

@@ -9,10 +9,12 @@ stands beside the C sources.
 from __future__ import annotations
 
 import csv
+import struct
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,7 @@ SCALING = Path(__file__).parent / "scaling.csv"
 # addresses are not needed inside: the structures are opaque here
 _STRUCT_BYTES = 512
 _WINDOW = ("window_call", "window_per_slot")
+_OWN_WINDOW = ("own_mean_call", "own_mean_per_slot")
 _MATCH = (
     "match_call",
     "match_per_place",
@@ -35,6 +38,24 @@ _MATCH = (
     "match_per_sum_of_several",
     "match_per_term",
 )
+#: of the filter, with distances kept, and computed twice
+_KEPT, _TWICE = (
+    tuple(
+        f"{name}_{of}"
+        for of in (
+            "call",
+            "per_place",
+            "per_16_bytes",
+            "per_16_bytes_left_over",
+            "per_place_of_four_steps",
+            "per_place_of_other_steps",
+            "per_other_step",
+            "per_step_back",
+        )
+    )
+    for name in ("kept", "twice")
+)
+_GROUPS = (_WINDOW, _OWN_WINDOW, _MATCH, _KEPT, _TWICE)
 
 #: sizes that change apart from one another, so that no coefficient hides behind another
 FITTED_ON = tuple(
@@ -61,6 +82,21 @@ FITTED_ON = tuple(
 )
 
 
+#: the same for the filter: sizes, and prices of steps forward and back
+_FILTERS = tuple(
+    Design(
+        width=64, height=64, pixels=pixels, places=places, code="own-mean", code_bits=4,
+        matching="filter", steps=(1,) * steps, back=(2,) * back, keep_distances=keep,
+    )
+    for keep in (True, False)
+    for pixels, places, steps, back in (
+        (16, 20, 3, 0), (150, 20, 3, 0), (40, 60, 3, 0), (64, 90, 4, 0), (25, 40, 4, 0),
+        (100, 30, 3, 0), (208, 24, 3, 0), (40, 30, 5, 0), (64, 40, 8, 2), (16, 60, 3, 1),
+        (150, 24, 6, 4), (250, 40, 2, 0),
+    )
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Counted:
     """Instructions of one call of ``vpr_window_end`` and of ``vpr_match_places``."""
@@ -71,6 +107,8 @@ class Counted:
 
 def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
     """Run the firmware on an emulated processor until L windows are seen, and count the last.
+
+    Of the filter, until the third, since the first takes longer. No window pauses.
 
     Parameters
     ----------
@@ -104,9 +142,18 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
     if not emulator.call("vpr_open", at_design, at_image, len(flash)) & 1:
         raise AssertionError("the firmware refuses its own design")
     emulator.call("vpr_reset", at_design, at_state, at_ram, 0)
-    for _ in range(design.length - 1):
+    x, y = pixels[0]
+    at_event = emulator.put(struct.pack("<IHH", 1, x, y))
+
+    def see() -> None:
+        at_next = emulator.put(at_event.to_bytes(8, "little"))
+        emulator.call("vpr_events", at_design, at_state, at_next, at_event + 8)
+
+    for _ in range(2 if design.filters else design.length - 1):
+        see()
         emulator.call("vpr_window_end", at_design, at_state)
         emulator.call("vpr_match_places", at_design, at_state, at_found)
+    see()
     emulator.call("vpr_window_end", at_design, at_state, count=True)
     window = emulator.instructions
     emulator.call("vpr_match_places", at_design, at_state, at_found, count=True)
@@ -115,9 +162,17 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
 
 def fit(designs: Sequence[Design], counted: Sequence[Counted]) -> dict[str, float]:
     """Solve for the coefficients by least squares of the relative errors."""
-    window = _solve([_window_terms(d) for d in designs], [c.window for c in counted])
-    match = _solve([_match_terms(d) for d in designs], [c.match for c in counted])
-    return dict(zip(_WINDOW + _MATCH, [*window, *match], strict=True))
+    found: dict[str, float] = {}
+    for group in _GROUPS:
+        window = group in (_WINDOW, _OWN_WINDOW)
+        pairs = [
+            (_window_terms(d) if window else _match_terms(d), c.window if window else c.match)
+            for d, c in zip(designs, counted, strict=True)
+            if group in _groups(d)
+        ]
+        solved = _solve([terms for terms, _ in pairs], [count for _, count in pairs])
+        found |= dict(zip(group, solved, strict=True))
+    return found
 
 
 @cache
@@ -125,7 +180,7 @@ def scaling() -> Mapping[str, Mapping[str, float]]:
     """Read the fitted coefficients of each processor."""
     with SCALING.open(encoding="ascii", newline="") as file:
         return {
-            row["target"]: {name: float(row[name]) for name in _WINDOW + _MATCH}
+            row["target"]: {name: float(row[name]) for group in _GROUPS for name in group}
             for row in csv.DictReader(file)
         }
 
@@ -145,9 +200,18 @@ def predict(design: Design, core: str) -> Counted:
         Rounded.
     """
     found = scaling()[core]
-    window = sum(found[n] * x for n, x in zip(_WINDOW, _window_terms(design), strict=True))
-    match = sum(found[n] * x for n, x in zip(_MATCH, _match_terms(design), strict=True))
+    of_window, of_match = _groups(design)
+    window = sum(found[n] * x for n, x in zip(of_window, _window_terms(design), strict=True))
+    match = sum(found[n] * x for n, x in zip(of_match, _match_terms(design), strict=True))
     return Counted(round(window), round(match))
+
+
+def _groups(design: Design) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Name the coefficients of the design's windows and matches."""
+    window = _OWN_WINDOW if design.own_mean else _WINDOW
+    if design.filters:
+        return window, _KEPT if design.keep_distances else _TWICE
+    return window, _MATCH
 
 
 def _window_terms(design: Design) -> tuple[int, ...]:
@@ -155,8 +219,10 @@ def _window_terms(design: Design) -> tuple[int, ...]:
 
 
 def _match_terms(design: Design) -> tuple[int, ...]:
-    sums = design.places - design.length + 1
     rows = stride(design) // 16
+    if design.filters:
+        return _filter_terms(design, rows)
+    sums = design.places - design.length + 1
     return (
         1,
         design.places,
@@ -166,6 +232,21 @@ def _match_terms(design: Design) -> tuple[int, ...]:
         sums,
         sums * (design.length > 1),
         sums * (design.length - 1),
+    )
+
+
+def _filter_terms(design: Design, rows: int) -> tuple[int, ...]:
+    places, others = design.places, len(design.steps) > 4 or len(design.back) > 0
+    return (
+        1,
+        places,
+        places * rows,
+        places * (rows % 4),
+        # as many as stay in registers; others take a loop
+        places * (len(design.steps) == 4 and not others),
+        places * others,
+        places * others * (len(design.steps) + len(design.back)),
+        places * len(design.back),
     )
 
 
@@ -180,11 +261,12 @@ def main() -> None:
     """Emulate, solve, and write the table."""
     from firmware_model.instructions import compiler
 
-    lines = [",".join(("target", "compiler", *_WINDOW, *_MATCH))]
+    lines = [",".join(("target", "compiler", *chain(*_GROUPS)))]
     with tempfile.TemporaryDirectory() as folder:
         for target in EMULATED:
             elf = build(target, folder)
-            found = fit(FITTED_ON, [count(target, elf, design) for design in FITTED_ON])
+            designs = FITTED_ON + _FILTERS
+            found = fit(designs, [count(target, elf, design) for design in designs])
             values = (f"{value:.3f}" for value in found.values())
             lines.append(",".join((target.name, compiler(), *values)))
     SCALING.write_text("\n".join(lines) + "\n", encoding="ascii")

@@ -16,7 +16,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.estimate.fit import Budget, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
-from edge_vpr_tools.estimate.show import UNKNOWN, size_text, spread
+from edge_vpr_tools.estimate.show import UNKNOWN, matching, size_text, spread
 from edge_vpr_tools.estimate.targets import Constant, Target
 from edge_vpr_tools.output import results
 from edge_vpr_tools.report.style import BLUE, ORANGE, figure, quantity_axis
@@ -200,7 +200,7 @@ def _told(one: Candidate) -> str:
         watts += " modelled" if one.cost.whole_w else " added by the work, modelled (rest unknown)"
     return (
         f"{design.pixels} pixels, {design.code_bits} bit{'s' * (design.code_bits > 1)} "
-        f"({design.code}), {design.places:,} places, L = {design.length}: "
+        f"({design.code}), {design.places:,} places, {matching(design)}: "
         f"{size_text(one.memory_bytes)}, {watts}"
     )
 

@@ -26,13 +26,21 @@ _WIDTH = 118
 _SHOWN = 12
 
 
+def matching(of: Design) -> str:
+    """Say how a design matches."""
+    if not of.filters:
+        return f"sequences of {of.length}"
+    kept = "kept" if of.keep_distances else "computed twice"
+    return f"place filter of {len(of.steps) + len(of.back)} steps (distances {kept})"
+
+
 def design(of: Design, mission: Mission, places_per_metre: float) -> None:
     """Print the design, its sizes, and the mission that the rates are for."""
     size = sizes(of)
     route_m = of.places / places_per_metre
     say(
         f"{of.pixels} of {of.width} x {of.height} pixels, {of.slots} counters, codes of "
-        f"{of.code_bits} bits ({of.code}), {of.places:,} places, sequences of {of.length}"
+        f"{of.code_bits} bits ({of.code}), {of.places:,} places, {matching(of)}"
     )
     say(
         f"{size.place_bytes} bytes a place, {size_text(1e3 * places_per_metre * size.place_bytes)} "

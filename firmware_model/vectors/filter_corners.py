@@ -1,0 +1,183 @@
+"""Corner cases of the place filter and of own-mean codes: drives by small maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from firmware_model.design import Design
+from firmware_model.memories import Memories
+from firmware_model.vectors.case import Case
+from firmware_model.vectors.event_corners import adaptive_event_cases
+from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+
+#: a window that shows nothing
+PAUSE = -1
+
+
+def filter_cases(design: Design) -> list[Case]:
+    """Make the cases of the suite ``filter``.
+
+    Parameters
+    ----------
+    design : Design
+        Cases are made of it with the filter, with own-mean codes, or both.
+
+    Returns
+    -------
+    list of Case
+    """
+    values = {} if design.filters else {"matching": "filter", "length": 1}
+    adaptive = replace(design, **values, places=12)
+    plain = adaptive
+    if design.own_mean:
+        plain = replace(adaptive, code="log", full_scales=(0,))
+    else:
+        bits = min(design.code_bits, 8)
+        adaptive = replace(adaptive, code="own-mean", code_bits=bits, full_scales=(0,))
+    return [
+        *(_drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
+        *_pauses(plain),
+        *_thresholds(plain),
+        *_means(adaptive),
+        _far(plain),
+        *adaptive_event_cases(adaptive),
+    ]
+
+
+def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
+    """Give drives as the places that their windows show."""
+    last = design.places - 1
+    forward = replace(design, steps=(1, 0, 1), back=(), restart=16, exclusion=1)
+    back = replace(forward, back=(2, 5), steps=(1, 0, 2, 3, 4, 6))
+    dear = replace(forward, steps=(254,), back=(254,), restart=254)
+    long = replace(forward, places=40)
+    walk = [0, 1, 2, 2, 3, 4, 6, 7, 7, 9, 10, 11, last]
+    jumps = [0, 1, 2, 2, 2, 8, 8, 8, 3, 3, 3, last, last, last, 0, 0, 0]
+    backwards = [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 10, 7, 7, 4, 4]
+    return {
+        "walk": (forward, walk),
+        "walk_of_kept_distances": (replace(forward, keep_distances=True), walk),
+        "jumps": (forward, jumps),
+        "by_one_too_many": (forward, [0, 0, 3, 3, 3, 2, 2, 4, 4, 5, 5, 4, 4, 8, 8, 7, 7]),
+        "backwards": (back, backwards),
+        "backwards_of_kept_distances": (replace(back, keep_distances=True), backwards),
+        "by_one_too_many_back": (back, [8, 8, 5, 5, 5, 4, 4, 2, 2, 8, 8, 8, 1, 1, 7, 7, 7]),
+        "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
+        "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
+        "free_steps": (replace(forward, steps=(0, 0, 0), restart=0), jumps),
+        "sixteen_steps": (
+            replace(long, steps=tuple(range(16)), back=tuple(range(16)), restart=40),
+            [0, 10, 25, 39, 39, 24, 12, 12, 0],
+        ),
+        "several_blocks": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
+        "one_place_of_a_filter": (replace(forward, places=1), [0, 0, 0]),
+        "two_places": (replace(forward, places=2, exclusion=0), [0, 1, 1, 0]),
+        "three_places": (replace(forward, places=3, exclusion=0), [0, 2, 1, 0, 2]),
+        "four_places": (replace(forward, places=4, exclusion=0, steps=(1, 0, 1, 1)), [3, 0, 3, 1]),
+        "zone_covers_the_filter": (replace(forward, exclusion=11), [0, 1, 2]),
+        "by_margin": (replace(forward, accept="margin", margin=9), walk),
+        "by_ratio": (replace(forward, accept="ratio", ratio=(1, 2)), walk),
+    }
+
+
+def _drive(
+    name: str,
+    design: Design,
+    route: Sequence[int],
+    mean: Sequence[int] | None = None,
+    activity: int = 0,
+    alike: bool = False,
+) -> Case:
+    """Show places one after another; of a map that is `alike`, all are the first."""
+    pixels = choose_pixels(design)
+    longest = max(_counts(design, place)[1] for place in range(design.places))
+    if design.window == "count":
+        design = replace(design, window_events=longest)
+    stream = Stream(design, pixels)
+    for place in route:
+        if place == PAUSE:
+            stream.at(*unselected_pixel(design, pixels))
+            stream.end()
+        else:
+            stream.fill(_counts(design, place)[0])
+    stream.close()
+    blank = Memories(design, pixels, [[0] * design.slots] * design.places, None, None, mean)
+    shown = Stream(design, pixels)
+    for place in range(design.places):
+        shown.fill(_counts(design, place)[0])
+    shown.close()
+    codes = [window.codes for window in ended_windows(blank, shown)]
+    places = [codes[0 if alike else place] for place in range(design.places)]
+    memories = Memories(design, pixels, places, None, None, mean, activity)
+    return Case(name, memories, tuple(stream.events))
+
+
+def _counts(design: Design, place: int) -> tuple[list[int], int]:
+    """Return the counts of each slot at a place, and their sum; those of near places differ."""
+    counts = [(place * (slot + 3) + slot * slot) % 7 for slot in range(design.slots)]
+    # at some pixel something happens
+    counts[place % design.slots] += 9
+    return counts, sum(counts)
+
+
+def _far(design: Design) -> Case:
+    """Show what is as far from all places, and then what is at half of them."""
+    codes = {"code": "linear", "code_bits": 8, "full_scales": (0,), "window_events": 210}
+    design = replace(design, **codes)
+    pixels = choose_pixels(design)
+    stream = Stream(design, pixels)
+    for count in (101, 1, 201, 1):
+        stream.fill([count] + [0] * (design.slots - 1))
+    stream.close()
+    blank = Memories(design, pixels, [[0] * design.slots] * design.places)
+    shown = [window.codes for window in ended_windows(blank, stream)]
+    places = [shown[1 + k % 2] for k in range(design.places)]
+    return Case("far", Memories(design, pixels, places), tuple(stream.events))
+
+
+def _pauses(design: Design) -> list[Case]:
+    forward = replace(design, exclusion=1)
+    route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
+    # as usual: so many events that the first windows pause though they have some
+    total = max(_counts(forward, place)[1] for place in range(forward.places))
+    busy = min((total << 12) + (total << 8), 0x7FFF_FF00)
+    cases = [
+        _drive("usually_more_events", forward, list(range(12)), None, busy),
+        _drive("places_alike", forward, [0, 1, 2, 3], alike=True),
+    ]
+    if design.window == "time":
+        cases.append(_drive("pauses", forward, route))
+        kept = replace(forward, keep_distances=True, back=(1, 2))
+        cases.append(_drive("pauses_of_kept_distances", kept, route))
+    return cases
+
+
+def _thresholds(design: Design) -> list[Case]:
+    """Take a trust that occurs as the least that is accepted, and one more."""
+    forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
+    route = [0, 1, 2, 3, 4, 5, 6]
+    told = [match.trust for match in _drive("", forward, route).trace().matches]
+    trust = min(max(told[4] or 0, 1), 0x3FEF)
+    return [
+        _drive("trusted", replace(forward, trust=trust), route),
+        _drive("distrusted", replace(forward, trust=trust + 1), route),
+    ]
+
+
+def _means(design: Design) -> list[Case]:
+    """Move the means by all shifts, up and down, past both ends of the code."""
+    few = replace(design, places=4, exclusion=1)
+    sequences = replace(few, matching="sequence", length=2, trust=0)
+    slots = range(design.slots)
+    high = [min(4 * 256, design.entry_max) * (slot % 2) for slot in slots]
+    route = [0, 1, 2, 3]
+    cases = [
+        _drive("own_means", design, [*range(12)] * 2, high),
+        _drive("own_means_of_sequences", sequences, route * 3, high),
+        _drive("all_shifts", few, route * 61, high),
+        _drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
+    ]
+    if design.window == "time":
+        cases.append(_drive("means_and_pauses", few, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
+    return cases
