@@ -93,7 +93,7 @@ def a_map():
     return ReferenceMap(
         Settings(pixels=40, tau_us=10_000, sequence_length=3),
         PixelMap(SENSOR, flat % 128, flat // 128),
-        Descriptors(counts, times[:-1], times[1:], counts.sum(axis=1)),
+        Descriptors(counts, times[:-1], times[1:], counts.sum(axis=1, dtype=np.int64)),
         image,
         image > 0,
     )

@@ -26,7 +26,7 @@ from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS
 
 SENSOR = Sensor(16, 12)
-SMALL = ["--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
+SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_defaults_in_the_help_are_those_of_the_preset(capsys):
         cli.main(["map", "--help"])
     shown = " ".join(capsys.readouterr().out.split())
     for name in ("pixels", "strategy", "clip", "sequence_length", "anchor", "exclusion"):
-        assert f"(default: {getattr(PRESETS['paper'], name)})" in shown
+        assert f"(default: {getattr(PRESETS['default'], name)})" in shown
 
 
 def test_help_and_version_stand_without_a_verb(capsys):
@@ -246,7 +246,9 @@ def completions(line, tmp_path):
 
 def test_completion_offers_verbs_flags_and_choices(tmp_path):
     assert {"map", "match"} <= completions("edge-vpr ma", tmp_path)
-    assert {"--pixels", "--preset"} == completions("edge-vpr map --p", tmp_path) - {"--polarity"}
+    assert {"--pixels", "--precision", "--preset"} == completions("edge-vpr map --p", tmp_path) - {
+        "--polarity"
+    }
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
     assert {"verify"} == completions("edge-vpr golden v", tmp_path)
     assert {"--only"} == completions("edge-vpr golden verify --on", tmp_path)
