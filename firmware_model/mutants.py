@@ -1,6 +1,6 @@
 """Generate faults of the firmware, and list those that no vector finds.
 
-``python -m firmware_model.mutants`` compiles every mutant of ``vpr.c`` and ``sad.h`` for this
+``python -m firmware_model.mutants`` compiles every mutant of ``vpr.c`` and its headers for this
 computer and runs the images and the suite ``corners`` on it. A mutant that passes them all must be
 equal to the firmware, and ``c/mutants.toml`` must say why.
 """
@@ -14,7 +14,7 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,12 +24,15 @@ from firmware_model.errors import ToolError
 from firmware_model.mutation import Mutant, mutants
 from firmware_model.vectors.bundle import bundle
 from firmware_model.vectors.corners import corner_cases
+from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.images import image_cases
 
-FILES = ("vpr.c", "sad.h")
+FILES = ("vpr.c", "sad.h", "filter.h", "quotient.h")
 PROOFS = SOURCES / "mutants.toml"
 #: of the suite `corners`
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
+#: of the suite `filter`
+FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
 #: seconds after which a mutant loops for ever: the firmware takes some hundredths of one
 PATIENCE_S = 3.0
 
@@ -76,7 +79,9 @@ class Bench:
         self._sources = self._folder / "c"
         shutil.copytree(SOURCES, self._sources)
         self._bundle = self._folder / "bundle"
-        self._bundle.write_bytes(bundle(image_cases(), corner_cases(DESIGN)))
+        self._bundle.write_bytes(
+            bundle(image_cases(), [*corner_cases(DESIGN), *filter_cases(FILTER)])
+        )
         outcome = self._run()
         if outcome != "survives":
             raise ToolError(f"the firmware without a fault fails the vectors: {outcome}")

@@ -11,7 +11,8 @@ PLACES = 1_000
 DESIGN_FLAGS = {
     "sensor": "346x260",
     "pixels": 150,
-    "sequence_length": 5,
+    "matching": "sequence",
+    "sequence_length": 0,
     "counter_code": "log",
     "counter_bits": 4,
     "polarity": False,
@@ -48,10 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-L",
         type=int,
         metavar="L",
-        help=f"windows in a sequence {_default('sequence_length')}",
+        help="windows in a sequence (default: 5)",
     )
     design.add_argument(
-        "--counter-code", metavar="KIND", help=f"linear, sqrt or log {_default('counter_code')}"
+        "--matching", metavar="KIND", help=f"sequence or filter {_default('matching')}"
+    )
+    design.add_argument(
+        "--counter-code",
+        metavar="KIND",
+        help=f"linear, sqrt, log or own-mean {_default('counter_code')}",
     )
     design.add_argument(
         "--counter-bits", type=int, metavar="B", help=f"bits of a code {_default('counter_bits')}"

@@ -91,6 +91,7 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
             "height": sensor.height,
             "pixels": flags["pixels"],
             "places": places,
+            "matching": flags["matching"],
             "length": flags["sequence_length"],
             "code": flags["counter_code"],
             "code_bits": flags["counter_bits"],

@@ -62,7 +62,7 @@ def try_designs(drives: Drives, design: Design, on_start: Callable[[str], None])
     ----------
     drives : Drives
     design : Design
-        L, code, polarity, tau and exclusion are its own.
+        Matching, code, polarity, tau and exclusion are its own.
     on_start : callable
         Told what begins.
 
@@ -83,6 +83,11 @@ def try_designs(drives: Drives, design: Design, on_start: Callable[[str], None])
             "polarity": design.polarity,
             "sequence_length": design.length,
             "exclusion": design.exclusion,
+            "matching": design.matching,
+            "filter_steps": design.steps,
+            "filter_back": design.back,
+            "filter_restart": max(design.restart, 1),
+            "query_mean": "running",
         },
         "the design",
     )
@@ -114,6 +119,8 @@ def _coded(
     truth = drives.truth_of(mapped.places.centre_us, queries.centre_us)
     for bits in BITS:
         code: dict[str, Any] = {"counter_code": design.code, "counter_bits": bits}
+        if design.own_mean:
+            code |= {"counter_code": "log", "counter_scaling": "own-mean"}
         coded = mapped.settings.replaced(code, "the design")
         reference = coded_map(mapped, coded)
         matches = match_descriptors(reference.places, reference.coded(queries), coded)
