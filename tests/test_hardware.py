@@ -18,7 +18,18 @@ from firmware_model.vectors import check_files, load_manifest, standard_suites, 
 from firmware_model.vectors.random_designs import random_design
 from firmware_model.vectors.suite import files_of
 
-DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
+#: full scale and events of a window are small, so that a simulation of all corners is short
+DESIGN = Design(
+    width=24,
+    height=16,
+    pixels=9,
+    places=20,
+    length=3,
+    code_bits=3,
+    full_scales=(15,),
+    window_events=12,
+    lanes=4,
+)
 
 needs_iverilog = pytest.mark.skipif(
     not simulation.available(), reason="Icarus Verilog is not installed: apt install iverilog"
@@ -48,7 +59,7 @@ def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
     outcome = replay.hold(vectors, seed=5, stall=40, resets=1)
     assert outcome.differences == []
     assert outcome.cases == len(load_manifest(vectors)["suites"][0]["cases"]) > 30
-    assert min(outcome.equal.values()) > 400
+    assert min(outcome.equal.values()) > 200
 
 
 @needs_iverilog
@@ -67,8 +78,9 @@ def core_cycles(design):
     model = cost.cycles(design)
     period = max(design.words, design.length, 2)
     added = (design.places - 1) * (period - max(design.words, design.length))
+    levels = (design.lanes - 1).bit_length()
     filled = design.words * design.lanes - design.slots
-    return model.match + added + filled + (design.lanes - 1).bit_length() + 10
+    return model.match + added + filled + levels + (9 if design.length == 1 else 10)
 
 
 @needs_iverilog
@@ -90,6 +102,8 @@ def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
     assert done.least_cycles == done.most_cycles == core_cycles(design)
 
 
+#: cases that are enough to find them
+CHOSEN = ("tie_of_three", "all_places_equal", "events_by_time")
 #: faults of the core, each in the text of a file, that the vectors must find
 FAULTS = {
     "a counter saturates one too late": (
