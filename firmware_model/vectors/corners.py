@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from firmware_model.design import Design
 from firmware_model.vectors.case import Case
@@ -27,7 +28,9 @@ def corner_cases(design: Design) -> list[Case]:
     list of Case
         Of a design with a single code of a bit or two, those that it has room for.
     """
-    values = {"matching": "sequence", "length": 0, "trust": 0} if design.filters else {}
+    values: dict[str, Any] = {}
+    if design.filters:
+        values = {"matching": "sequence", "length": 0, "trust": 0}
     if design.own_mean:
         values |= {"code": "log", "full_scales": (0,)}
     design = replace(design, **values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from firmware_model.design import Design
 from firmware_model.memories import Memories
@@ -27,7 +28,7 @@ def filter_cases(design: Design) -> list[Case]:
     -------
     list of Case
     """
-    values = {} if design.filters else {"matching": "filter", "length": 1}
+    values: dict[str, Any] = {} if design.filters else {"matching": "filter", "length": 1}
     adaptive = replace(design, **values, places=12)
     plain = adaptive
     if design.own_mean:
@@ -124,7 +125,12 @@ def _counts(design: Design, place: int) -> tuple[list[int], int]:
 
 def _far(design: Design) -> Case:
     """Show what is as far from all places, and then what is at half of them."""
-    codes = {"code": "linear", "code_bits": 8, "full_scales": (0,), "window_events": 210}
+    codes: dict[str, Any] = {
+        "code": "linear",
+        "code_bits": 8,
+        "full_scales": (0,),
+        "window_events": 210,
+    }
     design = replace(design, **codes)
     pixels = choose_pixels(design)
     stream = Stream(design, pixels)
