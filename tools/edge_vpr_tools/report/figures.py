@@ -94,9 +94,10 @@ def distance_matrix(
             handles.append(_dot(ORANGE, ".", f"right match ({right.sum()})"))
             handles.append(_dot(RED, "x", f"wrong match ({wrong.sum()})"))
         bar = drawing.colorbar(image, ax=axes, shrink=0.8)
-        length = matches.settings.sequence_length
+        length = matches.settings.windows_per_match
         unit = "events" if matches.settings.counter_code == "none" else "codes"
-        bar.set_label(f"distance, mean over sequences of {length} windows ({unit})")
+        of = "of one window" if length == 1 else f"mean over sequences of {length} windows"
+        bar.set_label(f"distance, {of} ({unit})")
         axes.set(
             title="Distance of each query to each place, and the best matches",
             xlabel="query window",
