@@ -27,10 +27,10 @@ def corner_cases(design: Design) -> list[Case]:
     list of Case
         Of a design with a single code of a bit or two, those that it has room for.
     """
-    values = {"matching": "sequence", "length": 0, "trust": 0} if design.filters else {}
+    if design.filters:
+        design = replace(design, matching="sequence", length=0, trust=0)
     if design.own_mean:
-        values |= {"code": "log", "full_scales": (0,)}
-    design = replace(design, **values)
+        design = replace(design, code="log", full_scales=(0,))
     design = replace(design, places=_roomy(design))
     return [*event_cases(design), *match_cases(design)]
 
