@@ -310,7 +310,7 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->mean = (uint32_t *)(void *)&bytes[at];
 
     /* the padding of the query must be zero as that of the places is; the rest is written
-     * before it is read */
+     * before it is read, or means nothing: no metric is below the limit of the first window, 0 */
     for (uint32_t i = 0U; i < d->stride; i++) {
         s->query[i] = 0U;
     }
@@ -333,9 +333,6 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->trust = 0U;
     for (uint32_t i = 0U; (d->level != NULL) && (i < d->slots); i++) {
         s->mean[i] = (uint32_t)d->mean[i] << MEAN_BITS;
-    }
-    for (uint32_t i = 0U; (d->steps != 0U) && (i < d->place_count); i++) {
-        s->metric[i] = 0U;
     }
 }
 

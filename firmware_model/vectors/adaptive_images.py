@@ -93,10 +93,10 @@ def refused_adaptive() -> Named:
     yield "code_of_a_filter_beyond", code.pack()
     yield "place_of_a_filter_beyond", adaptive().poke(Word.PLACES_TABLE, "B", 0, 4).pack()
     # tables that end before their last entry: the image ends there
-    for name, header in (("prices", Word.PRICE_TABLE), ("means", Word.MEAN_TABLE)):
+    for name, table in (("prices", Word.PRICE_TABLE), ("means", Word.MEAN_TABLE)):
         draft = adaptive()
         whole = draft.pack()
-        draft.header(**{header.name.lower(): len(whole)})
+        draft.header(**{table.name.lower(): len(whole)})
         yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
     levels = adaptive().header(count_max=8)
     yield "levels_reach_the_next_table", levels.pack()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 from firmware_model.design import Design
 from firmware_model.vectors.case import Case
@@ -28,12 +27,10 @@ def corner_cases(design: Design) -> list[Case]:
     list of Case
         Of a design with a single code of a bit or two, those that it has room for.
     """
-    values: dict[str, Any] = {}
     if design.filters:
-        values = {"matching": "sequence", "length": 0, "trust": 0}
+        design = replace(design, matching="sequence", length=0, trust=0)
     if design.own_mean:
-        values |= {"code": "log", "full_scales": (0,)}
-    design = replace(design, **values)
+        design = replace(design, code="log", full_scales=(0,))
     design = replace(design, places=_roomy(design))
     return [*event_cases(design), *match_cases(design)]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from firmware_model.design import Design
 from firmware_model.memories import Memories
@@ -28,8 +27,7 @@ def filter_cases(design: Design) -> list[Case]:
     -------
     list of Case
     """
-    values: dict[str, Any] = {} if design.filters else {"matching": "filter", "length": 1}
-    adaptive = replace(design, **values, places=12)
+    adaptive = replace(design, matching="filter", length=1, places=12)
     plain = adaptive
     if design.own_mean:
         plain = replace(adaptive, code="log", full_scales=(0,))
@@ -125,13 +123,7 @@ def _counts(design: Design, place: int) -> tuple[list[int], int]:
 
 def _far(design: Design) -> Case:
     """Show what is as far from all places, and then what is at half of them."""
-    codes: dict[str, Any] = {
-        "code": "linear",
-        "code_bits": 8,
-        "full_scales": (0,),
-        "window_events": 210,
-    }
-    design = replace(design, **codes)
+    design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
     pixels = choose_pixels(design)
     stream = Stream(design, pixels)
     for count in (101, 1, 201, 1):
@@ -183,7 +175,7 @@ def _means(design: Design) -> list[Case]:
     cases = [
         _drive("own_means", design, [*range(12)] * 2, high),
         _drive("own_means_of_sequences", sequences, route * 3, high),
-        _drive("all_shifts", few, route * 61, high),
+        _drive("all_shifts", few, route * 130, high),
         _drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
     ]
     if design.window == "time":

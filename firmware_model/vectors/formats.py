@@ -156,3 +156,19 @@ def c_array(name: str, data: bytes) -> str:
         f"#define {name.upper()}_BYTES {len(data)}U\n"
         f"static _Alignas(16) const uint32_t {name}[] = {{\n{body}\n}};\n"
     )
+
+
+def case_header(name: str, start: int, flash: bytes, events: bytes, expected: bytes) -> str:
+    """Write a C header with what `vpr_replay` takes and writes."""
+    guard = f"VPR_CASE_{name.upper()}_H"
+    return "\n".join(
+        [
+            f"/* Case {name}: the arguments of vpr_replay, and the records that it writes. */",
+            f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
+            f"#define CASE_START {start}U\n",
+            c_array("case_image", flash),
+            c_array("case_events", events),
+            c_array("case_expected", expected),
+            "#endif\n",
+        ]
+    )

@@ -154,7 +154,7 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         firmware = "image.bin and events.bin are for it"
         files |= {"image.bin": flash, "events.bin": events}
         files["image.hex"] = formats.intel_hex(flash)
-        files["case.h"] = _header(case, flash, events, expected)
+        files["case.h"] = formats.case_header(case.name, case.start, flash, events, expected)
     hashes = {}
     for name, content in files.items():
         data = content.encode("ascii") if isinstance(content, str) else content
@@ -187,7 +187,6 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
     time_bits = 32 if design.timestamp_bits <= 32 else 64
     event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
     seen = (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"]))
-    columns = len(_match_columns(design))
     match = (
         ("window", 32),
         ("place", bits["place"]),
@@ -210,11 +209,9 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
             match,
             [
                 (
-                    *m[:3],
-                    m.second is not None,
-                    m.second or 0,
-                    m.second_sum or 0,
-                    *(value or 0 for value in m[5:columns]),
+                    *(m.window, m.place, m.sum, m.second is not None),
+                    *(m.second or 0, m.second_sum or 0, m.ties, m.accepted),
+                    *(() if m.trust is None else (m.trust,)),
                 )
                 for m in done.matches
             ],
@@ -284,18 +281,3 @@ def _arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
         "means": np.array(case.memories.mean, dtype="<u2"),
         "activity": np.array(case.memories.activity, dtype="<u4"),
     }
-
-
-def _header(case: Case, flash: bytes, events: bytes, expected: bytes) -> str:
-    guard = f"VPR_CASE_{case.name.upper()}_H"
-    return "\n".join(
-        [
-            f"/* Case {case.name}: the arguments of vpr_replay, and the records that it writes. */",
-            f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
-            f"#define CASE_START {case.start}U\n",
-            formats.c_array("case_image", flash),
-            formats.c_array("case_events", events),
-            formats.c_array("case_expected", expected),
-            "#endif\n",
-        ]
-    )
