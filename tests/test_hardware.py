@@ -234,6 +234,28 @@ def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsy
     assert check_files(tmp_path / "v") > 0
 
 
+@needs("yosys", "make")
+def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
+    """All that its Makefile names is there; a folder with something in it is refused."""
+    DESIGN.save(tmp_path / "d.toml")
+    command = ["hardware", "--design", str(tmp_path / "d.toml"), "-o", str(tmp_path / "core")]
+    assert main(command) == 0
+    assert check_files(tmp_path / "core" / "vectors") > 0
+    plan = subprocess.run(
+        ["make", "-n"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
+    ).stdout
+    script = re.search(r'-p "(read_verilog .*); synth_ice40', plan)[1]
+    check = f"read_verilog -lib +/ice40/cells_sim.v; {script}; hierarchy -check -top vpr_up5k; proc"
+    done = subprocess.run(
+        ["yosys", "-q", "-p", check], cwd=tmp_path / "core", capture_output=True, check=False
+    )
+    assert done.returncode == 0
+    assert "icepack core.asc core.bin" in plan
+    capsys.readouterr()
+    assert main(command) == 2
+    assert "not an empty folder" in capsys.readouterr().err
+
+
 def test_vectors_without_sources_are_refused_in_one_line(tmp_path):
     write_suites(tmp_path / "v", DESIGN, {"random": standard_suites(DESIGN, 0)["random"][:1]}, 0)
     with pytest.raises(VectorError, match="golden --rtl"):

@@ -98,14 +98,30 @@ def _from_map(args: argparse.Namespace) -> tuple[Design, list[Case]]:
     design = design_of(reference, args.lanes)
     if args.recording is None:
         return design, []
+    memories = memories_of_map(reference, design)
+    clock = 1 << design.timestamp_bits
+    events = [Event(t % clock, x, y, bool(p)) for t, x, y, p in _events(args, reference.settings)]
+    return design, [Case("drive", memories, tuple(events))]
+
+
+def memories_of_map(reference: ReferenceMap, design: Design) -> Memories:
+    """Return a device's tables for a map.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    design : Design
+        Of the map.
+
+    Returns
+    -------
+    Memories
+    """
     codes, places = device_codes(reference), reference.places.counts
     if reference.codes is None:
         places = narrow(codes.encode(places))
     pixels = np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist()
-    memories = Memories(design, pixels, places.tolist(), codes.row.tolist())
-    clock = 1 << design.timestamp_bits
-    events = [Event(t % clock, x, y, bool(p)) for t, x, y, p in _events(args, reference.settings)]
-    return design, [Case("drive", memories, tuple(events))]
+    return Memories(design, pixels, places.tolist(), codes.row.tolist())
 
 
 def _events(args: argparse.Namespace, settings: Settings) -> list[tuple[int, int, int, bool]]:
