@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # tells a stale environment from a current one without asking pip
 STAMP = $(VENV)/.installed-$(1)
 
-.PHONY: demo test lint types bench clean
+.PHONY: demo test test-rtl lint types bench clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
@@ -17,6 +17,10 @@ KERNELS := cleaning codes counters distances filter_run fixedpoint localiser mat
 test: lint types
 	$(BIN)/python -m pytest
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q $(KERNELS:%=tests/test_%.py)
+
+# the hardware core, with the tools of docs/hardware.md
+test-rtl: $(call STAMP,test)
+	$(BIN)/python -m pytest tests/test_hardware.py
 
 lint: $(call STAMP,test)
 	$(BIN)/ruff check .

@@ -32,6 +32,8 @@ BENCH = "vpr_bench.sv"
 SIMULATED = (*DEVICE, BENCH)
 #: for a board with an iCE40UP5K; the pins are those of an iCEBreaker
 UP5K = ("vpr_spi.sv", "vpr_up5k.sv")
+#: replays a case through the SPI of that board
+UP5K_BENCH = "vpr_up5k_bench.sv"
 UP5K_PINS = "icebreaker.pcf"
 
 

@@ -42,12 +42,12 @@ module vpr_sequence #(
         end
     end
 
-    assign sum_complete = seen_all && place >= PLACE_BITS'(LENGTH - 1);
-    assign sum_last     = place == PLACE_BITS'(PLACES - 1);
+    assign sum_last = place == PLACE_BITS'(PLACES - 1);
 
     generate
         if (LENGTH == 1) begin : g_single
-            assign sum_next = distance_valid;
+            assign sum_next     = distance_valid;
+            assign sum_complete = seen_all;
             always_ff @(posedge clk) if (distance_valid) sum <= SEQUENCE_BITS'(distance);
         end else begin : g_diagonal
             localparam int ADDRESS_BITS = $clog2(LENGTH * PLACES);
@@ -70,7 +70,8 @@ module vpr_sequence #(
             wire [ADDRESS_BITS-1:0]  back        = here_row == 0 ? WRAPPED : BACK;
             wire [SEQUENCE_BITS-1:0] added       = partial + SEQUENCE_BITS'(term);
 
-            assign sum_next = term_valid && term_last;
+            assign sum_next     = term_valid && term_last;
+            assign sum_complete = seen_all && place >= PLACE_BITS'(LENGTH - 1);
 
             always_ff @(posedge clk) begin
                 if (start) newest <= newest_last ? '0 : newest + 1'b1;

@@ -29,6 +29,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "estimate": "estimate operations, memory, time and modelled energy of a design",
         "golden": "write golden vectors for firmware and FPGA designs",
         "golden verify": "check golden vectors, and a device's results against them",
+        "hardware": "write the hardware core of a design as a project for an FPGA board",
         "profile": "measure speed, latency, memory and, with a power sensor, joules a match",
         "profile compare": "compare two profiles",
         "profile trace": "add the joules of an external meter's trace to a profile",

@@ -1,0 +1,23 @@
+"""Arguments of `edge-vpr hardware`."""
+
+from __future__ import annotations
+
+import argparse
+
+EXAMPLES = """\
+  edge-vpr hardware --map monday.npz -o core
+  edge-vpr hardware --design design.toml -o core"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    design = parser.add_argument_group("design", "one of --design and --map is needed")
+    design.add_argument(
+        "--design", metavar="FILE.toml", help="design of the device; its pixels are for tests only"
+    )
+    design.add_argument("--map", metavar="MAP.npz", help="take design, pixels and places from it")
+    design.add_argument("--lanes", type=int, default=8, metavar="P", help="with --map, P")
+    parser.add_argument("--seed", type=int, default=0, help="of the random vectors")
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", required=True, help="folder to write: new, or empty"
+    )

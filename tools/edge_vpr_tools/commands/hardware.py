@@ -1,0 +1,51 @@
+"""`edge-vpr hardware`: write the hardware core of a design as a project for a board."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from edge_vpr.errors import UsageError
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.whole_files import check_output, replacing_folder
+from edge_vpr_tools.commands.golden import design_errors
+from edge_vpr_tools.estimate.of_map import design_of, memories_of
+from edge_vpr_tools.output.messages import note, summary
+from edge_vpr_tools.output.results import check_parent
+from firmware_model import Design, Memories
+from firmware_model.hardware.project import write_project
+from firmware_model.vectors.stimulus import choose_pixels
+
+
+@design_errors()
+def run(args: argparse.Namespace) -> None:
+    """Write the project.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong.
+    """
+    if (args.design is None) == (args.map is None):
+        raise UsageError("hardware is made of one of --design and --map: name one")
+    output = Path(args.output)
+    check_output(output, [given for given in (args.design, args.map) if given is not None])
+    check_parent(output)
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise UsageError(f"{output} is not an empty folder: name a new one")
+    if args.map is None:
+        design = Design.load(args.design)
+        blank = [[0] * design.slots] * design.places
+        tables = [slot % len(design.full_scales) for slot in range(design.slots)]
+        memories = Memories(design, choose_pixels(design), blank, tables)
+        note("a design has no pixels: those of the tables are for tests, --map has real ones")
+    else:
+        reference = ReferenceMap.load(args.map)
+        design = design_of(reference, args.lanes)
+        memories = memories_of(reference, design)
+    with replacing_folder(output) as folder:
+        write_project(folder, memories, args.seed)
+    summary(
+        f"{args.output}: core of {design.pixels} pixels and {design.places} places; make builds it "
+        "for an iCE40UP5K, make test holds it to its vectors"
+    )
