@@ -107,6 +107,7 @@ RUNS = [
     ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
      "--target cortex-m0plus", 0),
     ("estimate --design {f}/design.toml --target cortex-m4", 0),
+    ("estimate --pixels 25 --places 100 --matching filter --target cortex-m4", 0),
     ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
      "--figure {f}/pareto.png", 0),
     ("estimate --accuracy-on {f}/reference.npz {f}/query.npz --ground-truth {f}/truth.csv "
@@ -120,6 +121,9 @@ RUNS = [
      "--max-events 100 -o {f}/vectors3", 0),
     ("golden --map {f}/map.npz --recording {f}/frames.npz --frame-period 1/10 --max-events 100 "
      "-o {f}/vectors4", 0),
+    ("golden --design {f}/design.toml -o {f}/core_vectors --rtl", 0),
+    ("hardware --design {f}/design.toml -o {f}/core --seed 1", 0),
+    ("hardware --map {f}/map.npz --lanes 2 -o {f}/core_of_map", (0, 2)),
     ("golden verify {f}/vectors", 0),
     # the results that it names are of another case
     ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
