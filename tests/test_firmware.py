@@ -272,8 +272,8 @@ MUTATIONS = {
     "clears all but the last": (
         "vpr.c",
         CLEAR,
-        "        s->counts[i] = (i + 1U == d->slots) ? s->counts[i] : 0U;\n    }\n"
-        "    s->window_end",
+        "            s->counts[i] = (i + 1U == d->slots) ? s->counts[i] : 0U;\n        }\n"
+        "    }\n    s->window_end",
     ),
     "clears before it encodes": (
         "vpr.c",
