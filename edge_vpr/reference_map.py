@@ -129,8 +129,9 @@ class ReferenceMap:
         code = self.own_mean_code
         if code is not None and self.mean is not None:
             activity = mean_activity(self.places.activity)
-            encode = encode_running if self.settings.query_mean == "running" else encode_own
-            return encode(counted, code, self.mean, activity)
+            if self.settings.query_mean == "running":
+                return encode_running(counted, code, self.mean, activity)
+            return encode_own(counted, code, activity)
         if self.codes is None:
             return counted
         return replace(counted, counts=narrow(self.codes.encode(counted.counts)))

@@ -56,7 +56,7 @@ def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows):
     paused = find_pauses(counts.sum(axis=1), usual)
     moving = [row for row, pause in zip(counts.tolist(), paused, strict=True) if not pause]
     moving = moving or counts.tolist()
-    own = encode_own(descriptors(counts), code, np.zeros(4, np.int32), usual)
+    own = encode_own(descriptors(counts), code, usual)
     for j in range(4):
         levels = [naive.log_level(row[j]) for row in moving]
         mean = (2 * sum(levels) + len(levels)) // (2 * len(levels))

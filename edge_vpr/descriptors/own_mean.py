@@ -33,9 +33,7 @@ def drive_mean(
     return mean_level(code.level(moving))
 
 
-def encode_own(
-    counted: Descriptors, code: OwnMeanCode, mean: npt.NDArray[np.int32], usual: int
-) -> Descriptors:
+def encode_own(counted: Descriptors, code: OwnMeanCode, usual: int) -> Descriptors:
     """Code a recorded query against its own mean over the whole drive.
 
     Parameters
@@ -43,8 +41,6 @@ def encode_own(
     counted : Descriptors
         Counts.
     code : OwnMeanCode
-    mean : ndarray of int32, shape (J,)
-        Of the reference; not used, since the query has its own.
     usual : int
         Selected events that a window of the reference has, see `pauses.Activity`.
     """

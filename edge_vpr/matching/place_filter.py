@@ -217,7 +217,9 @@ class PlaceFilter:
         if self.activity.pauses(events):
             return np.minimum(self.paused, METRIC_TOP).astype(np.int32)
         reciprocal = self.reciprocal or reciprocal_of_spread(distances)
-        return add_evidence(self.prediction, distances.astype(np.int64), reciprocal)
+        metric = np.empty_like(self.prediction)
+        add_evidence(self.prediction, distances, reciprocal, metric)
+        return metric
 
     def _answer(self, metric: Metrics) -> FilterMatch:
         place, second, ties = least_and_second(metric, self.exclusion)
@@ -279,26 +281,29 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
 
 
 @njit(cache=True, nogil=True)
-def add_evidence(prediction: Metrics, distances: npt.NDArray[np.int64], reciprocal: int) -> Metrics:
-    """Return ``min(P + E, 2**10 - 1)``, with ``E = min((D - min D) / s, 255)`` in fraction bits.
+def add_evidence(
+    prediction: Metrics, distances: npt.NDArray[np.integer], reciprocal: int, metric: Metrics
+) -> None:
+    """Write ``min(P + E, 2**10 - 1)``, with ``E = min((D - min D) / s, 255)`` in fraction bits.
 
     Parameters
     ----------
     prediction : ndarray of int32, shape (K,)
-    distances : ndarray of int64, shape (K,)
+    distances : ndarray of int, shape (K,)
+        What all of them have in common does not matter.
     reciprocal : int
-        Of s, see `reciprocal_of_spread`.
-
-    Returns
-    -------
-    ndarray of int32, shape (K,)
+        Of s, see `reciprocal_of_spread`; 0 of a spread above 2**16: nothing is evidence then.
+    metric : ndarray of int32, shape (K,)
+        Written to.
     """
-    least = distances.min()
-    metric = np.empty_like(prediction)
-    for k in range(prediction.size):
-        evidence = ((distances[k] - least) * reciprocal) >> (RECIPROCAL_BITS - FRACTION_BITS)
+    shift = RECIPROCAL_BITS - FRACTION_BITS
+    # a larger difference is clipped all the same, and this one fits 32 bits when multiplied
+    most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
+    least = np.int64(distances.min())
+    for k in range(metric.size):
+        difference = np.int32(min(np.int64(distances[k]) - least, most))
+        evidence = np.int32((difference * np.int32(reciprocal)) >> shift)
         metric[k] = min(prediction[k] + min(evidence, EVIDENCE_TOP), METRIC_TOP)
-    return metric
 
 
 @njit(cache=True, nogil=True)

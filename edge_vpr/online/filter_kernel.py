@@ -10,16 +10,14 @@ from numba import njit
 
 from edge_vpr.descriptors.pauses import ACTIVITY_BITS, PAUSE_SHIFT
 from edge_vpr.matching.place_filter import (
-    EVIDENCE_TOP,
-    FRACTION_BITS,
     METRIC_TOP,
-    RECIPROCAL_BITS,
+    add_evidence,
     least_and_second,
     reciprocal_of_spread,
     trust_after,
 )
 from edge_vpr.online.kernel import DONE, MATCHES_FULL, RING_FULL
-from edge_vpr.online.state import MOVES, age, settle
+from edge_vpr.online.state import advance, push, settle
 
 #: What the kernel knows besides the window and the metrics: when a match is asked for (every so
 #: many events, at ticks of an interval, only if the place changes); the filter's numbers.
@@ -96,22 +94,12 @@ def follow_filtered(
             return i, given, MATCHES_FULL
         now = c.next_tick if tick else now
         seen_until = now if tick else now + 1
-        while not (
-            age(s.time, s.slot, s.bound, s.moves, s.number, s.tau, 0 if tick else s.n, seen_until)
-            and s.number[MOVES] < len(s.moves)
-        ):
-            settle(s)
         if tick:
+            advance(s, seen_until)
             c.next_tick += c.interval
+        elif not push(s, slots[i], now):
+            return i, given, RING_FULL
         else:
-            if s.bound[0] - s.bound[1] > mask:
-                return i, given, RING_FULL
-            s.slot[s.bound[0] & mask] = slots[i]
-            s.time[s.bound[0] & mask] = now
-            s.bound[0] += 1
-            s.moves[s.number[MOVES], 0] = slots[i]
-            s.moves[s.number[MOVES], 1] = -1
-            s.number[MOVES] += 1
             i += 1
             left -= 1
             if left != 0:
@@ -139,14 +127,7 @@ def _answer(s, predicted, c, span, row):  # type: ignore[no-untyped-def]
         reciprocal = c.reciprocal
         if reciprocal == 0:
             reciprocal = reciprocal_of_spread(sums)
-        # a larger difference is clipped all the same, and this one fits 32 bits when multiplied
-        shift = RECIPROCAL_BITS - FRACTION_BITS
-        most = np.int64((EVIDENCE_TOP << shift) // reciprocal + 1)
-        least = np.int64(sums.min())
-        for k in range(metric.size):
-            difference = np.int32(min(np.int64(sums[k]) - least, most))
-            evidence = np.int32((difference * np.int32(reciprocal)) >> shift)
-            metric[k] = min(predicted.moving[k] + min(evidence, EVIDENCE_TOP), METRIC_TOP)
+        add_evidence(predicted.moving, sums, reciprocal, metric)
     best, second, _ = least_and_second(metric, c.exclusion)
     if c.change and best == c.place_told:
         return 0
