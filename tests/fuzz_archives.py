@@ -52,7 +52,7 @@ class Result(NamedTuple):
     accepted: Counter[str]
     refused: Counter[str]
     finds: list[Find]
-    most_bytes: int
+    most_bytes: int  # that a child took beside what it was forked with
 
 
 def one(files: dict[str, list[Path]], folder: Path, seed: int, number: int) -> tuple[str, bool]:
@@ -86,14 +86,14 @@ def run(inputs: int, seed: int, *, tell: bool = False) -> Result:
                 print(*result.finds[told:], sep="\n", end="", file=sys.stderr, flush=True)
                 told = len(result.finds)
             for line in _child(files, folder, seed, first, last):
-                number, what, *rest = line.split(" ", 2)
+                number, took, what, rest = line.split(" ", 3)
                 first = int(number) + 1
+                result = result._replace(most_bytes=max(result.most_bytes, int(took)))
                 if what == "find":
-                    result.finds.append(Find(int(number), rest[0]))
+                    result.finds.append(Find(int(number), rest))
                 else:
-                    (result.accepted if what == "accepted" else result.refused)[rest[0]] += 1
-        most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
-        return result._replace(most_bytes=most)
+                    (result.accepted if what == "accepted" else result.refused)[rest] += 1
+        return result
 
 
 def _child(
@@ -125,7 +125,7 @@ def _child(
     if why:
         if os.WIFSIGNALED(status):
             why += f" by {signal.Signals(os.WTERMSIG(status)).name}"
-        yield f"{number} find {why}"
+        yield f"{number} 0 find {why}"
 
 
 def _work(
@@ -138,15 +138,21 @@ def _work(
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         faulthandler.disable()  # the parent tells of a signal
+        forked_with = _most_resident()
         for number in range(first, last):
             try:
                 kind, accepted = one(files, folder, seed, number)
-                line = f"{number} {'accepted' if accepted else 'refused'} {kind}"
+                said = f"{'accepted' if accepted else 'refused'} {kind}"
             except Exception:
-                said = " | ".join(traceback.format_exc(limit=-2).split("\n"))
-                line = f"{number} find {said}"
+                said = "find " + " | ".join(traceback.format_exc(limit=-2).split("\n"))
+            line = f"{number} {_most_resident() - forked_with} {said}"
             os.write(writing, f"{line[:3000]}\n".encode(errors="replace"))
     os._exit(0)
+
+
+def _most_resident() -> int:
+    """Give the most memory that this process ever held, in bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def main() -> int:

@@ -341,7 +341,7 @@ def test_changed_files_of_every_kind_are_refused_or_give_what_the_oracle_gives()
     """A bounded part of `python tests/fuzz_archives.py`."""
     result = fuzz_archives.run(inputs=300, seed=20)
     assert not result.finds
-    assert result.most_bytes < 600 << 20
+    assert result.most_bytes < fuzz_archives.MEMORY_BYTES
     for kind in ("map", "state"):
         assert result.accepted[kind] > 5
         assert result.refused[kind] > 30

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import NamedTuple
 
-from serial.tools.list_ports import comports
+from serial.tools import list_ports
 
 from edge_vpr.errors import printable
 
@@ -67,7 +67,7 @@ def guess(vendor: int | None, product: int | None) -> Known | None:
 def run(args: argparse.Namespace) -> None:
     """List the ports."""
     found = []
-    for port in sorted(comports()):
+    for port in sorted(list_ports.comports()):
         known = guess(port.vid, port.pid)
         found.append(
             {
