@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     )
     from edge_vpr.matching.matches import Matches, match_descriptors
     from edge_vpr.matching.sequence import sequence_sums
-    from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
+    from edge_vpr.online.localiser import Localiser
+    from edge_vpr.online.match_records import MATCH_DTYPE
     from edge_vpr.online.schedule import MatchSchedule
-    from edge_vpr.online.sliding_window import SlidingWindow
     from edge_vpr.pipeline import describe, map_traverse, match_traverse
     from edge_vpr.recordings import open_recording, write_recording
     from edge_vpr.reference_map import ReferenceMap
@@ -58,7 +58,8 @@ _HOME = {
         "from_tracks",
         "load_track",
     ),
-    "online.localiser": ("MATCH_DTYPE", "Localiser"),
+    "online.localiser": ("Localiser",),
+    "online.match_records": ("MATCH_DTYPE",),
     "matching.distances": ("ReferenceIndex", "best_match", "best_matches", "distance_matrix"),
     "matching.matches": ("Matches", "match_descriptors"),
     "pipeline": ("describe", "map_traverse", "match_traverse"),
@@ -68,7 +69,6 @@ _HOME = {
     "reference_map": ("ReferenceMap",),
     "matching.sequence": ("sequence_sums",),
     "settings": ("PRESETS", "Settings", "resolve_settings"),
-    "online.sliding_window": ("SlidingWindow",),
     "datasets.count_pixels": ("CountPixels",),
     "descriptors.windows": ("Descriptors", "DescriptorStream", "FixedCount", "FixedTime"),
 }
