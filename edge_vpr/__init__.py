@@ -18,15 +18,13 @@ if TYPE_CHECKING:
     from edge_vpr.descriptors.pixels import PixelMap, select_pixels
     from edge_vpr.descriptors.windows import Descriptors, DescriptorStream, FixedCount, FixedTime
     from edge_vpr.errors import EdgeVprError
-    from edge_vpr.evaluation.ground_truth import (
-        GroundTruth,
-        Track,
-        from_alignment,
-        from_matrix,
-        from_tracks,
-        load_track,
-    )
+    from edge_vpr.evaluation.ground_truth import GroundTruth
     from edge_vpr.evaluation.metrics import Evaluation, PrecisionRecall, evaluate, precision_recall
+    from edge_vpr.evaluation.track_files import load_track
+    from edge_vpr.evaluation.tracks import Track
+    from edge_vpr.evaluation.truth_from_alignment import from_alignment
+    from edge_vpr.evaluation.truth_from_matrix import from_matrix
+    from edge_vpr.evaluation.truth_from_tracks import from_tracks
     from edge_vpr.events import EVENT_DTYPE, Sensor, check_events, crop, make_events
     from edge_vpr.matching.distances import (
         ReferenceIndex,
@@ -50,14 +48,12 @@ _HOME = {
     "errors": ("EdgeVprError",),
     "evaluation.metrics": ("Evaluation", "PrecisionRecall", "evaluate", "precision_recall"),
     "events": ("EVENT_DTYPE", "Sensor", "check_events", "crop", "make_events"),
-    "evaluation.ground_truth": (
-        "GroundTruth",
-        "Track",
-        "from_alignment",
-        "from_matrix",
-        "from_tracks",
-        "load_track",
-    ),
+    "evaluation.ground_truth": ("GroundTruth",),
+    "evaluation.tracks": ("Track",),
+    "evaluation.track_files": ("load_track",),
+    "evaluation.truth_from_alignment": ("from_alignment",),
+    "evaluation.truth_from_matrix": ("from_matrix",),
+    "evaluation.truth_from_tracks": ("from_tracks",),
     "online.localiser": ("Localiser",),
     "online.match_records": ("MATCH_DTYPE",),
     "matching.distances": ("ReferenceIndex", "best_match", "best_matches", "distance_matrix"),
