@@ -1,4 +1,4 @@
-"""What README and docs show is true of today's code: Python runs, commands parse, links lead somewhere."""
+"""What README and docs show is true: Python runs, commands parse, links lead somewhere."""
 
 from __future__ import annotations
 
