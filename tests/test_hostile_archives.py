@@ -12,7 +12,7 @@ from archive_mutants import PIXELS, SENSOR, map_of
 from streams import random_events
 
 from edge_vpr.archive import MEMORY_BYTES, read_archive, write_archive
-from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime
 from edge_vpr.errors import LONGEST_MESSAGE, EventError, MapError, RecordingError, UsageError

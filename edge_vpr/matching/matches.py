@@ -15,8 +15,9 @@ from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.matching.distances import ReferenceIndex, best_matches
+from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches_csv import write_csv
+from edge_vpr.matching.nearest import best_matches
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
 from edge_vpr.matching.runner_up import margin_to_second, ratio_to_second
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
