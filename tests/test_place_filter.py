@@ -13,6 +13,7 @@ from edge_vpr.descriptors.pauses import find_pauses, mean_activity
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.matches import match_descriptors
 from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, StepPrices
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.settings import PRESETS, Settings
 
 prices = st.builds(
@@ -31,19 +32,27 @@ prices = st.builds(
     priced=prices,
     exclusion=st.integers(0, 4),
     usual=st.sampled_from([0, 256 * 100, 256 * 3000]),
+    jumps=st.integers(0, 3),
+    spacing=st.sampled_from([0, 1, 7, 1_000, MOST_MM // 100]),
 )
 def test_metrics_answers_and_trust_equal_the_oracle(
-    seed, places, windows, largest, priced, exclusion, usual
+    seed, places, windows, largest, priced, exclusion, usual, jumps, spacing
 ):
     rng = np.random.default_rng(seed)
     distances = rng.integers(0, largest + 1, (windows, places))
     events = rng.choice([0, 3, 90, 200], windows)
-    found = PlaceFilter(places, priced, exclusion, usual)
+    pairs = random_jumps(rng, places, jumps)
+    along, travelled = random_ways(rng, places, windows, spacing)
+    found = PlaceFilter(places, priced, exclusion, usual, jumps=pairs, along_mm=along)
     told = naive.place_filter(
         distances.tolist(), events.tolist(), priced.forward, priced.back, priced.restart,
-        exclusion, usual,
+        exclusion, usual, pairs.tolist(), [] if along is None else along.tolist(), travelled,
     )  # fmt: skip
-    for row, count, (metric, best, second, trust) in zip(distances, events, told, strict=True):
+    for row, count, way, (metric, best, second, trust) in zip(
+        distances, events, travelled, told, strict=True
+    ):
+        if way is not None:
+            found.travel(way)
         before = found.answer(row, int(count))
         answer = found.advance(row, int(count))
         assert before == answer  # asking changes nothing, and tells what advancing will
@@ -51,6 +60,20 @@ def test_metrics_answers_and_trust_equal_the_oracle(
         assert (answer.place, answer.second, answer.trust) == (best, second, trust)
         assert answer.ties == metric.count(metric[best]) - 1
         assert max(metric) <= METRIC_TOP
+
+
+def random_jumps(rng, places, number):
+    pairs = rng.integers(0, places, (number, 2)).astype(np.int32)
+    return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
+def random_ways(rng, places, windows, spacing):
+    """Ways to places that are about `spacing` mm apart, and a query's; None where not known."""
+    along = np.cumsum(rng.integers(0, 2 * spacing + 1, places))
+    if places < 2 or along[-1] - along[0] < places - 1:
+        return None, [None] * windows
+    travelled = rng.integers(-spacing, 4 * spacing, windows).tolist()
+    return along, [way if rng.random() < 0.7 else None for way in travelled]
 
 
 def drive_through(places: int, path: list[int], rng, noise: int = 2) -> np.ndarray:

@@ -13,12 +13,13 @@ from edge_vpr.array_checks import check_array, check_range, whole_number
 from edge_vpr.confidence import Confidence, Judge, default_confidence
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.errors import MapError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.distances import ReferenceIndex, best_matches
 from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
+from edge_vpr.odometry import Odometry
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
@@ -238,6 +239,10 @@ def match_descriptors(
     queries: Descriptors,
     settings: Settings,
     confidence: Confidence | None = None,
+    *,
+    jumps: npt.NDArray[np.int32] | None = None,
+    along_mm: npt.NDArray[np.int64] | None = None,
+    odometry: Odometry | None = None,
 ) -> Matches:
     """Match every query window, by sequences of L windows or by the place filter.
 
@@ -252,6 +257,12 @@ def match_descriptors(
     confidence : Confidence, optional
         Table of probabilities; by default the shipped one for the place filter, and none for
         sequences.
+    jumps : ndarray of int32, shape (n, 2), optional
+        Of the map, see `ReferenceMap`; only the place filter takes them.
+    along_mm : ndarray of int64, shape (K,), optional
+        `ReferenceMap.along_mm`.
+    odometry : Odometry, optional
+        Of the query drive; takes `along_mm`, and the place filter.
 
     Returns
     -------
@@ -264,7 +275,8 @@ def match_descriptors(
     MapError
         If the descriptors differ in length.
     UsageError
-        If L is longer than a traverse, or the table does not promise the wanted precision.
+        If L is longer than a traverse, or the table does not promise the wanted precision, or
+        jumps or odometry are given to sequences.
     """
     if confidence is None and settings.matching == "filter":
         confidence = default_confidence()
@@ -275,7 +287,12 @@ def match_descriptors(
             f"{queries.counts.shape[1]}: describe both with the same map"
         )
     if settings.matching == "filter":
-        return _match_by_filter(places, queries, settings, judge)
+        place_filter = PlaceFilter(
+            len(places), StepPrices.of(settings), settings.exclusion,
+            mean_activity(places.activity), jumps=jumps, along_mm=along_mm,
+        )  # fmt: skip
+        return _match_by_filter(place_filter, places, queries, settings, judge, odometry)
+    check_no_ways(jumps, odometry is not None)
     length, exclusion = settings.sequence_length, settings.exclusion
     check_length(length, len(places), len(queries))
     offset = anchor_offset(length, settings.anchor)
@@ -309,16 +326,36 @@ def match_descriptors(
     )
 
 
+def check_no_ways(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
+    """Raise UsageError if sequences are to take jumps or odometry.
+
+    Parameters
+    ----------
+    jumps : ndarray of int32, shape (n, 2), optional
+    odometry : bool
+        Whether it is given.
+    """
+    given = "odometry" if odometry else "a map with jumps"
+    if odometry or (jumps is not None and len(jumps)):
+        raise UsageError(
+            f"{given} is for the place filter, and sequences follow neither: match with "
+            "--matching filter"
+        )
+
+
 def _match_by_filter(
-    places: Descriptors, queries: Descriptors, settings: Settings, judge: Judge
+    place_filter: PlaceFilter,
+    places: Descriptors,
+    queries: Descriptors,
+    settings: Settings,
+    judge: Judge,
+    odometry: Odometry | None,
 ) -> Matches:
     index, n = ReferenceIndex(places.counts), len(queries)
-    place_filter = PlaceFilter(
-        len(places),
-        StepPrices.of(settings),
-        settings.exclusion,
-        mean_activity(places.activity),
-    )
+    travelled = None
+    if odometry is not None:
+        place_filter.moves.check_odometry()
+        travelled, known = odometry.of_windows(queries.end_us)
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     events = queries.activity.tolist()
     block = max(1, _BLOCK_DISTANCES // len(places))
@@ -327,6 +364,8 @@ def _match_by_filter(
         distances = np.ascontiguousarray(index.matrix(queries.counts[first : first + block]).T)
         metrics = np.empty(distances.shape, dtype=np.int32)
         for i, row in enumerate(distances):
+            if travelled is not None and known[first + i]:
+                place_filter.travel(int(travelled[first + i]))
             columns[first + i] = place_filter.advance(row, events[first + i])
             metrics[i] = place_filter.metric
         nearest.append(_nearest(metrics.T))

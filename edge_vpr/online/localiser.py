@@ -17,6 +17,8 @@ from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
 from edge_vpr.map_checks import check_map
+from edge_vpr.matching.matches import check_no_ways
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.filter_run import FilterRun
 from edge_vpr.online.kernel import DONE, NEXT_TICK, RING_FULL, follow
 from edge_vpr.online.schedule import MatchSchedule
@@ -122,8 +124,10 @@ class Localiser:
         self._confidence, self._judge = reference.confidence, reference.judge
         check_map(
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
-            reference.full_scale, reference.mean,
+            reference.full_scale, reference.mean, reference.route, reference.jumps,
+            reference.odometer_mm,
         )  # fmt: skip
+        self._jumps, self._along = reference.jumps, reference.along_mm
         places, counters = self._places.shape
         check_extent(places, counters, self._length, recent, self._window)
         self._policy = np.array([self.every.interval_us, -1], dtype=np.int64)
@@ -139,6 +143,8 @@ class Localiser:
                 )
             self._filter = FilterRun(reference, self.every)
             self._s = self._filter.prepared(self._s)
+        else:
+            check_no_ways(reference.jumps, odometry=False)
         self._out = np.empty((_MATCHES_AT_ONCE, 7), dtype=np.int64)
 
     def __len__(self) -> int:
@@ -246,6 +252,42 @@ class Localiser:
         self._floor, self._now = until_us, max(self._now, until_us)
         return matches
 
+    def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
+        """Let time pass to `time_us` and take a reading of the robot's odometer.
+
+        The way since the window before then prices the steps from place to place. Give one reading
+        or more in each window, better ten; a window without one is priced by the settings.
+
+        Parameters
+        ----------
+        time_us : int
+            Of the reading; not earlier than the last event. Events of the same time come after it.
+        distance_m : float
+            Metres driven, from any zero; it falls where the robot drives backwards.
+
+        Returns
+        -------
+        ndarray of MATCH_DTYPE, shape (m,)
+            Matches of the ticks until then.
+
+        Raises
+        ------
+        EventError
+            If time runs backwards.
+        UsageError
+            If the map does not say how far its places are from each other, matching is by
+            sequences, or the distance is not finite or beyond 1e9 m.
+        """
+        if self._filter is None:
+            check_no_ways(None, odometry=True)
+            return _NO_MATCHES
+        if not abs(distance_m) * 1e3 <= MOST_MM:
+            raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
+        self._filter.place_filter.moves.check_odometry()
+        matches = self.advance(time_us)
+        self._filter.read_odometer(round(distance_m * 1e3))
+        return matches
+
     def skip_ticks(self, until_us: int) -> None:
         """Leave out the ticks of the policy before `until_us`, but for the last of them.
 
@@ -323,6 +365,10 @@ class Localiser:
             arrays["full_scale"] = self._full_scale
         if self._mean is not None:
             arrays["mean"] = self._mean
+        if self._jumps is not None:
+            arrays["jumps"] = self._jumps
+        if self._along is not None and self._filter is not None:
+            arrays["odometer_mm"] = self._along
         if self._confidence is not None:
             arrays |= self._confidence.to_arrays()
         if self._filter is not None:
@@ -475,6 +521,8 @@ def _bare_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
         full_scale=arrays.get("full_scale"),
         mean=arrays.get("mean"),
         confidence=Confidence.from_arrays(arrays),
+        jumps=arrays.get("jumps"),
+        odometer_mm=arrays.get("odometer_mm"),
     )
 
 
