@@ -133,7 +133,7 @@ def map_traverse(
         )
     # the released code selects by clipped counts; with other codes, pixels are selected by counts,
     # so that maps of different codes have the same pixels
-    with SaliencyPass(sensor, clip=settings.clip or None) as first:
+    with SaliencyPass(sensor, clip=settings.clip) as first:
         if isinstance(recording, WindowSource):
             _check_windows_only(settings)
             settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
@@ -163,7 +163,7 @@ def map_traverse(
             rng=np.random.default_rng(settings.seed),
             exclude=hot | ~counted,
         )
-        if settings.window == "count" and settings.events_per_pixel == 0:
+        if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
         needs_events = settings.window == "count" or settings.polarity
         places = None if needs_events else first.descriptors(pixel_map)

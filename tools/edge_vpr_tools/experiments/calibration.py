@@ -99,7 +99,7 @@ def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
                 changes = {
                     "pixels": pixels,
                     "window": window,
-                    "events_per_pixel": 0.0,
+                    "events_per_pixel": None,
                     "seed": seed,
                 }
                 settings = PRESETS["default"].replaced(changes, "calibration")
