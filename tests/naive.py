@@ -374,6 +374,45 @@ def place_filter(
     return told
 
 
+def smoothed_filter(
+    distances: Matrix,
+    events: Sequence[int],
+    forward: Sequence[int],
+    back: Sequence[int],
+    restart: int,
+    activity: int,
+    jumps: Sequence[tuple[int, int]],
+    along: Sequence[int],
+    travelled: Sequence[int | None],
+) -> list[list[int]]:
+    """Forward metric of each window plus the price of the cheapest way on from each place."""
+    k, scale, evidence, ways = len(distances[0]), None, [], []
+    prices = {i: 4 * price for i, price in enumerate(forward)}
+    prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
+    given, usual = (forward, back, restart, 0, activity, jumps, along, travelled), activity
+    metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
+    for d, count, way in zip(distances, events, travelled, strict=True):
+        own = 65536 // max(sum(abs(x - sum(d) // k) for x in d) // k, 1)
+        pause = count == 0 or 16 * 256 * count < usual
+        scaled = own if scale is None else scale
+        evidence.append([0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d])
+        scale = scale if pause else own
+        usual += (256 * min(count, 2**23 - 1) - usual) // 64
+        steps = {0: 0, 1: 0, 2: 4} if pause else prices
+        ways.append(
+            ways_of_steps(k, steps, jumps) if way is None else ways_of_odometry(along, way, jumps)
+        )
+    onward, summed = [0] * k, []
+    for j in reversed(range(len(distances))):
+        summed.append([m + o for m, o in zip(metrics[j], onward, strict=True)])
+        price = [e + o for e, o in zip(evidence[j], onward, strict=True)]
+        onward = [
+            min([4 * restart] + [price[to] - min(price) + c for i, to, c in ways[j] if i == place])
+            for place in range(k)
+        ]
+    return summed[::-1]
+
+
 def ways_of_steps(
     places: int, prices: dict[int, int], jumps: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int, int]]:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
 from edge_vpr.descriptors.pauses import find_pauses, mean_activity
 from edge_vpr.errors import UsageError
+from edge_vpr.matching import filtered_drive
 from edge_vpr.matching.matches import match_descriptors
 from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, StepPrices
-from edge_vpr.odometry import MOST_MM
+from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 
 prices = st.builds(
@@ -60,6 +63,79 @@ def test_metrics_answers_and_trust_equal_the_oracle(
         assert (answer.place, answer.second, answer.trust) == (best, second, trust)
         assert answer.ties == metric.count(metric[best]) - 1
         assert max(metric) <= METRIC_TOP
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    places=st.integers(1, 20),
+    windows=st.integers(1, 8),
+    priced=prices,
+    jumps=st.integers(0, 3),
+    spacing=st.sampled_from([0, 7, 1_000]),
+)
+@settings(max_examples=50)
+def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
+    seed, places, windows, priced, jumps, spacing
+):
+    rng = np.random.default_rng(seed)
+    reference, queries = (rng.integers(0, 9, (n, 3)) for n in (places, windows))
+    events = rng.choice([0, 3, 90, 200], windows)
+    pairs = random_jumps(rng, places, jumps)
+    along, travelled = random_ways(rng, places, windows, spacing)
+    odometry = None if along is None else readings(travelled)
+    if odometry is not None:
+        travelled = [None, *np.diff(odometry.distance_mm).tolist()]
+    chosen = Settings(
+        matching="filter", pixels=3, smooth=True, filter_steps=priced.forward,
+        filter_back=priced.back, filter_restart=priced.restart, exclusion=1,
+    )  # fmt: skip
+    counted = replace(descriptors(queries), selected=events)
+    found = match_descriptors(
+        descriptors(reference), counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
+    )
+    distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
+    usual = mean_activity(descriptors(reference).activity)
+    told = naive.smoothed_filter(
+        distances, events.tolist(), priced.forward, priced.back, priced.restart, usual,
+        pairs.tolist(), [] if along is None else along.tolist(), travelled,
+    )  # fmt: skip
+    for j, metric in enumerate(told):
+        best, second, ties = naive.best_and_second(metric, 1)
+        assert (found.place[j], found.second[j], found.ties[j]) == (best, second, ties)
+        assert found.distance_sum[j] == metric[best]
+        margin = metric[second] - metric[best] if second >= 0 else METRIC_TOP
+        assert found.trust[j] == 16 * margin
+        nearest = sorted(range(places), key=lambda k: (metric[k], k))
+        assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
+
+
+def readings(travelled):
+    """An odometer read once in each window of a millisecond."""
+    way = np.cumsum([0, *(step or 0 for step in travelled[1:])])
+    times = np.arange(len(travelled)) * 1_000 + 500
+    return Odometry(times, way.astype(np.int64))
+
+
+@pytest.mark.parametrize(("smooth", "first"), [(False, 5), (True, 25)])
+def test_the_windows_after_decide_with(smooth, first):
+    """Places 5 and 25 look alike: which of them it was is known when the drive goes on."""
+    rng = np.random.default_rng(6)
+    reference = rng.integers(0, 100, (40, 12))
+    reference[5] = reference[25]
+    reference[5, 0] -= 1
+    queries = reference[25:35].copy()
+    queries[0] = reference[5]
+    chosen = Settings(matching="filter", pixels=12, smooth=smooth)
+    found = match_descriptors(descriptors(reference), descriptors(queries), chosen)
+    assert found.place.tolist() == [first, *range(26, 35)]
+
+
+def test_a_drive_too_long_to_be_smoothed_is_refused(monkeypatch):
+    monkeypatch.setattr(filtered_drive, "MOST_BYTES", 100)
+    chosen = Settings(matching="filter", pixels=3, smooth=True)
+    places = descriptors(np.ones((6, 3), dtype=np.int64))
+    with pytest.raises(UsageError, match="match with --no-smooth, or split the drive"):
+        match_descriptors(places, places, chosen)
 
 
 def random_jumps(rng, places, number):

@@ -15,17 +15,18 @@ from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.matching.candidates import CANDIDATES, nearest_places
 from edge_vpr.matching.distances import ReferenceIndex, best_matches
+from edge_vpr.matching.filtered_drive import filter_drive
 from edge_vpr.matching.matches_csv import write_csv
-from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
+from edge_vpr.matching.moves import StepPrices
+from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
 from edge_vpr.odometry import Odometry
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 KIND = "set of matches"
-#: so many of the nearest places are kept for Recall@N
-CANDIDATES = 25
 #: distances held at once while matching, so that memory does not grow with the traverse
 _BLOCK_DISTANCES = 4_000_000
 
@@ -352,25 +353,8 @@ def _match_by_filter(
     odometry: Odometry | None,
 ) -> Matches:
     index, n = ReferenceIndex(places.counts), len(queries)
-    travelled = None
-    if odometry is not None:
-        place_filter.moves.check_odometry()
-        travelled, known = odometry.of_windows(queries.end_us)
-    columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
-    events = queries.activity.tolist()
-    block = max(1, _BLOCK_DISTANCES // len(places))
-    nearest = []
-    for first in range(0, n, block):
-        distances = np.ascontiguousarray(index.matrix(queries.counts[first : first + block]).T)
-        metrics = np.empty(distances.shape, dtype=np.int32)
-        for i, row in enumerate(distances):
-            if travelled is not None and known[first + i]:
-                place_filter.travel(int(travelled[first + i]))
-            columns[first + i] = place_filter.advance(row, events[first + i])
-            metrics[i] = place_filter.metric
-        nearest.append(_nearest(metrics.T))
-    candidates = np.concatenate(nearest)
-    place, metric, second, second_metric, ties, trust = columns.T
+    found = filter_drive(place_filter, index, queries, odometry, smooth=settings.smooth)
+    place, metric, second, second_metric, ties, trust = found.columns.T
     probability, lost = judge.judge(trust)
     return Matches(
         settings=settings,
@@ -382,7 +366,7 @@ def _match_by_filter(
         second=second,
         second_sum=second_metric,
         ties=ties,
-        candidates=candidates,
+        candidates=found.candidates,
         trust=trust,
         probability=probability,
         lost=lost,
@@ -397,16 +381,4 @@ def _match_block(
     column = np.arange(sums.shape[1])
     best_sum = sums[best, column].astype(np.int64)
     second_sum = np.where(second < 0, -1, sums[second, column]).astype(np.int64)
-    return best, best_sum, second, second_sum, ties, _nearest(sums)
-
-
-def _nearest(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
-    """Nearest places of each column, shape (columns, CANDIDATES)."""
-    places = sums.shape[0]
-    # distance and place in one integer: its order is by distance, then by the lower place
-    keys = sums.astype(np.int64) * places + np.arange(places)[:, None]
-    if places > CANDIDATES:
-        keys = np.partition(keys, CANDIDATES - 1, axis=0)[:CANDIDATES]
-    nearest = np.full((sums.shape[1], CANDIDATES), -1, dtype=np.int64)
-    nearest[:, : len(keys)] = np.sort(keys, axis=0).T % places
-    return nearest
+    return best, best_sum, second, second_sum, ties, nearest_places(sums)

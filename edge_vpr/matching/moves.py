@@ -133,6 +133,12 @@ class Moves:
             self._spacing = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
             self._rate = (OFF_BY_A_PLACE << FRACTION_BITS << RATE_BITS) // max(self._spacing, 1)
 
+    def reversed(self) -> Moves:
+        """Return the moves of the same map with its places, and every way, turned round."""
+        jumps = self.places - 1 - self.jumps[:, ::-1]
+        along = None if self._along is None else self._along[-1] - self._along[::-1]
+        return Moves(self.places, self.prices, jumps, along)
+
     def check_odometry(self) -> None:
         """Raise UsageError unless the map says how far its places are from each other."""
         self._checked_along()

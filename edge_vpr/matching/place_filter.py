@@ -187,14 +187,42 @@ class PlaceFilter:
         add_evidence(self.prediction, distances, reciprocal, metric)
         return metric
 
+    def evidence(self, distances: npt.NDArray[np.integer], events: int) -> Metrics:
+        """Return what a window adds to the metric of each place, of 8 bits, shape (K,).
+
+        Parameters
+        ----------
+        distances : ndarray of int, shape (K,)
+        events : int
+            At the selected pixels in the window.
+        """
+        evidence = np.zeros_like(self.metric)
+        if not self.activity.pauses(events):
+            reciprocal = self.reciprocal or reciprocal_of_spread(distances)
+            add_evidence(np.zeros_like(evidence), distances, reciprocal, evidence)
+        return evidence
+
     def _answer(self, metric: Metrics) -> FilterMatch:
-        place, second, ties = least_and_second(metric, self.exclusion)
-        least = int(metric[place])
-        second_metric = int(metric[second]) if second >= 0 else -1
-        margin = second_metric - least if second >= 0 else METRIC_TOP
-        kept = self.trust if self.follows[place] else 0
-        trust = trust_after(kept, place == self.place, margin)
-        return FilterMatch(place, least, second, second_metric, ties, trust)
+        found = match_of(metric, self.exclusion)
+        kept = self.trust if self.follows[found.place] else 0
+        margin = found.trust >> TRUST_BITS
+        return found._replace(trust=trust_after(kept, found.place == self.place, margin))
+
+
+def match_of(metric: Metrics, exclusion: int) -> FilterMatch:
+    """Return the match of these metrics; its trust is the margin, in units of 1/16 of a metric.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+    exclusion : int
+        The second best is more than this many places away.
+    """
+    place, second, ties = least_and_second(metric, exclusion)
+    least = int(metric[place])
+    second_metric = int(metric[second]) if second >= 0 else -1
+    margin = second_metric - least if second >= 0 else METRIC_TOP
+    return FilterMatch(place, least, second, second_metric, ties, margin << TRUST_BITS)
 
 
 @njit(cache=True, nogil=True)
