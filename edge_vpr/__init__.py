@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from edge_vpr.evaluation.truth_from_tracks import from_tracks
     from edge_vpr.events import EVENT_DTYPE, Sensor, check_events, crop, make_events
     from edge_vpr.matching.distances import ReferenceIndex, distance_matrix
-    from edge_vpr.matching.matches import Matches, match_descriptors
+    from edge_vpr.matching.drive_matching import match_descriptors
+    from edge_vpr.matching.matches import Matches
     from edge_vpr.matching.nearest import best_match, best_matches
     from edge_vpr.matching.sequence import sequence_sums
     from edge_vpr.online.localiser import Localiser
@@ -57,7 +58,8 @@ _HOME = {
     "online.match_records": ("MATCH_DTYPE",),
     "matching.distances": ("ReferenceIndex", "distance_matrix"),
     "matching.nearest": ("best_match", "best_matches"),
-    "matching.matches": ("Matches", "match_descriptors"),
+    "matching.drive_matching": ("match_descriptors",),
+    "matching.matches": ("Matches",),
     "pipeline": ("describe", "map_traverse", "match_traverse"),
     "descriptors.pixels": ("PixelMap", "select_pixels"),
     "online.schedule": ("MatchSchedule",),

@@ -17,7 +17,8 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime
 from edge_vpr.errors import LONGEST_MESSAGE, EventError, MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.state_checks import check_extent
 from edge_vpr.reference_map import ReferenceMap
