@@ -114,7 +114,7 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "exclusion": "1",
     "precision": "0.9",
 }
-SWITCHES = ("polarity", "keep_incomplete")
+SWITCHES = ("polarity", "keep_incomplete", "smooth")
 
 
 def by_flags(*words):
