@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.estimate_arguments import DESIGN_FLAGS, EVENTS_PER_S, PLACES
+from edge_vpr_tools.arguments.schedule import read_every
 from edge_vpr_tools.arguments.setting_flags import duration_us
 from edge_vpr_tools.estimate.counts import EveryPixel
 from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
-from edge_vpr_tools.estimate.targets import Constant, Spread
 from firmware_model.design import Design
 
 
@@ -114,58 +112,11 @@ def compared(name: str, design: Design, mission: Mission) -> tuple[Design, Missi
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
-    """Tell how often a match is given, as `edge-vpr match --every` reads it."""
-    if every == "window":
-        if design.window == "count":
-            return selected_per_s / design.window_events
-        return 1e6 / design.tau_us
-    if every in ("event", "change"):
-        return selected_per_s
-    if every.isascii() and every.isdigit() and int(every) > 0:
-        return selected_per_s / int(every)
-    try:
-        return 1e6 / duration_us(every)
-    except UsageError:
-        raise UsageError(
-            f"--every {every!r}: expected event, a number of events, a time such as 10ms, or window"
-        ) from None
-
-
-def calibrated(profile: Path) -> Constant:
-    """Energy of a processor's cycle, of the profile of a board with a power sensor.
-
-    One point: marginal joules for each second of processor time, over the clock.
-
-    Raises
-    ------
-    UsageError
-        If the file is no profile, or its energy was not measured or not resolved.
-    """
-    try:
-        values = json.loads(profile.read_text(encoding="utf-8"))
-        energy, clock = values["energy"], values["conditions"]["loaded"]["frequency_hz"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(
-            f"{profile} is not a profile that tells energy and clock ({error!r}): make it by "
-            "edge-vpr profile"
-        ) from error
-    if not energy.get("resolved") or not clock:
-        raise UsageError(
-            f"{profile}: energy was not measured or not resolved, or the clock is not known: "
-            "profile a board with a power sensor, for longer"
-        )
-    # an external meter's windows do not tell the processor time: the throughput does
-    seconds = energy.get("cpu_s_per_match") or values["throughput"]["cpu_s_per_match"]
-    low, high = energy["marginal_j_per_match_interval"]
-    picojoules = [
-        1e12 * joules / (seconds * clock) for joules in (low, energy["marginal_j_per_match"], high)
-    ]
-    return Constant(
-        "a cycle of this board",
-        "pJ/cycle",
-        Spread(*picojoules),
-        int(values["run"]["finished_utc"][:4]),
-        values["run"]["machine"]["processor"],
-        f"calibrated on the profile {profile}",
-        "interval of the measurement; one point: another load may cost another energy a cycle",
-    )
+    """Return how often a match is given, as `edge-vpr match --every` reads it."""
+    schedule = read_every(every)
+    if schedule is None:
+        by_count = design.window == "count"
+        return selected_per_s / design.window_events if by_count else 1e6 / design.tau_us
+    if schedule.events:
+        return selected_per_s / schedule.events
+    return 1e6 / schedule.interval_us

@@ -14,10 +14,11 @@ from typing import Any
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.recordings import open_recording
-from edge_vpr_tools.arguments.estimate_request import calibrated, compared, design_and_mission
+from edge_vpr_tools.arguments.estimate_request import compared, design_and_mission
 from edge_vpr_tools.arguments.truth import load_truth
 from edge_vpr_tools.estimate import accuracy, compare, pareto, show
 from edge_vpr_tools.estimate.accuracy import Drives
+from edge_vpr_tools.estimate.calibration import calibrated
 from edge_vpr_tools.estimate.fit import Budget, fit
 from edge_vpr_tools.estimate.pareto import Evaluated
 from edge_vpr_tools.estimate.targets import Constant, Target, find, names
