@@ -5,18 +5,66 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.estimate_arguments import DESIGN_FLAGS, EVENTS_PER_S, PLACES
+from edge_vpr_tools.arguments.estimate_drives import tried_designs
 from edge_vpr_tools.arguments.schedule import read_every
 from edge_vpr_tools.arguments.setting_flags import duration_us
+from edge_vpr_tools.estimate.calibration import calibrated
+from edge_vpr_tools.estimate.comparison import Side
 from edge_vpr_tools.estimate.counts import EveryPixel
+from edge_vpr_tools.estimate.estimation import Other, Question
+from edge_vpr_tools.estimate.fit import Budget
 from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
+from edge_vpr_tools.estimate.targets import find, names
 from firmware_model.design import Design
+from firmware_model.errors import DesignError
+
+
+def question_of(args: argparse.Namespace) -> Question:
+    """Build the question that the command line asks; designs are tried on drives if it says so.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong, or a file cannot be used.
+    """
+    targets = tuple(find(name) for name in args.target or names())
+    evaluated = args.pareto is not None or args.accuracy_on is not None
+    alone = len(targets) == 1
+    if not evaluated and args.figure is not None:
+        raise UsageError("--figure draws evaluated designs: name --pareto or --accuracy-on too")
+    if args.accuracy_on is None and args.ground_truth is not None:
+        raise UsageError("--ground-truth is of two drives: name them by --accuracy-on")
+    if not alone and (args.figure is not None or (args.fit and not evaluated)):
+        raise UsageError("--fit and --figure are held against one target: name it by --target")
+    measured = None if args.calibrate is None else calibrated(Path(args.calibrate))
+    if measured is not None and (not alone or targets[0].kind != "processor"):
+        raise UsageError("--calibrate is of one board: name its processor by --target")
+    try:
+        design, mission = design_and_mission(args)
+        other = None if args.vs is None else Other(args.vs, compared(args.vs, design, mission))
+    except DesignError as error:
+        raise UsageError(str(error)) from error
+    return Question(
+        design=design,
+        mission=mission,
+        places_per_metre=args.places_per_metre,
+        targets=targets,
+        budgets=tuple(Budget.parse(text) for text in args.fit),
+        measured=measured,
+        other=other,
+        tried=tried_designs(args, design),
+        route_places=None if args.route_km is None and args.places is None else design.places,
+        events_per_s=args.event_rate,
+        matches_per_s=args.match_rate,
+    )
 
 
 def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
@@ -102,13 +150,13 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
     )
 
 
-def compared(name: str, design: Design, mission: Mission) -> tuple[Design, Mission]:
+def compared(name: str, design: Design, mission: Mission) -> Side:
     """Give what a design is compared with, and its mission: the share of events that it counts."""
     if name == "all-pixels":
-        return EveryPixel.beside(design), replace(mission, selected_share=1.0)
+        return Side(EveryPixel.beside(design), replace(mission, selected_share=1.0))
     other = Design.load(name)
     share = min(1.0, mission.selected_share * other.pixels / design.pixels)
-    return other, replace(mission, selected_share=share)
+    return Side(other, replace(mission, selected_share=share))
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:

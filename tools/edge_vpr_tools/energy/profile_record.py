@@ -157,4 +157,6 @@ class Profile:
         except RecordError as error:
             raise UsageError(f"{path} is a damaged profile: {error}: make it again") from error
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            raise UsageError(f"cannot read a profile from {path}: {error}") from error
+            raise UsageError(
+                f"cannot read a profile from {path} ({error}): make one by edge-vpr profile"
+            ) from error
