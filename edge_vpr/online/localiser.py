@@ -88,7 +88,8 @@ class Localiser:
     MapError
         If arrays of the map were changed so that they no longer fit each other.
     UsageError
-        If the map is shorter than a sequence, or the sequence too long to be followed.
+        If the map is shorter than a sequence, the sequence too long to be followed, or the codes
+        are own-mean ones without the place filter.
 
     Examples
     --------
@@ -131,6 +132,11 @@ class Localiser:
         self._floor = 0  # no event may be earlier
         self._s = start(self._places, self._window, self._length, self._codes)
         self._filter = None
+        if reference.own_mean_code is not None and settings.matching != "filter":
+            raise UsageError(
+                "own-mean codes follow the mean of a drive, which sequences after every event do "
+                "not: set matching to filter, or counter_scaling to shared when the map is made"
+            )
         if settings.matching == "filter":
             if recent:
                 raise UsageError(
