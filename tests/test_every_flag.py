@@ -107,7 +107,7 @@ RUNS = [
      "--target cortex-m4 --vs all-pixels --fit 64KiB --json {f}/estimate.json", 0),
     ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
      "--target cortex-m0plus", 0),
-    ("estimate --design {f}/design.toml --target cortex-m4", 0),
+    ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
     ("estimate --pixels 25 --places 100 --matching filter --target cortex-m4", 0),
     ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
      "--figure {f}/pareto.png", 0),

@@ -63,7 +63,8 @@ class Localiser:
     MapError
         If arrays of the map were changed so that they no longer fit each other.
     UsageError
-        If the map is shorter than a sequence, or the sequence too long to be followed.
+        If the map is shorter than a sequence, the sequence too long to be followed, or the codes
+        are own-mean ones without the place filter.
 
     Examples
     --------
@@ -100,6 +101,11 @@ class Localiser:
         check_extent(places, counters, self._length, recent, self._window)
         self._now = 0  # T: all events before it have been taken
         self._floor = 0  # no event may be earlier
+        if reference.own_mean_code is not None and settings.matching != "filter":
+            raise UsageError(
+                "own-mean codes follow the mean of a drive, which sequences after every event do "
+                "not: set matching to filter, or counter_scaling to shared when the map is made"
+            )
         if settings.matching == "filter" and recent:
             raise UsageError(
                 f"{recent} recent places are left out by sequences only: set matching to sequence"

@@ -68,9 +68,9 @@ def run(args: argparse.Namespace) -> None:
     if track is not None:
         reference = with_positions(reference, track)
     reference.save(output)
-    record = run_record(reference.settings.to_dict(), [args.recording])
     hot_pixels = int(reference.hot.sum())
-    write_json(run_file, record | {"removed": removed_record(removed, hot_pixels)})
+    left_out = removed_record(removed, hot_pixels)
+    write_json(run_file, run_record(reference.settings.to_dict(), [args.recording], left_out))
 
     places = reference.places
     counts = places.counts
