@@ -7,6 +7,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import naive
@@ -19,12 +20,15 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError
 from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
+from edge_vpr.evaluation.jump_files import load_jumps
+from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.pipeline import coded_map, window_of
+from edge_vpr.pipeline import coded_map, match_query, window_of
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, resolve_settings
 
@@ -69,10 +73,17 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
 
     for variant in VARIANTS:
         reference = map_of(variant, rng)
+        if variant == VARIANTS[-1]:  # with all that a map may have
+            way = np.arange(len(reference), dtype=np.int64) * 700
+            pairs = np.array([[2, 0], [0, 2]], dtype=np.int32)
+            reference = replace(reference, jumps=pairs, odometer_mm=way)
         reference.save(new("map", ".npz"))
         for every in (MatchSchedule(events=1), MatchSchedule(interval_us=30, change=True)):
             localiser = Localiser(reference, every=every)
             localiser.update(random_events(rng, 60, SENSOR, 500))
+            if reference.odometer_mm is not None:
+                for i in range(5):  # in this window and the one before
+                    localiser.read_odometer(501 + 50 * i, 0.2 * i)
             localiser.save(new("state", ".npz"))
         queries = descriptors(reference.places.counts[1:])
         match_descriptors(reference.places, queries, reference.settings).save(
@@ -89,6 +100,9 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
     )
     new("track", ".gpx").write_text(f"<?xml version='1.0'?><gpx><trk>{points}</trk></gpx>")
     new("track", ".csv").write_text("time_s,x_m,y_m\n0,0,0\n1,2.5,0\n2,5,1\n")
+    new("odometry", ".csv").write_text("time_s,distance_m\n0,0\n0.5,1.5\n1,3.5\n")
+    new("odometry", ".csv").write_text("time_s,speed_mps\n0,0\n0.5,1.5\n1,3.5\n")
+    new("jumps", ".csv").write_text("from,to\n0,5\n3,1\n")
     new("alignment", ".csv").write_text("query_s,reference_s\n0,0\n1.5,2\n4,5\n")
     truth = np.eye(4, dtype=np.uint8)
     np.save(new("matrix", ".npy"), truth)
@@ -259,6 +273,8 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "track": load_track,
     "alignment": load_alignment,
     "matrix": load_matrix,
+    "odometry": load_odometry,
+    "jumps": lambda path: load_jumps(path, 6),
 }
 
 
@@ -272,7 +288,12 @@ def _drive_on(localiser: Localiser, floor_us: int) -> None:
     events = random_events(np.random.default_rng(3), 60, SENSOR, 800)
     events["t"] += floor_us
     with contextlib.suppress(EdgeVprError):
-        localiser.update(events)
+        localiser.update(events[:30])
+        localiser.verify()
+    with contextlib.suppress(EdgeVprError):
+        localiser.read_odometer(int(events["t"][29]), 3.5)
+    with contextlib.suppress(EdgeVprError):
+        localiser.update(events[30:])
         localiser.verify()
 
 
@@ -281,7 +302,10 @@ def check_loaded_map(reference: ReferenceMap) -> None:
     settings = reference.settings
     if _beyond_the_oracle(settings):
         with contextlib.suppress(EdgeVprError):
-            match_descriptors(reference.places, reference.places, settings)
+            match_query(reference, reference.places)
+            times = np.arange(20, dtype=np.int64) * 35
+            match_query(reference, reference.places, Odometry(times, times * 10))
+        with contextlib.suppress(EdgeVprError):
             _drive_on(Localiser(reference), 0)
         return
     places = reference.places.counts.tolist()

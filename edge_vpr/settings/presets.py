@@ -14,7 +14,9 @@ from edge_vpr.settings.settings import Settings, values_by_name
 
 _MOST_BYTES = 1 << 20  # of a file of settings; the longest sensible one has a few hundred
 
-_BEST = Settings(matching="filter", counter_code="log", counter_scaling="own-mean", anchor="end")
+_BEST = Settings(
+    matching="filter", smooth=True, counter_code="log", counter_scaling="own-mean", anchor="end",
+)  # fmt: skip
 
 PRESETS: Mapping[str, Settings] = {
     # chosen on the real drives and on simulated streets, see docs/place_filter.md
