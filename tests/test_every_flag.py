@@ -36,7 +36,7 @@ SETTINGS = (
 )
 FILTER = (
     "--matching filter --filter-steps 1,0,1 --filter-back 2 --filter-restart 20 "
-    "--query-mean running --precision 0.5"
+    "--query-mean running --precision 0.5 --score auto"
 )
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = (

@@ -240,7 +240,7 @@ def test_a_reading_without_a_use_is_refused():
     with pytest.raises(UsageError, match="did not move by its odometry"):
         Localiser(still).read_odometer(0, 1.0)
     moving = with_ways(rng, bare)
-    with pytest.raises(UsageError, match="odometry at nan m"):
+    with pytest.raises(UsageError, match="odometer at nan m"):
         Localiser(moving).read_odometer(0, float("nan"))
     by_sequence = replace(bare.settings, matching="sequence", sequence_length=1)
     with pytest.raises(UsageError, match="odometry is for the place filter"):
