@@ -19,12 +19,14 @@ from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError
-from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
 from edge_vpr.evaluation.jump_files import load_jumps
 from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.truth_from_alignment import load_alignment
+from edge_vpr.evaluation.truth_from_matrix import load_matrix
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule

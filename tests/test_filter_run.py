@@ -15,7 +15,7 @@ from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import make_events
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed

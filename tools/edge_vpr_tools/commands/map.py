@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import load_track
 from edge_vpr.evaluation.jump_files import load_jumps
 from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.place_positions import with_positions
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.pipeline import Removed, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output

@@ -13,7 +13,7 @@ from edge_vpr.baselines import map_all_pixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import EventSource, describe_query, map_traverse
 from edge_vpr.reference_map import ReferenceMap
