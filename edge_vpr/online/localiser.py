@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +82,8 @@ class Localiser:
         recent: int = 0,
         check_every: int = 0,
     ) -> None:
+        if reference.settings.smooth:  # which takes later windows
+            reference = reference.matched_with(replace(reference.settings, smooth=False))
         settings = reference.settings
         self.settings = settings
         self.every = MatchSchedule(events=1) if every is None else every
@@ -226,7 +228,7 @@ class Localiser:
         Parameters
         ----------
         time_us : int
-            Of the reading; not earlier than the last event. Events of the same time come after it.
+            Of the reading; not earlier than the last event. Events of the same time come before it.
         distance_m : float
             Metres driven, from any zero; it falls where the robot drives backwards.
 
