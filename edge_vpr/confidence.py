@@ -21,6 +21,8 @@ from edge_vpr.events import TIME_LIMIT_US
 
 #: learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md
 DEFAULT_TABLE = "default_confidence.json"
+#: the same, of drives that are smoothed, whose trust has another scale
+SMOOTHED_TABLE = "smoothed_confidence.json"
 MOST_STEPS = 4_096
 
 
@@ -186,9 +188,16 @@ _NAMES = ("trust", "probability", "matches")
 
 
 @cache
-def default_confidence() -> Confidence:
-    """Return the shipped table, of the place filter on simulated streets."""
-    text = files("edge_vpr").joinpath(DEFAULT_TABLE).read_text(encoding="utf-8")
+def default_confidence(smoothed: bool = False) -> Confidence:
+    """Return the shipped table, of the place filter on simulated streets.
+
+    Parameters
+    ----------
+    smoothed : bool
+        Of drives that were smoothed; else of matches window by window.
+    """
+    name = SMOOTHED_TABLE if smoothed else DEFAULT_TABLE
+    text = files("edge_vpr").joinpath(name).read_text(encoding="utf-8")
     table = json.loads(text)
     return Confidence(
         np.array(table["trust"], dtype=np.int64),

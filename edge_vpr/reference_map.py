@@ -135,7 +135,7 @@ class ReferenceMap:
         """
         confidence = self.confidence
         if confidence is None and self.settings.matching == "filter":
-            confidence = default_confidence()
+            confidence = default_confidence(self.settings.smooth)
         return Judge(confidence, self.settings.precision)
 
     def matched_with(self, settings: Settings) -> ReferenceMap:

@@ -19,6 +19,8 @@ from edge_vpr.archive import read_members
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError
+from edge_vpr.evaluation.jump_files import load_jumps
+from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.truth_from_alignment import load_alignment
 from edge_vpr.evaluation.truth_from_matrix import load_matrix
@@ -95,10 +97,17 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
 
     for variant in VARIANTS:
         reference = map_of(variant, rng)
+        if variant == VARIANTS[-1]:  # with all that a map may have
+            way = np.arange(len(reference), dtype=np.int64) * 700
+            pairs = np.array([[2, 0], [0, 2]], dtype=np.int32)
+            reference = replace(reference, jumps=pairs, odometer_mm=way)
         reference.save(new("map", ".npz"))
         for every in (MatchSchedule(events=1), MatchSchedule(interval_us=30, change=True)):
             localiser = Localiser(reference, every=every)
             localiser.update(random_events(rng, 60, SENSOR, 500))
+            if reference.odometer_mm is not None:
+                for i in range(5):  # in this window and the one before
+                    localiser.read_odometer(501 + 50 * i, 0.2 * i)
             localiser.save(new("state", ".npz"))
         queries = descriptors(reference.places.counts[1:])
         match_descriptors(reference.places, queries, reference.settings, reference.confidence).save(
@@ -115,6 +124,9 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
     )
     new("track", ".gpx").write_text(f"<?xml version='1.0'?><gpx><trk>{points}</trk></gpx>")
     new("track", ".csv").write_text("time_s,x_m,y_m\n0,0,0\n1,2.5,0\n2,5,1\n")
+    new("odometry", ".csv").write_text("time_s,distance_m\n0,0\n0.5,1.5\n1,3.5\n")
+    new("odometry", ".csv").write_text("time_s,speed_mps\n0,0\n0.5,1.5\n1,3.5\n")
+    new("jumps", ".csv").write_text("from,to\n0,5\n3,1\n")
     new("alignment", ".csv").write_text("query_s,reference_s\n0,0\n1.5,2\n4,5\n")
     truth = np.eye(4, dtype=np.uint8)
     np.save(new("matrix", ".npy"), truth)
@@ -295,4 +307,6 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "track": load_track,
     "alignment": load_alignment,
     "matrix": load_matrix,
+    "odometry": load_odometry,
+    "jumps": lambda path: load_jumps(path, 6),
 }

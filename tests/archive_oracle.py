@@ -41,7 +41,9 @@ def check_loaded_map(reference: ReferenceMap) -> None:
     )
     assert given.counts.tolist() == coded
     try:
-        found = match_descriptors(reference.places, given, settings, reference.confidence)
+        found = match_descriptors(
+            reference.places, given, settings, reference.confidence, jumps=reference.jumps
+        )
     except EdgeVprError:
         assert _cannot_match(reference, len(queries))
     else:
@@ -67,6 +69,7 @@ def check_loaded_state(localiser: Localiser, path: Path) -> None:
         np.zeros(meta["sensor"][::-1], dtype=np.bool_),
         arrays.get("full_scale"),
         arrays.get("mean"),
+        jumps=arrays.get("jumps"),
     )
     before = int(arrays["bound"][0]) - len(selected)
     begin = None
@@ -99,7 +102,7 @@ def _cannot_match(reference: ReferenceMap, queries: int) -> bool:
 def _table(reference: ReferenceMap) -> list[tuple[int, float, int]] | None:
     found = reference.confidence
     if found is None and reference.settings.matching == "filter":
-        found = default_confidence()
+        found = default_confidence(reference.settings.smooth)
     if found is None:
         return None
     return list(
@@ -125,8 +128,11 @@ def _compare_matches(
 ) -> None:
     settings, places = reference.settings, reference.places.counts.tolist()
     if settings.matching == "filter":
-        begin = filter_oracle.begin_of(reference)
-        rows = filter_oracle.filtered(reference, coded, events, begin)
+        if settings.smooth:
+            rows = filter_oracle.smoothed(reference, coded, events)
+        else:
+            begin = filter_oracle.begin_of(reference)
+            rows = filter_oracle.filtered(reference, coded, events, begin)
     else:
         length = settings.sequence_length
         sums = naive.sequence_sums(naive.distance_matrix(places, coded), length)

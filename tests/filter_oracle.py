@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import naive
 
+from edge_vpr.matching.place_filter import METRIC_TOP
 from edge_vpr.reference_map import ReferenceMap
 
 Rows = list[list[int]]
@@ -90,9 +91,29 @@ def filtered(
     told = naive.place_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
         events, forward, settings.filter_back, settings.filter_restart, settings.exclusion,
-        begin.usual, begin.filtered,
+        begin.usual, begin.filtered, [] if reference.jumps is None else reference.jumps.tolist(),
     )  # fmt: skip
     return [
         (best, metric[best], second, metric[second] if second >= 0 else -1, trust)
         for metric, best, second, trust in told
     ]
+
+
+def smoothed(
+    reference: ReferenceMap, coded: Rows, events: list[int]
+) -> list[tuple[int, int, int, int, int]]:
+    """Place, metric, second, its metric and trust of each window, by those before and after it."""
+    settings, places = reference.settings, reference.places.counts.tolist()
+    forward = settings.filter_steps or ((1, 0, 1) if settings.window == "time" else (1, 0, 0, 1))
+    told = naive.smoothed_filter(
+        [[naive.sad(place, code) for place in places] for code in coded],
+        events, forward, settings.filter_back, settings.filter_restart, begin_of(reference).usual,
+        [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * len(coded),
+    )  # fmt: skip
+    rows = []
+    for metric in told:
+        best, second, _ = naive.best_and_second(metric, settings.exclusion)
+        least = metric[second] if second >= 0 else -1
+        margin = least - metric[best] if second >= 0 else METRIC_TOP
+        rows.append((best, metric[best], second, least, 16 * margin))
+    return rows

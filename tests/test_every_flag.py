@@ -36,7 +36,7 @@ SETTINGS = (
 )
 FILTER = (
     "--matching filter --filter-steps 1,0,1 --filter-back 2 --filter-restart 20 "
-    "--query-mean running --precision 0.5"
+    "--query-mean running --precision 0.5 --score auto"
 )
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = (
@@ -60,15 +60,20 @@ RUNS = [
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity --no-keep-incomplete "
      "--clip 200 --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
-     "--track {f}/track.csv --track-offset 0.1", 0),
+     "--track {f}/track.csv --track-offset 0.1 --odometry {f}/odometry.csv "
+     "--jumps {f}/jumps.csv", 0),
     (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
      "--frames-as-windows", 0),
-    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE}", 0),
+    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --no-smooth", 0),
+    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --smooth --overwrite", 0),
     (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
-    (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER}", 0),
+    (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
+     "--odometry {f}/odometry.csv", 0),
+    ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
+     "--no-smooth --odometry {f}/odometry.csv", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
     ("match {f}/map.npz {f}/query.h5 -o {f}/topic --no-figures --sensor 16x12 --topic left", 0),
     ("match {f}/frames_map.npz {f}/frames.npz -o {f}/windows --no-figures --frame-period 1/10 "
@@ -91,7 +96,9 @@ RUNS = [
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
      "--exclusion 1", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
-    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS}", 0),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
+    ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
+    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
      "--no-keep-incomplete --clip 200 --overwrite", 0),
     # 2: the viewer is an extra of 160 MB, which may not be installed
@@ -145,7 +152,7 @@ RUNS = [
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
     # 2: calibration alone writes a table, and drives a dozen streets for it
-    ("experiment codes --data {f} --seeds 1 --table {f}/table.json", 2),
+    ("experiment codes --data {f} --seeds 1 --table {f}", 2),
     ("completion bash", 0),
     ("demo -o {f}/demo --seed 1 --overwrite", 0),
 ]  # fmt: skip
@@ -202,6 +209,8 @@ def folder(tmp_path_factory):
     (folder / "settings.toml").write_text("sigma = 2.0\n")
     (folder / "hot.txt").write_text("1, 1\n")
     (folder / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    (folder / "odometry.csv").write_text("time_s,speed_mps\n-1,5\n3,9\n")
+    (folder / "jumps.csv").write_text("from,to\n3,0\n")
     (folder / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
     np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))

@@ -12,7 +12,7 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
-from firmware_model.hardware import proof, replay, report, simulation, sources
+from firmware_model.hardware import boards, proof, replay, report, simulation, sources
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.vectors import (
     check_files,
@@ -322,12 +322,18 @@ def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
         ["make", "-n"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
     ).stdout
     script = re.search(r'-p "(read_verilog .*); synth_ice40', plan)[1]
+    other = subprocess.run(
+        ["make", "-n", "ulx3s"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
+    ).stdout
+    assert "synth_ecp5 -top vpr_ulx3s" in other
+    assert "--lpf ulx3s.lpf --freq 100 --json ulx3s.json --textcfg ulx3s.config" in other
+    assert (tmp_path / "core" / "src" / "vpr_ulx3s.sv").exists()
     check = f"read_verilog -lib +/ice40/cells_sim.v; {script}; hierarchy -check -top vpr_up5k; proc"
     done = subprocess.run(
         ["yosys", "-q", "-p", check], cwd=tmp_path / "core", capture_output=True, check=False
     )
     assert done.returncode == 0
-    assert "icepack core.asc core.bin" in plan
+    assert "icepack icebreaker.asc icebreaker.bin" in plan
     capsys.readouterr()
     assert main(command) == 2
     assert "not an empty folder" in capsys.readouterr().err
@@ -369,7 +375,7 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
     case = tmp_path / "v" / suite / name
     files = [case / f"{PACKAGE}.sv"]
-    names = (*sources.DEVICE, *sources.UP5K, sources.UP5K_BENCH)
+    names = (*sources.DEVICE, *boards.ICEBREAKER.sources, sources.UP5K_BENCH)
     files += [sources.FOLDER / name for name in names]
     command = ["iverilog", "-g2012", "-s", "vpr_up5k_bench", "-o", str(tmp_path / "board.vvp")]
     subprocess.run([*command, *map(str, files)], check=True)
@@ -396,14 +402,17 @@ def test_the_search_is_proved_and_broken_ones_are_refused():
 
 
 @needs("yosys")
+@pytest.mark.parametrize("board", boards.BOARDS)
 @pytest.mark.parametrize("design", KINDS)
-def test_yosys_reads_the_board_design(tmp_path, design):
+def test_yosys_reads_the_board_design(tmp_path, design, board):
     """Modules, parameters and processes; `firmware_model.hardware.report` does all of it."""
     report.write_tables(design, tmp_path)
-    files = " ".join(map(str, report.source_files(tmp_path)))
-    script = f"read_verilog -sv {files}; hierarchy -check -top vpr_up5k; proc; check -assert"
+    chosen = boards.BOARDS[board]
+    files = " ".join(map(str, report.source_files(tmp_path, chosen)))
+    script = f"read_verilog -sv {files}; hierarchy -check -top {chosen.top}; proc; check -assert"
+    cells = {"icebreaker": "ice40/cells_sim.v", "ulx3s": "ecp5/cells_bb.v"}[board]
     done = subprocess.run(
-        ["yosys", "-q", "-p", f"read_verilog -lib +/ice40/cells_sim.v; {script}"],
+        ["yosys", "-q", "-p", f"read_verilog -lib +/{cells}; {script}"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

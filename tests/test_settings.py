@@ -112,9 +112,11 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "sequence_length": "2",
     "anchor": "middle",
     "exclusion": "1",
+    "score": "ratio",
     "precision": "0.9",
 }
-SWITCHES = ("polarity", "keep_incomplete", "smooth")
+#: flags of two words, and what stands in a file where the default is the other
+SWITCHES = {"polarity": True, "keep_incomplete": True, "smooth": False}
 
 
 def by_flags(*words):
@@ -145,9 +147,10 @@ def test_a_file_takes_the_words_of_the_flag(tmp_path, key):
 
 @pytest.mark.parametrize("key", SWITCHES)
 def test_a_switch_is_true_in_a_file(tmp_path, key):
-    found = by_flags(f"--{key.replace('_', '-')}")
+    on = SWITCHES[key]
+    found = by_flags(f"--{'' if on else 'no-'}{key.replace('_', '-')}")
     assert found != PRESETS["default"]
-    assert by_file(tmp_path, f"{key} = true\n") == found
+    assert by_file(tmp_path, f"{key} = {str(on).lower()}\n") == found
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def match_descriptors(
         jumps or odometry are given to sequences.
     """
     if confidence is None and settings.matching == "filter":
-        confidence = default_confidence()
+        confidence = default_confidence(settings.smooth)
     judge = Judge(confidence, settings.precision)
     if places.counts.shape[1] != queries.counts.shape[1]:
         raise MapError(

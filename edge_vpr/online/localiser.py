@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,8 @@ class Localiser:
         recent: int = 0,
         check_every: int = 0,
     ) -> None:
+        if reference.settings.smooth:  # which takes later windows
+            reference = reference.matched_with(replace(reference.settings, smooth=False))
         self.settings = reference.settings
         self.every = MatchSchedule(events=1) if every is None else every
         self._table = reference.pixel_map.table()
@@ -180,7 +183,7 @@ class Localiser:
         Parameters
         ----------
         time_us : int
-            Of the reading; not earlier than the last event. Events of the same time come after it.
+            Of the reading; not earlier than the last event. Events of the same time come before it.
         distance_m : float
             Metres driven, from any zero; it falls where the robot drives backwards.
 

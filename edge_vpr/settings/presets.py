@@ -14,13 +14,15 @@ from edge_vpr.settings.settings import Settings, values_by_name
 
 _MOST_BYTES = 1 << 20  # of a file of settings; the longest sensible one has a few hundred
 
-_BEST = Settings(matching="filter", counter_code="log", counter_scaling="own-mean", anchor="end")
+_BEST = Settings(
+    matching="filter", smooth=True, counter_code="log", counter_scaling="own-mean", anchor="end",
+)  # fmt: skip
 
 PRESETS: Mapping[str, Settings] = {
     # chosen on the real drives and on simulated streets, see docs/place_filter.md
     "default": _BEST,
     # windows of a fixed time, counts and sequences, as in the paper
-    "paper": Settings(),
+    "paper": Settings(score="distance"),
     # what the released code does: saliency by mean, rejection within 7 px, counts clipped at 10,
     # L = 10, 100 pixels, no cleaning
     "seed-code": Settings(
@@ -31,6 +33,7 @@ PRESETS: Mapping[str, Settings] = {
         remove_bursts=False,
         sequence_length=10,
         exclusion=2,  # it excludes |k - best| < 3
+        score="distance",
     ),
     "tiny": replace(_BEST, pixels=25),
 }

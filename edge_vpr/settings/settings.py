@@ -13,6 +13,7 @@ from edge_vpr.settings.choices import (
     CounterScaling,
     Matching,
     QueryMean,
+    Score,
     Strategy,
     WindowKind,
 )
@@ -52,6 +53,7 @@ class Settings:
     sequence_length: int = 5
     anchor: Anchor = "middle"
     exclusion: int = 3
+    score: Score | None = None
     precision: float | None = None
 
     def __post_init__(self) -> None:

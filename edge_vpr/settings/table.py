@@ -14,6 +14,7 @@ from edge_vpr.settings.choices import (
     CounterScaling,
     Matching,
     QueryMean,
+    Score,
     WindowKind,
 )
 from edge_vpr.settings.fields import SettingField
@@ -210,6 +211,16 @@ TABLE = {
         help="second best is over R places from the best",
         group="matching",
         metavar="R",
+    ),
+    "score": SettingField(
+        help="what the threshold of an evaluation is on; auto: the trust of the place filter, the "
+        "ratio of sequences",
+        group="matching",
+        kind=str,
+        words={"auto": None},
+        choices=get_args(Score),
+        more="Best over second-best distance, or second less best; the trust is docs/trust.md's. "
+        "The paper has the distance.",
     ),
     "precision": SettingField(
         help="mark matches as lost so that of the others a share of P is right, for example 0.99; "

@@ -36,11 +36,10 @@ DEVICE = (*MEMORIES, *UNITS, "vpr_device.sv")
 BENCH = "vpr_bench.sv"
 #: what a simulation needs, beside the package and the case
 SIMULATED = (*DEVICE, BENCH)
-#: for a board with an iCE40UP5K; the pins are those of an iCEBreaker
-UP5K = ("vpr_spi.sv", "vpr_up5k.sv")
-#: replays a case through the SPI of that board
+#: the device behind SPI, as the tops of boards have it
+SPI = ("vpr_spi.sv", "vpr_spi_device.sv")
+#: replays a case through the SPI of a board with an iCE40UP5K
 UP5K_BENCH = "vpr_up5k_bench.sv"
-UP5K_PINS = "icebreaker.pcf"
 
 
 def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:

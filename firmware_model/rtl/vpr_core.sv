@@ -101,7 +101,7 @@ module vpr_core #(
     logic                       busy;
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
-    logic                       counted, paused;
+    logic                       counted, paused, settled;
     logic                       drain, clear, clearing;
     logic [SLOT_BITS-1:0]       drain_slot, clear_slot;
     logic [COUNT_BITS-1:0]      drained;
@@ -146,12 +146,13 @@ module vpr_core #(
                 .EVENTS_BITS(WINDOW_EVENTS_BITS), .ACTIVITY_BITS(ACTIVITY_BITS)
             ) activity (
                 .clk(clk), .load(rst), .start_activity(start_activity), .counted(counted),
-                .window_end(window_end), .pauses(pauses)
+                .window_end(window_end), .settled(settled), .pauses(pauses)
             );
             always_ff @(posedge clk) if (window_end) paused <= pauses;
         end else begin : g_no_pauses
             wire unused = &{1'b0, start_activity, counted};
-            assign paused = 1'b0;
+            assign paused  = 1'b0;
+            assign settled = 1'b1;
         end
     endgenerate
 
@@ -258,8 +259,8 @@ module vpr_core #(
 
     // A window at a time: from its end until its match is taken, or there is none
 
-    // the search's two clocks, and the first of the acceptance test; the trust takes four more
-    localparam int FINISHING = FILTER ? 7 : 3;
+    // the search's two clocks, and the first of the acceptance test; the trust takes five more
+    localparam int FINISHING = FILTER ? 8 : 3;
 
     logic [FINISHING-1:0] finishing;
 
@@ -278,7 +279,7 @@ module vpr_core #(
             window         <= window + 1'b1;
             m_window_tuser <= events_taken;
         end else if (match_taken || (finished && !has_best)) busy <= 1'b0;
-        window_ready <= !busy && !window_end;
+        window_ready <= !busy && !window_end && settled;
         if (rst) begin
             compare        <= 1'b0;
             finishing      <= '0;

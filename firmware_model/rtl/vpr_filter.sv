@@ -40,9 +40,9 @@ module vpr_filter #(
 );
     localparam int ENTRIES       = (STEPS > 3 ? STEPS : 3) + BACK;
     // from a place's distance to its prediction, and to its evidence
-    localparam int PREDICTED     = 3 + $clog2(ENTRIES);
+    localparam int PREDICTED     = 2 + $clog2(ENTRIES + 1);
     localparam int SCALED        = 3;
-    localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS;
+    localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
     localparam int LEAD_BITS     = $clog2(BACK + 2);
@@ -58,6 +58,7 @@ module vpr_filter #(
 
     logic [1:0]                 state, pass;
     logic                       waiting, beat, ends, divide, done;
+    logic                       scaled;  // by the spread of this window
     logic [LEAD_BITS-1:0]       lead;
     logic [PLACE_BITS-1:0]      index;
     logic [DISTANCE_BITS-1:0]   kept, nearest;
@@ -94,11 +95,12 @@ module vpr_filter #(
                 distance_start <= !unasked;
             end
             RUN: if (ends) begin
-                state  <= paused ? IDLE : DIVIDE;
-                divide <= !paused;
+                state  <= paused || scaled ? IDLE : DIVIDE;
+                divide <= !paused && !scaled;
             end
             default: if (done) begin
-                pass <= next_pass;
+                pass   <= next_pass;
+                scaled <= pass == FOR_SPREAD;
                 if (pass == FOR_METRICS) state <= IDLE;
                 else begin
                     state          <= next_pass == FOR_METRICS && BACK > 0 ? LEAD : RUN;
@@ -111,8 +113,9 @@ module vpr_filter #(
             index <= '0;
             lead  <= LEAD_BITS'(BACK);
         end else if (item && !item_last) index <= index + 1'b1;
+        if (begins) scaled <= 1'b0;
         if (begins) nearest <= '1;
-        else if (item && pass == FOR_MEAN && distance < nearest) nearest <= distance;
+        else if (distance_valid && pass == FOR_MEAN && distance < nearest) nearest <= distance;
         if (rst) begin
             state          <= IDLE;
             waiting        <= 1'b0;
@@ -146,26 +149,36 @@ module vpr_filter #(
 
     logic                   placed;
     logic [METRIC_BITS-1:0] least, former, prediction;
-    logic [PLACE_BITS-1:0]  ahead;
+    logic [PLACE_BITS-1:0]  ahead;  // its metric is read
     logic                   off;
 
     wire metrics = item && pass == FOR_METRICS;
     wire shift   = metrics || leads;
 
     always_ff @(posedge clk) begin
-        if (state == IDLE || state == DIVIDE) begin
-            ahead <= '0;
-            off   <= 1'b0;
-        end else if (shift) begin
-            if (ahead == PLACE_BITS'(PLACES - 1)) off <= 1'b1;
-            else ahead <= ahead + 1'b1;
-        end
         if (found) begin
             least  <= best_sum;
             placed <= 1'b1;
         end
         if (rst) placed <= 1'b0;
     end
+
+    generate
+        if (BACK == 0) begin : g_here
+            assign ahead = index;
+            assign off   = 1'b0;
+        end else begin : g_ahead
+            always_ff @(posedge clk) begin
+                if (state == IDLE || state == DIVIDE) begin
+                    ahead <= '0;
+                    off   <= 1'b0;
+                end else if (shift) begin
+                    if (ahead == PLACE_BITS'(PLACES - 1)) off <= 1'b1;
+                    else ahead <= ahead + 1'b1;
+                end
+            end
+        end
+    endgenerate
 
     vpr_ram #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
@@ -179,26 +192,32 @@ module vpr_filter #(
         .RESTART(RESTART), .METRIC_BITS(METRIC_BITS)
     ) predictions (
         .clk(clk), .clear(state == IDLE || state == DIVIDE), .shift(shift),
-        .entry({off, former | {METRIC_BITS{off}}}), .paused(paused), .placed(placed),
+        .off(off), .metric(former), .paused(paused), .placed(placed),
         .least(least), .prediction(prediction)
     );
 
     // Evidence: how far the place's distance is above the least, by the reciprocal of the spread
 
     logic [DISTANCE_BITS-1:0] above;
+    wire                      whole = reciprocal[RECIPROCAL_BITS-1];
     logic [PRODUCT_BITS-1:0]  product;
     logic [EVIDENCE_BITS-1:0] evidence[0:PREDICTED-SCALED-1];
     logic [PREDICTED-1:0]     valid;
 
-    wire [PRODUCT_BITS-SHIFT-1:0] scaled = product[PRODUCT_BITS-1:SHIFT];
+    // A multiplier of 16 bits is enough: half of a reciprocal of 2^16, and a shift of one bit less
+    wire [RECIPROCAL_BITS-2:0] factor =
+        {reciprocal[RECIPROCAL_BITS-2] || whole, reciprocal[RECIPROCAL_BITS-3:0]};
+    wire [PRODUCT_BITS-SHIFT:0] weighted =
+        whole ? product[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product[PRODUCT_BITS-1:SHIFT]};
+
     wire [METRIC_BITS:0]          metric = {1'b0, prediction}
         + (METRIC_BITS + 1)'(evidence[PREDICTED-SCALED-1]);
 
     integer i;
     always_ff @(posedge clk) begin
         if (item) above <= here - nearest;
-        product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(reciprocal);
-        evidence[0] <= paused ? '0 : (scaled >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(scaled);
+        product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(factor);
+        evidence[0] <= paused ? '0 : (weighted >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(weighted);
         for (i = 1; i < PREDICTED - SCALED; i = i + 1) evidence[i] <= evidence[i-1];
         valid <= PREDICTED'({valid, metrics});
         sum_valid <= valid[PREDICTED-1];

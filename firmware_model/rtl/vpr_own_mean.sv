@@ -44,22 +44,28 @@ module vpr_own_mean #(
     logic                        read_valid, read_last, read_clearing;
     logic                        held_valid, held_last, held_clearing;
     logic [SLOT_BITS-1:0]        read_slot, held_slot;
+    logic                        moved_valid;
+    logic [SLOT_BITS-1:0]        moved_slot;
+    logic [MEAN_BITS-1:0]        moved_total;
     logic [LAST_SHIFT:0]         seen;  // windows, and 1 << FIRST_SHIFT; saturates
 
     // how far the mean moves: by less with each power of two of windows
-    logic signed [MEAN_BITS:0] moves;
+    logic [LAST_SHIFT-FIRST_SHIFT:0] by;
+    logic signed [MEAN_BITS:0]       moves;
     always_comb begin
-        if (seen[8]) moves = difference >>> 8;
-        else if (seen[7]) moves = difference >>> 7;
-        else if (seen[6]) moves = difference >>> 6;
-        else if (seen[5]) moves = difference >>> 5;
-        else moves = difference >>> FIRST_SHIFT;
+        case (by)
+            5'b00001: moves = difference >>> 4;
+            5'b00010: moves = difference >>> 5;
+            5'b00100: moves = difference >>> 6;
+            5'b01000: moves = difference >>> 7;
+            default:  moves = difference >>> 8;
+        endcase
     end
 
     wire signed [MEAN_BITS+1:0] rounded =
         (MEAN_BITS + 2)'(difference) + $signed((MEAN_BITS + 2)'(ROUNDING));
-    wire signed [OCTAVE_BITS-1:0] octaves =
-        OCTAVE_BITS'($signed(rounded[MEAN_BITS+1-:WHOLE_BITS]));
+    logic signed [OCTAVE_BITS-1:0] octaves;
+    assign code = octaves > HIGHEST ? '1 : octaves < LOWEST ? '0 : CODE_BITS'(octaves - LOWEST);
 
     vpr_rom #(
         .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE(CODES_FILE)
@@ -76,8 +82,7 @@ module vpr_own_mean #(
     vpr_ram #(
         .DEPTH(SLOTS), .BITS(MEAN_BITS), .ADDRESS_BITS(SLOT_BITS)
     ) means (
-        .clk(clk), .write(held_valid && (held_clearing || !hold)), .write_address(held_slot),
-        .write_word(held_total + moves[MEAN_BITS-1:0]),
+        .clk(clk), .write(moved_valid), .write_address(moved_slot), .write_word(moved_total),
         .read(step), .read_address(slot), .read_word(total)
     );
 
@@ -94,16 +99,22 @@ module vpr_own_mean #(
             held_total    <= read_clearing ? {first_mean, {FRACTION{1'b0}}} : total;
             difference    <= read_clearing ? '0
                            : $signed({1'b0, level, {FRACTION{1'b0}}}) - $signed({1'b0, total});
-            code          <= octaves > HIGHEST ? '1 : octaves < LOWEST ? '0
-                           : CODE_BITS'(octaves - LOWEST);
+            octaves       <= OCTAVE_BITS'($signed(rounded[MEAN_BITS+1-:WHOLE_BITS]));
             if (held_last && !held_clearing && !hold && !seen[LAST_SHIFT]) seen <= seen + 1'b1;
         end
+        moved_valid <= held_valid && (held_clearing || !hold);
+        moved_slot  <= held_slot;
+        moved_total <= held_total + moves[MEAN_BITS-1:0];
+        // the highest power of two that it has reached
+        by <= seen[8] ? 5'b10000 : seen[7] ? 5'b01000 : seen[6] ? 5'b00100
+              : seen[5] ? 5'b00010 : 5'b00001;
         if (rst) begin
-            read_valid <= 1'b0;
-            read_last  <= 1'b0;
-            held_valid <= 1'b0;
-            held_last  <= 1'b0;
-            seen       <= (LAST_SHIFT + 1)'(1 << FIRST_SHIFT);
+            moved_valid <= 1'b0;
+            read_valid  <= 1'b0;
+            read_last   <= 1'b0;
+            held_valid  <= 1'b0;
+            held_last   <= 1'b0;
+            seen        <= (LAST_SHIFT + 1)'(1 << FIRST_SHIFT);
         end
     end
 

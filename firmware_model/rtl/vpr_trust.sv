@@ -2,8 +2,8 @@
 // place does not follow from the one before by a step, and falls by 1/16 at least where the place
 // stays the same. Below TRUST a match is not trusted.
 //
-// `update` begins when the match stands; `trust` and `trusted` are registered at the fifth clock
-// edge behind it, and the sixth, and stay.
+// `update` begins when the match stands; `trust` and `trusted` are registered at the sixth clock
+// edge behind it, and the seventh, and stay.
 module vpr_trust #(
     parameter int           STEPS       = 1,
     parameter int           BACK        = 0,
@@ -33,30 +33,34 @@ module vpr_trust #(
     localparam logic signed [BITS-1:0] LOWEST  = BITS'(-BACK);
     localparam logic signed [BITS-1:0] HIGHEST = BITS'(LAST);
 
-    logic [3:0]                phase;
-    logic                      placed, follows, stays;
-    logic [PLACE_BITS-1:0]     place;
-    logic [METRIC_BITS-1:0]    margin;
-    logic signed [BITS-1:0]    step;
-    logic [TRUST_BITS-1:0]     kept, moved, fallen;
+    logic [4:0]                    phase;
+    logic                          placed, follows, stays, falls;
+    logic [PLACE_BITS-1:0]         place;
+    logic [METRIC_BITS-1:0]        margin;
+    logic signed [BITS-1:0]        step;
+    logic signed [TRUST_BITS:0]    difference;
+    logic [TRUST_BITS-1:0]         moves;
 
-    wire signed [TRUST_BITS:0] difference =
-        $signed({1'b0, margin, {FRACTION{1'b0}}}) - $signed({1'b0, kept});
-    wire signed [TRUST_BITS:0] moves = difference >>> TRUST_SHIFT;
+    // what it falls by where the place stays, unless it falls by more than that anyway
+    wire [TRUST_BITS-1:0]      fall  = trust >> STANDING_SHIFT;
+    wire signed [TRUST_BITS:0] moved = difference >>> TRUST_SHIFT;
+    wire signed [TRUST_BITS:0] more  = moved + $signed({1'b0, fall});
     wire [TRUST_BITS:0]        lacking = {1'b0, trust} - (TRUST_BITS + 1)'(TRUST);
 
     always_ff @(posedge clk) begin
-        phase   <= {phase[2:0], update};
-        margin  <= has_second ? second_sum - best_sum : '1;
-        step    <= $signed(BITS'(best)) - $signed(BITS'(place));
-        follows <= placed && step >= LOWEST && step <= HIGHEST;
-        stays   <= placed && step == 0;
-        // of the trust before, which changes at the end
-        kept    <= follows ? trust : '0;
-        moved   <= kept + moves[TRUST_BITS-1:0];
-        fallen  <= kept - (kept >> STANDING_SHIFT);
-        if (phase[3]) begin
-            trust  <= stays && fallen < moved ? fallen : moved;
+        phase      <= {phase[3:0], update};
+        margin     <= second_sum - best_sum;
+        if (!has_second) margin <= '1;
+        step       <= $signed(BITS'(best)) - $signed(BITS'(place));
+        follows    <= placed && step >= LOWEST && step <= HIGHEST;
+        stays      <= placed && step == 0;
+        difference <= $signed({1'b0, margin, {FRACTION{1'b0}}}) - $signed({1'b0, trust});
+        falls      <= stays && !more[TRUST_BITS];
+        moves      <= stays && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
+        if (phase[1] && !follows) trust <= '0;
+        if (phase[4]) begin
+            // the inverse of the fall, and a carry
+            trust  <= TRUST_BITS'(({trust, 1'b1} + {moves, falls}) >> 1);
             place  <= best;
             placed <= 1'b1;
         end
@@ -67,5 +71,5 @@ module vpr_trust #(
         end
     end
 
-    wire unused = &{1'b0, moves[TRUST_BITS], lacking};
+    wire unused = &{1'b0, moved[TRUST_BITS], more, lacking};
 endmodule

@@ -74,6 +74,14 @@ def match_flags(args: argparse.Namespace) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
+def check_not_smooth(asked: bool | None) -> None:
+    """Raise UsageError if ``--smooth`` was given to a run that knows no later windows."""
+    if asked:
+        raise UsageError(
+            "--smooth takes the windows after each one, which are not known online: leave it out"
+        )
+
+
 def _of_group(group: str) -> Iterable[SettingField]:
     return (field for field in SETTING_FIELDS.values() if field.group == group)
 

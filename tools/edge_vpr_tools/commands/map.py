@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.jump_files import load_jumps
+from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.pipeline import Removed, map_traverse
@@ -40,6 +43,8 @@ def run(args: argparse.Namespace) -> None:
     inputs = [
         args.recording,
         args.track,
+        args.odometry,
+        args.jumps,
         args.hot_pixels if listed else None,
         getattr(args, "config", None),
     ]
@@ -59,6 +64,10 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("--track-offset sets the clock of a track right: add --track")
     track = None if args.track is None else load_track(args.track).shifted(args.track_offset or 0.0)
 
+    odometry = None if args.odometry is None else load_odometry(args.odometry)
+    if args.jumps is not None and settings.matching != "filter":
+        raise UsageError("--jumps are for the place filter: add --matching filter")
+
     start = time.perf_counter()
     detail_settings(settings.to_dict())
     removed = Removed()
@@ -67,6 +76,11 @@ def run(args: argparse.Namespace) -> None:
     check_matchable(reference)
     if track is not None:
         reference = with_positions(reference, track)
+    if odometry is not None:
+        along = odometry.along(reference.places.centre_us)
+        reference = replace(reference, odometer_mm=along)
+    if args.jumps is not None:
+        reference = replace(reference, jumps=load_jumps(args.jumps, len(reference)))
     reference.save(output)
     hot_pixels = int(reference.hot.sum())
     left_out = removed_record(removed, hot_pixels)
@@ -92,6 +106,8 @@ def run(args: argparse.Namespace) -> None:
         along = reference.route.along_m
         known = along[~np.isnan(along)]
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
+    if reference.odometer_mm is not None:
+        summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from edge_vpr.archive import kind_of, write_archive
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.pipeline import Removed, describe_query, match_query
 from edge_vpr.reference_map import KIND as MAP_KIND
 from edge_vpr.reference_map import ReferenceMap
@@ -34,7 +35,8 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong or the recording cannot be matched.
     """
     output = Path(args.output)
-    results.check_output_folder(output, args.overwrite, [args.map, args.recording])
+    inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
+    results.check_output_folder(output, args.overwrite, inputs)
     if kind_of(args.map) != MAP_KIND and kind_of(args.recording) == MAP_KIND:
         raise UsageError(
             f"{args.recording} is the map and {args.map} is not: the map comes first, then the "
@@ -46,9 +48,10 @@ def run(args: argparse.Namespace) -> None:
     _ = asked.judge  # a precision that cannot be promised is refused before the work
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
+    odometry = None if args.odometry is None else load_odometry(args.odometry)
     detail_settings(settings.to_dict())
     if args.online:
-        match_online(args, asked)
+        match_online(args, asked, odometry)
         return
     recording = open_source(args, args.recording)
 
@@ -58,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
     length = settings.windows_per_match
     match_query(asked, queries.first(length))  # compiled before timing
     described = time.perf_counter()
-    matches = match_query(asked, queries)
+    matches = match_query(asked, queries, odometry)
     matched = time.perf_counter()
 
     metrics = {
@@ -79,7 +82,7 @@ def run(args: argparse.Namespace) -> None:
         matches.save_csv(folder / results.MATCHES_CSV, reference.route)
         write_archive(folder / results.QUERIES, results.QUERIES_KIND, queries.to_arrays(), {})
         left_out = removed_record(removed, int(reference.hot.sum()))
-        record = run_record(settings.to_dict(), [args.map, args.recording], left_out)
+        record = run_record(settings.to_dict(), inputs, left_out)
         write_json(folder / results.RUN, record)
         write_json(folder / results.METRICS, metrics)
         if not args.no_figures:

@@ -12,11 +12,14 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.matches import Matches
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.pipeline import Removed, check_sensor, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_from
 from edge_vpr_tools.arguments.schedule import parse_every
+from edge_vpr_tools.arguments.setting_flags import check_not_smooth
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
 from edge_vpr_tools.output.messages import summary
@@ -26,7 +29,9 @@ from edge_vpr_tools.output.provenance import run_record, write_json
 ONLINE_FIGURE = "online.png"
 
 
-def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
+def match_online(
+    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
+) -> None:
     """Feed the recording to a localiser and write what it said.
 
     Parameters
@@ -35,6 +40,8 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         Of `edge-vpr match`.
     reference : ReferenceMap
         With the settings to use.
+    odometry : Odometry or None
+        Of the query drive.
 
     Raises
     ------
@@ -45,21 +52,22 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         raise UsageError("--online needs events: leave --frames-as-windows out")
     if args.anchor is not None:
         raise UsageError("--online matches belong to the newest window: leave --anchor out")
-    # the mean over the whole drive is known only when it is over
-    settings = replace(reference.settings, query_mean="running")
-    output, reference = Path(args.output), replace(reference, settings=settings)
+    check_not_smooth(args.smooth)
+    # the mean over the whole drive, and what comes after, are known only when it is over
+    settings = replace(reference.settings, query_mean="running", smooth=False)
+    output, reference = Path(args.output), reference.matched_with(settings)
     recording = open_from(args, args.recording)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
     every = parse_every(args.every or "event", reference)
     localiser = Localiser(reference, every=every)
     found: list[npt.NDArray[np.void]] = []
     events_fed, busy_s = 0, 0.0
-    removed = Removed()
+    removed, fed = Removed(), OdometryFeed(localiser, odometry)
     for events in cleaned(tracked(recording, "localising"), settings, removed):
         if not found:  # compiled before the clock runs
             Localiser(reference, every=every).update(events[:1])
         start = time.perf_counter()
-        found.append(localiser.update(events))
+        found += fed.update(events)
         busy_s += time.perf_counter() - start
         events_fed += events.size
     rows = np.concatenate(found)
@@ -82,8 +90,9 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         reference.save(folder / results.MAP)
         matches.save(folder / results.MATCHES)
         matches.save_csv(folder / results.MATCHES_CSV, reference.route)
+        inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
         left_out = removed_record(removed, int(reference.hot.sum()))
-        record = run_record(settings.to_dict(), [args.map, args.recording], left_out)
+        record = run_record(settings.to_dict(), inputs, left_out)
         write_json(folder / results.RUN, record)
         write_json(folder / results.METRICS, metrics)
         if not args.no_figures:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from io import FileIO
 from itertools import count
 from pathlib import Path
@@ -25,7 +26,7 @@ from edge_vpr.stream.links import open_link
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder
 from edge_vpr_tools.arguments.schedule import parse_every
-from edge_vpr_tools.arguments.setting_flags import map_settings, match_flags
+from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, match_flags
 from edge_vpr_tools.arguments.stream_arguments import check_arguments
 from edge_vpr_tools.output.interrupt import stopped_by_signals
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early, open_view
@@ -52,8 +53,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
+    check_not_smooth(args.smooth)
     settings = reference.settings.replaced(match_flags(args), "the command line")
-    return reference.matched_with(settings)
+    return reference.matched_with(replace(settings, smooth=False))
 
 
 def _learn(args: argparse.Namespace, settings: Settings) -> None:

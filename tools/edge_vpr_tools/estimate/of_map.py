@@ -11,6 +11,7 @@ from edge_vpr.descriptors.windows import narrow
 from edge_vpr.matching.place_filter import StepPrices
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.design import Design
+from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
 
@@ -36,6 +37,11 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         If the device could not be.
     """
     settings = reference.settings
+    if reference.jumps is not None and len(reference.jumps):
+        raise DesignError(
+            f"the map has {len(reference.jumps)} jumps, which the device has not: make the map "
+            "without --jumps"
+        )
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,

@@ -27,7 +27,7 @@ DEFAULT = "150 varying pixels, place filter (default)"
 DEFAULT_FEW = "25 varying pixels, place filter"
 _FILTERED = {
     name: getattr(PRESETS["default"], name)
-    for name in ("matching", "counter_code", "counter_scaling", "anchor")
+    for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
 }
 BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
 CODED = "150 varying pixels, fixed N, 3-bit log"
