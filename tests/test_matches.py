@@ -108,3 +108,10 @@ def test_descriptors_of_other_lengths_are_refused():
 def test_a_sequence_longer_than_the_traverse_is_wrong_use():
     with pytest.raises(UsageError, match="longer than the traverse"):
         match_descriptors(descriptors([[1]]), descriptors([[1], [2]]), Settings(sequence_length=2))
+
+
+def test_matches_by_the_filter_name_no_sequence_length():
+    drive = descriptors(np.eye(6, dtype=np.int64))
+    by_filter = match_descriptors(drive, drive, Settings(matching="filter"))
+    assert "place filter" in repr(by_filter) and "L =" not in repr(by_filter)
+    assert "L = 2," in repr(match_descriptors(drive, drive, Settings(sequence_length=2)))

@@ -139,3 +139,21 @@ def test_every_public_name_is_there():
         assert getattr(edge_vpr, name) is not None
     with pytest.raises(AttributeError):
         _ = edge_vpr.nothing
+
+
+#: kernels that still take more than eight arguments
+LONG = {"layout._take", "pixel_model._cross", "timestamp_filter._admit", "traffic._paint"}
+
+
+def test_no_kernel_takes_more_than_eight_arguments():
+    """More are easily given in the wrong order: state is handed over in records with names."""
+    found = set()
+    for path in (ROOT / "edge_vpr").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if (
+                isinstance(node, ast.FunctionDef)
+                and any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
+                and len(node.args.args) > 8
+            ):
+                found.add(f"{path.stem}.{node.name}")
+    assert found == LONG
