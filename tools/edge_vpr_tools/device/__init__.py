@@ -1,0 +1,1 @@
+"""Designs, vectors and hardware projects of saved maps."""
