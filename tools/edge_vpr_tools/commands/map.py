@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,6 @@ import numpy as np
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import load_track
-from edge_vpr.evaluation.place_positions import with_positions
-from edge_vpr.pipeline import Removed, map_traverse
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
@@ -25,6 +21,7 @@ from edge_vpr_tools.output.messages import detail_settings, summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import check_parent
+from edge_vpr_tools.runs.mapping import map_recording
 
 
 def run(args: argparse.Namespace) -> None:
@@ -59,14 +56,10 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("--track-offset sets the clock of a track right: add --track")
     track = None if args.track is None else load_track(args.track).shifted(args.track_offset or 0.0)
 
-    start = time.perf_counter()
     detail_settings(settings.to_dict())
-    removed = Removed()
-    reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot, removed=removed)
-    elapsed = time.perf_counter() - start
-    check_matchable(reference)
-    if track is not None:
-        reference = with_positions(reference, track)
+    reference, removed, elapsed = map_recording(
+        tracked(recording, "mapping"), settings, hot=hot, track=track
+    )
     reference.save(output)
     hot_pixels = int(reference.hot.sum())
     left_out = removed_record(removed, hot_pixels)
@@ -93,19 +86,3 @@ def run(args: argparse.Namespace) -> None:
         known = along[~np.isnan(along)]
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
-
-
-def check_matchable(reference: ReferenceMap) -> None:
-    """Refuse a map that no drive can be matched against with its own sequence length.
-
-    Raises
-    ------
-    UsageError
-        If it has fewer places than a sequence has windows.
-    """
-    length, places = reference.settings.windows_per_match, len(reference)
-    if length > places:
-        raise UsageError(
-            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
-            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
-        )
