@@ -18,15 +18,13 @@ if TYPE_CHECKING:
     from edge_vpr.descriptors.pixels import PixelMap, select_pixels
     from edge_vpr.descriptors.windows import Descriptors, DescriptorStream, FixedCount, FixedTime
     from edge_vpr.errors import EdgeVprError
-    from edge_vpr.evaluation.ground_truth import (
-        GroundTruth,
-        Track,
-        from_alignment,
-        from_matrix,
-        from_tracks,
-        load_track,
-    )
+    from edge_vpr.evaluation.ground_truth import GroundTruth
     from edge_vpr.evaluation.metrics import Evaluation, PrecisionRecall, evaluate, precision_recall
+    from edge_vpr.evaluation.track_files import load_track
+    from edge_vpr.evaluation.tracks import Track
+    from edge_vpr.evaluation.truth_from_alignment import from_alignment
+    from edge_vpr.evaluation.truth_from_matrix import from_matrix
+    from edge_vpr.evaluation.truth_from_tracks import from_tracks
     from edge_vpr.events import EVENT_DTYPE, Sensor, check_events, crop, make_events
     from edge_vpr.matching.distances import (
         ReferenceIndex,
@@ -36,9 +34,9 @@ if TYPE_CHECKING:
     )
     from edge_vpr.matching.matches import Matches, match_descriptors
     from edge_vpr.matching.sequence import sequence_sums
-    from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
+    from edge_vpr.online.localiser import Localiser
+    from edge_vpr.online.match_records import MATCH_DTYPE
     from edge_vpr.online.schedule import MatchSchedule
-    from edge_vpr.online.sliding_window import SlidingWindow
     from edge_vpr.pipeline import describe, map_traverse, match_traverse
     from edge_vpr.recordings import open_recording, write_recording
     from edge_vpr.reference_map import ReferenceMap
@@ -50,15 +48,14 @@ _HOME = {
     "errors": ("EdgeVprError",),
     "evaluation.metrics": ("Evaluation", "PrecisionRecall", "evaluate", "precision_recall"),
     "events": ("EVENT_DTYPE", "Sensor", "check_events", "crop", "make_events"),
-    "evaluation.ground_truth": (
-        "GroundTruth",
-        "Track",
-        "from_alignment",
-        "from_matrix",
-        "from_tracks",
-        "load_track",
-    ),
-    "online.localiser": ("MATCH_DTYPE", "Localiser"),
+    "evaluation.ground_truth": ("GroundTruth",),
+    "evaluation.tracks": ("Track",),
+    "evaluation.track_files": ("load_track",),
+    "evaluation.truth_from_alignment": ("from_alignment",),
+    "evaluation.truth_from_matrix": ("from_matrix",),
+    "evaluation.truth_from_tracks": ("from_tracks",),
+    "online.localiser": ("Localiser",),
+    "online.match_records": ("MATCH_DTYPE",),
     "matching.distances": ("ReferenceIndex", "best_match", "best_matches", "distance_matrix"),
     "matching.matches": ("Matches", "match_descriptors"),
     "pipeline": ("describe", "map_traverse", "match_traverse"),
@@ -68,7 +65,6 @@ _HOME = {
     "reference_map": ("ReferenceMap",),
     "matching.sequence": ("sequence_sums",),
     "settings": ("PRESETS", "Settings", "resolve_settings"),
-    "online.sliding_window": ("SlidingWindow",),
     "datasets.count_pixels": ("CountPixels",),
     "descriptors.windows": ("Descriptors", "DescriptorStream", "FixedCount", "FixedTime"),
 }

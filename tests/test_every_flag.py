@@ -48,6 +48,7 @@ PROFILE = (
 RUNS = [
     ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed-range 1.5 --stops 1", 0),
     ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
+    ("doctor --compile --json", 0),
     ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json", 0),
     ("info {f}/query.h5 --sensor 16x12 --topic left", 0),
     ("info {f}/frames.npz --frame-period 1/10", 0),

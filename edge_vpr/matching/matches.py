@@ -18,6 +18,7 @@ from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.distances import ReferenceIndex, best_matches
 from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
+from edge_vpr.matching.runner_up import margin_to_second, ratio_to_second
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
@@ -82,9 +83,12 @@ class Matches:
         return len(self.query)
 
     def __repr__(self) -> str:
+        by = "place filter"
+        if self.settings.matching == "sequence":
+            by = f"L = {self.settings.sequence_length}"
         return (
-            f"Matches({len(self)} queries, {self.places_in_map} places, "
-            f"L = {self.settings.sequence_length}, {np.count_nonzero(self.ties)} tied)"
+            f"Matches({len(self)} queries, {self.places_in_map} places, {by}, "
+            f"{np.count_nonzero(self.ties)} tied)"
         )
 
     @property
@@ -108,10 +112,7 @@ class Matches:
 
         1 where both are zero, NaN where there is no second.
         """
-        ratio = np.full(len(self), np.nan)
-        np.divide(self.distance_sum, self.second_sum, out=ratio, where=self.second_sum > 0)
-        ratio[self.second_sum == 0] = 1.0
-        return ratio
+        return ratio_to_second(self.distance_sum, self.second_sum)
 
     @classmethod
     def of_rows(cls, rows: npt.NDArray[np.void], settings: Settings, places_in_map: int) -> Matches:
@@ -290,7 +291,7 @@ def match_descriptors(
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
     query = np.arange(n, dtype=np.int64) + offset
-    trust = np.where(second < 0, 0, second_sum - best_sum)
+    trust = margin_to_second(best_sum, second_sum)
     probability, lost = judge.judge(trust)
     return Matches(
         settings=settings,

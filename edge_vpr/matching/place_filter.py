@@ -142,7 +142,8 @@ class PlaceFilter:
         Price of being at each place one window later, without its evidence; while the camera
         stands, `paused`.
     reciprocal : int
-        ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first.
+        ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first,
+        and after a spread above 2**16: then the window's own does.
     activity : Activity
         How many events a window usually has.
     place, trust : int

@@ -17,7 +17,7 @@ from edge_vpr.matching.place_filter import (
     trust_after,
 )
 from edge_vpr.online.kernel import DONE, MATCHES_FULL, RING_FULL
-from edge_vpr.online.state import advance, push, settle
+from edge_vpr.online.state_kernels import advance, push, settle
 
 #: What the kernel knows besides the window and the metrics: when a match is asked for (every so
 #: many events, at ticks of an interval, only if the place changes); the filter's numbers.

@@ -13,7 +13,9 @@ from edge_vpr.matching.place_filter import PlaceFilter, StepPrices
 from edge_vpr.online.filter_kernel import CONTROL, Predicted, follow_filtered
 from edge_vpr.online.kernel import DONE, RING_FULL
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.online.state import Sliding, advance, compared, grown, settle
+from edge_vpr.online.state import Sliding, grown
+from edge_vpr.online.state_distances import compared
+from edge_vpr.online.state_kernels import advance, settle
 from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import RunningMean
 
@@ -71,7 +73,8 @@ class FilterRun:
         if self.mean is None or self._code is None:
             return s
         tables = self._code.tables(self.mean.mean)
-        s = s._replace(code=tables, row=np.arange(len(tables), dtype=s.row.dtype))
+        s.counters["table"] = np.arange(len(tables))
+        s = s._replace(code=tables)
         return compared(s, self._index)
 
     def run(

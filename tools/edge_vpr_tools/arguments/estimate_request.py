@@ -11,10 +11,10 @@ from typing import Any
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import duration_us
 from edge_vpr_tools.arguments.estimate_arguments import DESIGN_FLAGS, EVENTS_PER_S, PLACES
 from edge_vpr_tools.arguments.estimate_drives import tried_designs
 from edge_vpr_tools.arguments.schedule import read_every
-from edge_vpr_tools.arguments.setting_flags import duration_us
 from edge_vpr_tools.estimate.calibration import calibrated
 from edge_vpr_tools.estimate.comparison import Side
 from edge_vpr_tools.estimate.counts import EveryPixel

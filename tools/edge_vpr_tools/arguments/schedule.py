@@ -5,7 +5,7 @@ from __future__ import annotations
 from edge_vpr.errors import UsageError
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.arguments.setting_flags import duration_us
+from edge_vpr.settings import duration_us
 
 
 def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:

@@ -9,7 +9,7 @@ import numpy as np
 
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import load_track
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import (
     describe_faults,

@@ -39,8 +39,7 @@ def run(args: argparse.Namespace) -> None:
             "recording of the query drive"
         )
     reference = ReferenceMap.load(args.map)
-    given = {name: value for name, value in match_flags(args).items() if value is not None}
-    settings = reference.settings.replaced(given, "the command line")
+    settings = reference.settings.replaced(match_flags(args), "the command line")
     asked = reference.matched_with(settings)
     _ = asked.judge  # a precision that cannot be promised is refused before the work
     if args.every is not None and not args.online:

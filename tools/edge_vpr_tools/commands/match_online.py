@@ -57,9 +57,9 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
             save(online_places(matches), folder / ONLINE_FIGURE)
     summary(
         f"{output}: {len(matches):,} matches of {found.events:,} events over "
-        f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}{describe_faults(recording)}"
+        f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}"
+        f"{describe_faults(recording)}"
     )
-    summary(
-        f"localising took {found.busy_s:.2f} s, {found.duration_s / found.busy_s:,.0f} times real time"
-    )
+    times = found.duration_s / found.busy_s
+    summary(f"localising took {found.busy_s:.2f} s, {times:,.0f} times real time")
     warn_if_much(found.removed, args.recording, "make the map with --bursts keep")

@@ -31,7 +31,7 @@ def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
     Windows by count hold as many events as those of tau do on average at the same pixels, so that
     a match is of as long a drive in all designs.
     """
-    settings = main.settings.replaced({"events_per_pixel": 0.0}, "designs")
+    settings = main.settings.replaced({"events_per_pixel": None}, "designs")
     for pixels in PIXELS:
         mapped = main
         if pixels != settings.pixels:

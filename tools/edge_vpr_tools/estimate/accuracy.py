@@ -78,7 +78,7 @@ def try_designs(drives: Drives, design: Design, on_start: Callable[[str], None])
     settings = PRESETS["paper"].replaced(
         {
             "window": "count",
-            "events_per_pixel": 0.0,
+            "events_per_pixel": None,
             "tau_us": design.tau_us,
             "polarity": design.polarity,
             "sequence_length": design.length,

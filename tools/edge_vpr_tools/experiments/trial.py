@@ -94,7 +94,7 @@ def run_trial(
     average at the same pixels, so that the two kinds of window are compared fairly (paper, IV-C).
     """
     # N from the reference, where windows are counted
-    settings = settings.replaced({"events_per_pixel": 0.0, **variant.changes}, variant.name)
+    settings = settings.replaced({"events_per_pixel": None, **variant.changes}, variant.name)
     mapped = map_traverse(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)
