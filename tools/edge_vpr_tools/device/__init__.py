@@ -1,1 +1,1 @@
-"""Designs, vectors and hardware projects of saved maps."""
+"""Devices: serial ports, and the vectors and tables that a device is held against."""
