@@ -9,13 +9,13 @@ from edge_vpr.errors import UsageError
 from edge_vpr.pipeline import check_sensor
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import describe_faults, open_from
-from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.runs.match_folder import write_match_folder
 from edge_vpr_tools.runs.online import localise, with_running_mean
+from edge_vpr_tools.runs.schedule import parse_every
 
 ONLINE_FIGURE = "online.png"
 
