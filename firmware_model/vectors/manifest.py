@@ -1,16 +1,13 @@
-"""The manifest of golden vectors: its records, and the door through which it is read."""
+"""The records of a manifest of golden vectors, and how they are read from JSON."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from firmware_model.design import Design
-from firmware_model.errors import DesignError, VectorError
+from firmware_model.errors import VectorError
 
 T = TypeVar("T")
 
@@ -108,7 +105,7 @@ class CaseEntry:
         VectorError
             If a name is missing, or a value is of another kind.
         """
-        given = _object(values, "a case")
+        given = as_object(values, "a case")
         name = _get(given, "name", str)
         return cls(
             name=name,
@@ -202,10 +199,10 @@ class Manifest:
         VectorError
             If a name is missing, or a value is of another kind.
         """
-        given = _object(values, "a manifest")
+        given = as_object(values, "a manifest")
         suites = []
         for one in _get(given, "suites", list):
-            suite = _object(one, "a suite")
+            suite = as_object(one, "a suite")
             cases = tuple(CaseEntry.from_json(case) for case in _get(suite, "cases", list))
             suites.append(SuiteEntry(_get(suite, "name", str), _numbers(suite, "coverage"), cases))
         return cls(
@@ -218,78 +215,8 @@ class Manifest:
         )
 
 
-def load_manifest(folder: str | Path) -> Manifest:
-    """Read a manifest.
-
-    Raises
-    ------
-    VectorError
-        If there is none, it is of another schema, or it is damaged.
-    """
-    path = Path(folder) / MANIFEST
-    try:
-        values = _object(json.loads(path.read_text(encoding="utf-8")), "a manifest")
-    except (OSError, ValueError, RecursionError) as error:
-        raise VectorError(f"cannot read {path}: {error}: name a folder of vectors") from error
-    if values.get("schema") != SCHEMA:
-        raise VectorError(
-            f"{path} has schema {values.get('schema')!r} and this version reads {SCHEMA}: make "
-            "the vectors anew"
-        )
-    try:
-        return Manifest.from_json(values)
-    except (VectorError, DesignError) as error:
-        raise VectorError(f"{path} is damaged: {error}: make the vectors anew") from error
-
-
-def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> bytes:
-    """Read a file of a case, and hold it to its hash.
-
-    Parameters
-    ----------
-    folder : path
-        Of the vectors.
-    place : str
-        The case as ``suite/name``.
-    case : CaseEntry
-    name : str
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    VectorError
-        If it is missing or was changed.
-    """
-    path = folder / place / name
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise VectorError(f"cannot read {path}: {error.strerror}: make the vectors anew") from error
-    if hashlib.sha256(data).hexdigest() != case.files[name].sha256:
-        raise VectorError(f"{path} was changed since it was made: make the vectors anew")
-    return data
-
-
-def check_files(folder: str | Path) -> int:
-    """Hold every file of the vectors to its hash; give their number.
-
-    Raises
-    ------
-    VectorError
-        If one is missing or was changed.
-    """
-    number = 0
-    for place, case in load_manifest(folder).cases():
-        for name in case.files:
-            read_case_file(Path(folder), place, case, name)
-            number += 1
-    return number
-
-
-def _object(values: object, what: str) -> Mapping[str, Any]:
+def as_object(values: object, what: str) -> Mapping[str, Any]:
+    """Return values by name, or refuse what is none."""
     if not isinstance(values, dict):
         raise VectorError(f"{what} is a {type(values).__name__}: expected names and values")
     return values
@@ -310,7 +237,7 @@ def _numbers(values: Mapping[str, Any], name: str) -> dict[str, int]:
 
 
 def _place(values: object) -> FieldPlace:
-    given = _object(values, "a field")
+    given = as_object(values, "a field")
     return FieldPlace(*(_get(given, name, kind) for name, kind in _PLACE))
 
 
@@ -318,6 +245,6 @@ _PLACE: tuple[tuple[str, type[Any]], ...] = (("field", str), ("lowest_bit", int)
 
 
 def _file(values: object) -> FileEntry:
-    given = _object(values, "a file")
+    given = as_object(values, "a file")
     sizes = [_get(given, name, int) if name in given else None for name in ("words", "bits")]
     return FileEntry(_get(given, "bytes", int), _get(given, "sha256", str), *sizes)
