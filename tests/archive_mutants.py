@@ -23,7 +23,8 @@ from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.truth_from_alignment import load_alignment
 from edge_vpr.evaluation.truth_from_matrix import load_matrix
 from edge_vpr.events import Sensor
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import coded_map

@@ -11,25 +11,23 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
-from edge_vpr.descriptors.windows import FixedTime, narrow
-from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
+from edge_vpr.descriptors.windows import FixedTime
+from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events
 from edge_vpr.map_checks import check_map
+from edge_vpr.matching.drive_matching import check_no_ways
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.filter_run import FilterRun
+from edge_vpr.online.followed_windows import FollowedWindows
 from edge_vpr.online.match_records import MATCH_DTYPE, judged_matches
-from edge_vpr.online.saved_state import (
-    events_in_windows,
+from edge_vpr.online.saved_map import (
     map_arrays,
     searched_map,
-    with_events,
 )
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sequence_run import SequenceRun
-from edge_vpr.online.state import recount
 from edge_vpr.online.state_checks import check_extent, check_filter_state, check_state
-from edge_vpr.online.state_distances import start, with_distances
-from edge_vpr.online.state_kernels import advance, settle
 from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
 
@@ -90,17 +88,16 @@ class Localiser:
         self._recent = recent
         self._check_every = check_every
         self._reference = reference
-        self._places = reference.places.counts  # and those that are appended
         self._table = reference.pixel_map.table()
         self._window = window_of(settings)
         self._length = settings.windows_per_match
-        self._codes = None if reference.own_mean_code is not None else reference.codes
         self._judge = reference.judge
         check_map(
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
-            reference.full_scale, reference.mean,
+            reference.full_scale, reference.mean, reference.route, reference.jumps,
+            reference.odometer_mm,
         )  # fmt: skip
-        places, counters = self._places.shape
+        places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
         self._now = 0  # T: all events before it have been taken
         self._floor = 0  # no event may be earlier
@@ -117,17 +114,18 @@ class Localiser:
         if settings.matching == "filter":
             self._run = FilterRun(reference, self.every)
         else:
+            check_no_ways(reference.jumps, odometry=False)
             self._run = SequenceRun(self.every, settings.exclusion, recent)
-        self._s = self._run.prepared(start(self._places, self._window, self._length, self._codes))
+        self._windows = FollowedWindows(reference, self._window)
+        self._windows.s = self._run.prepared(self._windows.s)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._windows.places)
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Events in each window, newest first, shape (L, J); a copy."""
-        self._settle()
-        return self._s.counts.copy()
+        return self._windows.counts_at(self._now)
 
     @property
     def distance_sums(self) -> npt.NDArray[np.int64]:
@@ -135,14 +133,12 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        self._settle()
-        sums = self._s.sums[: len(self._places) - self._length + 1].astype(np.int64)
-        return sums + self._s.totals["common"][0]
+        return self._windows.sums_at(self._now)
 
     @property
     def map_bytes(self) -> int:
         """Size of the map as it is searched: every place, laid out by pixel."""
-        return self._s.columns.nbytes
+        return self._windows.s.columns.nbytes
 
     @property
     def complete(self) -> bool:
@@ -164,7 +160,7 @@ class Localiser:
     def _seen_and_whole(self) -> tuple[int, int]:
         if isinstance(self._window, FixedTime):
             return self._now, self._length * self._window.tau_us
-        return int(self._s.bound[0]), self._length * self._window.events
+        return int(self._windows.s.bound[0]), self._length * self._window.events
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
         """Feed the next events.
@@ -221,6 +217,42 @@ class Localiser:
         self._floor, self._now = until_us, max(self._now, until_us)
         return matches
 
+    def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
+        """Let time pass to `time_us` and take a reading of the robot's odometer.
+
+        The way since the window before then prices the steps from place to place. Give one reading
+        or more in each window, better ten; a window without one is priced by the settings.
+
+        Parameters
+        ----------
+        time_us : int
+            Of the reading; not earlier than the last event. Events of the same time come after it.
+        distance_m : float
+            Metres driven, from any zero; it falls where the robot drives backwards.
+
+        Returns
+        -------
+        ndarray of MATCH_DTYPE, shape (m,)
+            Matches of the ticks until then.
+
+        Raises
+        ------
+        EventError
+            If time runs backwards.
+        UsageError
+            If the map does not say how far its places are from each other, matching is by
+            sequences, or the distance is not finite or beyond 1e9 m.
+        """
+        if isinstance(self._run, SequenceRun):
+            check_no_ways(None, odometry=True)
+            return _NO_MATCHES
+        if not abs(distance_m) * 1e3 <= MOST_MM:
+            raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
+        self._run.place_filter.moves.check_odometry()
+        matches = self.advance(time_us)
+        self._run.read_odometer(round(distance_m * 1e3))
+        return matches
+
     def skip_ticks(self, until_us: int) -> None:
         """Leave out the ticks of the policy before `until_us`, but for the last of them.
 
@@ -252,24 +284,10 @@ class Localiser:
         MapError
             If the descriptor has another length.
         """
-        if counts.shape != self._places.shape[1:] or counts.dtype.kind not in "iu":
-            raise MapError(
-                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
-                f"{self._places.shape[1]} whole numbers, as `DescriptorStream` gives them"
-            )
-        most = np.iinfo(np.int32).max if self._codes is None else int(self._codes.tables.max())
-        if counts.min() < 0 or counts.max() > most:
-            raise MapError(
-                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
-                "codes where the map has a code"
-            )
         if self.settings.matching == "filter":
             raise UsageError("places are added while matching by sequences only: map the drive")
-        wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
-        self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
-        self._settle()
-        self._s = with_distances(self._s, self._places)
-        return len(self._places) - 1
+        self._windows.append(counts, self._now)
+        return len(self) - 1
 
     def save(self, path: str | Path) -> None:
         """Write the map and the state, so that `load` goes on as this localiser would.
@@ -279,9 +297,8 @@ class Localiser:
         path : path
             An ``.npz`` file, written atomically.
         """
-        self._settle()
-        arrays = map_arrays(self._reference) | {"places": self._places}
-        arrays |= events_in_windows(self._s) | self._run.to_arrays()
+        arrays = map_arrays(self._reference) | self._windows.to_arrays(self._now)
+        arrays |= self._run.to_arrays()
         meta = {
             "sensor": list(self._reference.pixel_map.sensor),
             "settings": self.settings.to_dict(),
@@ -316,24 +333,19 @@ class Localiser:
         clock = check_state(
             arrays,
             meta,
-            counters=self._places.shape[1],
+            counters=self._windows.places.shape[1],
             length=self._length,
-            ends=len(self._places) - self._length + 1,
+            ends=len(self) - self._length + 1,
             window=self._window,
             every=self.every,
             filtered=self.settings.matching == "filter",
         )
         if self.settings.matching == "filter":
-            check_filter_state(arrays, len(self._places), self._window, self.every, clock.floor_us)
+            check_filter_state(arrays, len(self), self._window, self.every, clock.floor_us)
         self._run.resume(arrays)
-        self._s = self._run.prepared(with_events(self._s, arrays))
-        self._s = with_distances(self._s, self._places)
+        self._windows.resume(arrays)
+        self._windows.s = self._run.prepared(self._windows.s)
         self._now, self._floor = clock.now_us, clock.floor_us
-
-    def _settle(self) -> None:
-        """Bring windows, counters and distances up to date; an update leaves that to the next."""
-        advance(self._s, self._now)
-        settle(self._s)
 
     def _feed(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
@@ -356,7 +368,7 @@ class Localiser:
     def _feed_piece(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> list[npt.NDArray[np.void]]:
-        self._s, rows = self._run.run(self._s, slots, times, until)
+        self._windows.s, rows = self._run.run(self._windows.s, slots, times, until)
         return [judged_matches(row, self._judge) for row in rows]
 
     def verify(self) -> None:
@@ -367,16 +379,4 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        self._settle()
-        fresh = with_distances(self._s, self._places)
-        used = slice(fresh.totals["sums"][0])
-        same = (
-            np.array_equal(recount(self._s), self._s.counts)
-            and np.array_equal(fresh.sums[used], self._s.sums[used])
-            and fresh.totals["common"] == self._s.totals["common"]
-        )
-        if not same:
-            raise EdgeVprError(
-                f"counters or distances have drifted by {self._now} us: this is a fault of "
-                "edge-vpr, report it with the recording"
-            )
+        self._windows.verify(self._now)

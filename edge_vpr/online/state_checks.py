@@ -13,7 +13,9 @@ from edge_vpr.array_checks import check_array, check_range, whole_number
 from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.matching.place_filter import METRIC_TOP, RECIPROCAL_BITS, TRUST_BITS
+from edge_vpr.matching.moves import METRIC_TOP
+from edge_vpr.matching.place_filter import RECIPROCAL_BITS, TRUST_BITS
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.schedule import MatchSchedule
 
 #: Counters of all windows of a sequence: 128 MB as the kernels hold them.
@@ -181,6 +183,10 @@ def check_filter_state(
     check_array(arrays["filter_schedule"], "filter_schedule", (np.int64,), (2,))
     tick, told = arrays["filter_schedule"].tolist()
     _check_schedule(tick, told, places, every, floor_us)
+    if "filter_odometer" in arrays:
+        check_array(arrays["filter_odometer"], "filter_odometer", (np.int64,), (4,))
+        check_range(arrays["filter_odometer"][:2], "filter_odometer", -MOST_MM, MOST_MM)
+        check_range(arrays["filter_odometer"][2:], "filter_odometer", 0, 1)
     if "filter_mean" in arrays:
         check_array(arrays["filter_mean_windows"], "filter_mean_windows", (np.int64,), (1,))
         check_range(arrays["filter_mean_windows"], "filter_mean_windows", 0, max(windows, 0))

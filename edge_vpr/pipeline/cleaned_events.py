@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from edge_vpr.descriptors.cleaning import BurstFilter
-from edge_vpr.descriptors.windows import DescriptorStream, WindowCounts
+from edge_vpr.descriptors.bursts import BurstFilter
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
+from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.events import Events
 from edge_vpr.pipeline.sources import EventSource
 from edge_vpr.settings import Settings

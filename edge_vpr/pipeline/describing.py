@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import (
     Descriptors,
-    DescriptorStream,
     FixedCount,
     FixedTime,
     Window,

@@ -48,6 +48,7 @@ class Settings:
     filter_steps: tuple[int, ...] | None = None
     filter_back: tuple[int, ...] = ()
     filter_restart: int = 16
+    smooth: bool = False
     sequence_length: int = 5
     anchor: Anchor = "middle"
     exclusion: int = 3
@@ -87,7 +88,9 @@ class Settings:
         shared = (self.matching, self.exclusion)
         if self.matching == "sequence":
             return (*shared, self.sequence_length)
-        return (*shared, self.filter_steps, self.filter_back, self.filter_restart)
+        return (
+            *shared, self.filter_steps, self.filter_back, self.filter_restart, self.smooth,
+        )  # fmt: skip
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:

@@ -185,6 +185,12 @@ TABLE = {
         least=1,
         most=MOST_PRICE,
     ),
+    "smooth": SettingField(
+        kind=bool,
+        help="place filter: let the windows after each one decide with, as a recording allows",
+        group="matching",
+        more="Online there is no later window, and nothing is smoothed.",
+    ),
     "sequence_length": SettingField(
         kind=int,
         help="windows in a sequence, L",

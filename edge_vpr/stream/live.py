@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.bursts import BurstFilter
 from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
-from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
 from edge_vpr.events import EVENT_DTYPE, Events, join_events, make_events

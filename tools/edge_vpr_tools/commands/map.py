@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.whole_files import check_output

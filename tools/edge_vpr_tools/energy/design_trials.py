@@ -10,7 +10,7 @@ import numpy as np
 
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import EventSource, describe_query
 from edge_vpr.reference_map import ReferenceMap

@@ -8,7 +8,7 @@ from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import EventSource, coded_map, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings

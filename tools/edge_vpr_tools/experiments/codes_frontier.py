@@ -21,7 +21,7 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.track_files import load_nmea
 from edge_vpr.evaluation.truth_from_alignment import from_alignment
 from edge_vpr.evaluation.truth_from_tracks import from_tracks
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import EventSource, WindowSource, coded_map, describe, map_traverse
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings

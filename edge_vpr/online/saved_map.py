@@ -1,4 +1,4 @@
-"""What a saved localiser holds: the map as it is searched, and the events in its windows."""
+"""The part of a map that a saved localiser holds: what it searches."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor
-from edge_vpr.online.state import Sliding, grown, recount
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -24,10 +23,14 @@ def map_arrays(reference: ReferenceMap) -> Arrays:
         arrays["full_scale"] = reference.full_scale
     if reference.mean is not None:
         arrays["mean"] = reference.mean
+    if reference.jumps is not None:
+        arrays["jumps"] = reference.jumps
     if reference.confidence is not None:
         arrays |= reference.confidence.to_arrays()
     if reference.settings.matching == "filter":
         arrays["activity"] = reference.places.activity
+        if reference.along_mm is not None:
+            arrays["odometer_mm"] = reference.along_mm
     return arrays
 
 
@@ -54,23 +57,6 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
         full_scale=arrays.get("full_scale"),
         mean=arrays.get("mean"),
         confidence=Confidence.from_arrays(arrays),
+        jumps=arrays.get("jumps"),
+        odometer_mm=arrays.get("odometer_mm"),
     )
-
-
-def events_in_windows(s: Sliding) -> Arrays:
-    """Return the events of the windows, as arrays of an archive."""
-    alive = np.arange(s.bound[-1], s.bound[0]) & (s.slot.size - 1)
-    return {"slot": s.slot[alive], "time": s.time[alive], "bound": s.bound}
-
-
-def with_events(s: Sliding, arrays: Arrays) -> Sliding:
-    """Return the state with the events that `events_in_windows` gave; distances are not taken."""
-    while s.slot.size < arrays["slot"].size:
-        s = grown(s)
-    first = int(arrays["bound"][-1])
-    at = np.arange(first, first + arrays["slot"].size) & (s.slot.size - 1)
-    s.slot[at] = arrays["slot"]
-    s.time[at] = arrays["time"]
-    s.bound[:] = arrays["bound"]
-    s.counts[:] = recount(s)
-    return s
