@@ -95,18 +95,19 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
     usual = mean_activity(descriptors(reference).activity)
-    told = naive.smoothed_filter(
+    told, follow = naive.smoothed_filter(
         distances, events.tolist(), priced.forward, priced.back, priced.restart, usual,
         pairs.tolist(), [] if along is None else along.tolist(), travelled,
     )  # fmt: skip
+    margins = []
     for j, metric in enumerate(told):
         best, second, ties = naive.best_and_second(metric, 1)
         assert (found.place[j], found.second[j], found.ties[j]) == (best, second, ties)
         assert found.distance_sum[j] == metric[best]
-        margin = metric[second] - metric[best] if second >= 0 else METRIC_TOP
-        assert found.trust[j] == 16 * margin
+        margins.append(metric[second] - metric[best] if second >= 0 else METRIC_TOP)
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
         assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
+    assert found.trust.tolist() == naive.smoothed_trust(found.place.tolist(), margins, follow)
 
 
 def readings(travelled):
