@@ -395,8 +395,11 @@ def smoothed_filter(
     jumps: Sequence[tuple[int, int]],
     along: Sequence[int],
     travelled: Sequence[int | None],
-) -> list[list[int]]:
-    """Forward metric of each window plus the price of the cheapest way on from each place."""
+) -> tuple[list[list[int]], list[set[tuple[int, int]]]]:
+    """Forward metric of each window plus the price of the cheapest way on from each place.
+
+    And the pairs of places that may follow each other up to each window.
+    """
     k, scale, evidence, ways = len(distances[0]), None, [], []
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
@@ -421,7 +424,33 @@ def smoothed_filter(
             min([4 * restart] + [price[to] - min(price) + c for i, to, c in ways[j] if i == place])
             for place in range(k)
         ]
-    return summed[::-1]
+    last = dict.fromkeys(range(-len(back), max(len(forward), 3)), 0)
+    follow = [
+        {
+            (i, to)
+            for i, to, c in (ways_of_steps(k, last, jumps) if way is None else ways[j])
+            if c < 4 * restart
+        }
+        for j, way in enumerate(travelled)
+    ]
+    return summed[::-1], follow
+
+
+def smoothed_trust(
+    place: Sequence[int], margin: Sequence[int], follow: Sequence[set[tuple[int, int]]]
+) -> list[int]:
+    """Mean of 16 times the margin over 9 windows, without those behind a jump."""
+    trust = []
+    for j in range(len(place)):
+        first = last = j
+        while first > max(j - 4, 0) and (place[first - 1], place[first]) in follow[first]:
+            first -= 1
+        while last < min(j + 4, len(place) - 1) and (
+            (place[last], place[last + 1]) in follow[last + 1]
+        ):
+            last += 1
+        trust.append(16 * sum(margin[first : last + 1]) // 9)
+    return trust
 
 
 def ways_of_steps(

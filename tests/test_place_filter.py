@@ -106,18 +106,19 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
     usual = mean_activity(descriptors(reference).activity)
-    told = naive.smoothed_filter(
+    told, follow = naive.smoothed_filter(
         distances, events.tolist(), priced.forward, priced.back, priced.restart, usual,
         pairs.tolist(), [] if along is None else along.tolist(), travelled,
     )  # fmt: skip
+    margins = []
     for j, metric in enumerate(told):
         best, second, ties = naive.best_and_second(metric, 1)
         assert (found.place[j], found.second[j], found.ties[j]) == (best, second, ties)
         assert found.distance_sum[j] == metric[best]
-        margin = metric[second] - metric[best] if second >= 0 else METRIC_TOP
-        assert found.trust[j] == 16 * margin
+        margins.append(metric[second] - metric[best] if second >= 0 else METRIC_TOP)
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
         assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
+    assert found.trust.tolist() == naive.smoothed_trust(found.place.tolist(), margins, follow)
 
 
 def readings(travelled):
@@ -254,7 +255,8 @@ def test_prices_follow_the_kind_of_window_unless_they_are_given():
 def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     rng = np.random.default_rng(seed)
     reference, query = rng.integers(0, 8, (places, 6)), rng.integers(0, 8, (queries, 6))
-    found = match_descriptors(descriptors(reference), descriptors(query), PRESETS["default"])
+    chosen = replace(PRESETS["default"], smooth=False)
+    found = match_descriptors(descriptors(reference), descriptors(query), chosen)
     matrix = naive.distance_matrix(query.tolist(), reference.tolist())
     told = naive.place_filter(
         matrix, query.sum(axis=1).tolist(), (1, 0, 1), (), 16, 3,

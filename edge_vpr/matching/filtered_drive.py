@@ -24,6 +24,8 @@ from edge_vpr.odometry import Odometry
 _BLOCK_DISTANCES = 4_000_000
 #: most memory for metrics and evidence of a drive that is smoothed: 3 bytes a window and place
 MOST_BYTES = 2 << 30
+#: of a smoothed drive, so many windows before and after one have a part in its trust
+NEIGHBOURS = 4
 
 
 class FilteredDrive(NamedTuple):
@@ -74,7 +76,9 @@ def filter_drive(
     Returns
     -------
     FilteredDrive
-        If smoothed, the trust is the margin of the summed metrics, in units of 1/16 of a metric.
+        If smoothed, the trust is the mean margin of the summed metrics over the window and the
+        four before and after it, in units of 1/16 of a metric; a window counts as 0 where a match
+        between does not follow from the one before.
 
     Raises
     ------
@@ -137,7 +141,24 @@ def _smoothed(
         columns[j] = match_of(metric, place_filter.exclusion)
         candidates[j] = nearest_places(metric[:, None])[0]
         onward = _before(windows[j], evidence[j] + onward, backwards)
+    columns[:, -1] = _mean_trust(columns, windows, place_filter.moves)
     return FilteredDrive(columns, candidates)
+
+
+def _mean_trust(
+    columns: npt.NDArray[np.int64], windows: list[_Window], moves: Moves
+) -> npt.NDArray[np.int64]:
+    """Return the mean trust of each window and its neighbours, 0 beyond where a match jumps."""
+    place, margin = columns[:, 0].tolist(), columns[:, -1]
+    total = np.concatenate([[0], np.cumsum(margin)])
+    chain = np.zeros(len(place), dtype=np.int64)  # a chain of matches of which each follows
+    for j in range(1, len(place)):
+        follows = moves.following(place[j - 1], windows[j].travelled_mm)[place[j]]
+        chain[j] = chain[j - 1] + (not follows)
+    at = np.arange(len(place))
+    first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
+    last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
+    return np.asarray((total[last + 1] - total[first]) // (2 * NEIGHBOURS + 1))
 
 
 def _before(window: _Window, price: Metrics, backwards: Moves) -> Metrics:

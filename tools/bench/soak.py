@@ -129,7 +129,7 @@ def a_map(rng: np.random.Generator, sensor: Sensor) -> ReferenceMap:
     return ReferenceMap(
         settings,
         PixelMap(sensor, flat % sensor.width, flat // sensor.width),
-        Descriptors(counts, times[:-1], times[1:], counts.sum(axis=1)),
+        Descriptors(counts, times[:-1], times[1:], counts.sum(axis=1, dtype=np.int64)),
         image.astype(np.float32),
         image > 0,
     )

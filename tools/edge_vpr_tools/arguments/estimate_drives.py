@@ -8,13 +8,13 @@ from pathlib import Path
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.recordings import open_recording
-from edge_vpr_tools.arguments.truth import load_truth
 from edge_vpr_tools.estimate import accuracy
 from edge_vpr_tools.estimate.accuracy import Drives
 from edge_vpr_tools.estimate.candidates import evaluated_runs
 from edge_vpr_tools.estimate.estimation import Tried
 from edge_vpr_tools.experiments.trial import Kept, Times
 from edge_vpr_tools.output.progress import status
+from edge_vpr_tools.runs.truth_files import load_truth
 from firmware_model.design import Design
 
 

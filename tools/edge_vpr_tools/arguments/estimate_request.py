@@ -14,7 +14,6 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import duration_us
 from edge_vpr_tools.arguments.estimate_arguments import DESIGN_FLAGS, EVENTS_PER_S, PLACES
 from edge_vpr_tools.arguments.estimate_drives import tried_designs
-from edge_vpr_tools.arguments.schedule import read_every
 from edge_vpr_tools.estimate.calibration import calibrated
 from edge_vpr_tools.estimate.comparison import Side
 from edge_vpr_tools.estimate.counts import EveryPixel
@@ -23,6 +22,7 @@ from edge_vpr_tools.estimate.fit import Budget
 from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import find, names
+from edge_vpr_tools.runs.schedule import read_every
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 

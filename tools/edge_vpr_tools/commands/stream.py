@@ -25,12 +25,12 @@ from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.links import open_link
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder
-from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, match_flags
 from edge_vpr_tools.arguments.stream_arguments import check_arguments
 from edge_vpr_tools.output.interrupt import stopped_by_signals
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early, open_view
 from edge_vpr_tools.output.rerun_view import RerunView, open_rerun
+from edge_vpr_tools.runs.schedule import parse_every
 
 #: More than a protocol's beginning takes, and than a bad line puts together by chance.
 SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.design_trials import compare
 from edge_vpr_tools.energy.designs import PIXELS
@@ -24,6 +23,7 @@ from edge_vpr_tools.energy.throughput import measure_throughput
 from edge_vpr_tools.energy.workload import Workload
 from edge_vpr_tools.output.messages import note
 from edge_vpr_tools.output.provenance import run_record
+from edge_vpr_tools.runs.schedule import parse_every
 
 
 @dataclass(frozen=True, kw_only=True)
