@@ -9,10 +9,12 @@ from edge_vpr.pipeline.describing import (
 )
 from edge_vpr.pipeline.mapping import coded_map, map_traverse
 from edge_vpr.pipeline.query_matching import match_query, match_traverse
+from edge_vpr.pipeline.registration import Registration, register
 from edge_vpr.pipeline.sources import EventSource, WindowSource, check_sensor
 
 __all__ = [
     "EventSource",
+    "Registration",
     "Removed",
     "WindowSource",
     "check_sensor",
@@ -24,5 +26,6 @@ __all__ = [
     "map_traverse",
     "match_query",
     "match_traverse",
+    "register",
     "window_of",
 ]

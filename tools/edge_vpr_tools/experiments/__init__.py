@@ -9,4 +9,5 @@ EXPERIMENTS = {
     "place-filter": "place_filter",
     "calibration": "calibration",
     "trust": "trust",
+    "mount-shift": "mount_shift",
 }
