@@ -200,23 +200,24 @@ def _off(estimates: Sequence[tuple[int, int, int]]) -> str:
 
 def draw(found: dict[str, Scores]) -> Figure:
     """Draw right matches against the shift, a panel for each pair."""
-    drawing, only = figure((10.5, 3.0 * ((len(found) + 1) // 2) + 1))
-    only.remove()
-    panels = drawing.subplots((len(found) + 1) // 2, 2, squeeze=False)
-    for axes, (pair, scores) in zip(panels.flat, found.items(), strict=False):
-        for i, way in enumerate(WAYS):
-            values = [scores[way.name, shift] for shift in SHIFTS]
-            axes.errorbar(
-                SHIFTS,
-                [np.mean(v) for v in values],
-                [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
-                color=CYCLE[i // 2],
-                linestyle="-" if way.registered else DASHES[1],
-                marker="o",
-                ms=3.5,
-                label=way.name,
-            )
-        axes.set(title=pair, xlabel="shift, pixels", ylabel="P@100R", ylim=(0, 1.02))
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+    rows = (len(found) + 1) // 2
+    with figure(10.5, 3.0 * rows + 1) as (drawing, only):
+        only.remove()
+        panels = drawing.subplots(rows, 2, squeeze=False)
+        for axes, (pair, scores) in zip(panels.flat, found.items(), strict=False):
+            for i, way in enumerate(WAYS):
+                values = [scores[way.name, shift] for shift in SHIFTS]
+                axes.errorbar(
+                    SHIFTS,
+                    [np.mean(v) for v in values],
+                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    color=CYCLE[i // 2],
+                    linestyle="-" if way.registered else DASHES[1],
+                    marker="o",
+                    ms=3.5,
+                    label=way.name,
+                )
+            axes.set(title=pair, xlabel="shift, pixels", ylabel="P@100R", ylim=(0, 1.02))
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
     return drawing
