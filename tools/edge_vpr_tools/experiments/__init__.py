@@ -10,4 +10,5 @@ EXPERIMENTS = {
     "calibration": "calibration",
     "trust": "trust",
     "mount-shift": "mount_shift",
+    "rivals": "rivals",
 }
