@@ -37,7 +37,7 @@ def load_odometry(path: str | Path) -> Odometry:
             "time_s,speed_mps"
         )
     time_s, values = table.T
-    if header[1] == "speed_mps":
+    if "speed_mps" in header:
         with np.errstate(all="ignore"):  # what is too large is refused below
             legs = (values[1:] + values[:-1]) / 2 * np.diff(time_s)
             values = np.concatenate([[0.0], np.cumsum(legs)])
