@@ -713,7 +713,7 @@ def test_the_command_says_modelled_and_unknown(capsys, tmp_path, drive):  # noqa
         (["--places-per-metre", "0"], "positive"),
         (["--event-rate", "-1"], "expected a rate"),
         (["--map", "a.npz", "--design", "b.toml"], "name one"),
-        (["--target", "cortex-m4", "--calibrate", "nowhere.json"], "not a profile"),
+        (["--target", "cortex-m4", "--calibrate", "nowhere.json"], "cannot read energy and clock"),
     ],
 )
 def test_bad_use_is_one_line(capsys, arguments, says):

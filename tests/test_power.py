@@ -22,7 +22,8 @@ from edge_vpr_tools.energy import profiling
 from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.intervals import interval, interval_of_times, paired_energy
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
-from edge_vpr_tools.energy.sampling import Sampler, Trace, Window, align, read_csv
+from edge_vpr_tools.energy.meter_trace import align, read_csv
+from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
 from edge_vpr_tools.energy.sensors import pmic
 from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.energy.sensors.search import find_sensors
@@ -659,6 +660,32 @@ def test_a_meter_on_a_port_that_is_none_is_one_line(load, tmp_path, capsys):
     """Before anything is measured."""
     assert main([*PROFILE, *load, "--meter-port", str(tmp_path / "rfcomm0")]) == 1
     assert "cannot open" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["noise", "drift", "other steps", "constant", "sine"])
+def test_a_meters_trace_of_something_else_is_refused(kind, profile, tmp_path, capsys):
+    """It gave joules, of the place where chance was most like the load."""
+    rng = np.random.default_rng(3)
+    found = json.loads((profile / "profile.json").read_text())
+    windows, time_s, _ = synthetic(np.random.default_rng(9), repeats=1)
+    found["energy"]["windows"] = [window._asdict() for window in windows]
+    path, meter = tmp_path / "profile.json", tmp_path / "meter.csv"
+    path.write_text(json.dumps(found))
+    before = path.read_bytes()
+    n = time_s.size + 2_000
+    time_s = time_s[0] + np.arange(n) * np.median(np.diff(time_s))
+    watts = {
+        "noise": 3 + rng.normal(0, 0.3, n),
+        "drift": 3 + np.cumsum(rng.normal(0, 0.01, n)),
+        "other steps": 3 + np.repeat(rng.integers(0, 2, n // 170 + 1), 170)[:n],
+        "constant": np.full(n, 2.0),
+        "sine": 3 + np.sin(time_s),
+    }[kind]
+    rows = "".join(f"{t},{w}\n" for t, w in zip(time_s, watts, strict=True))
+    meter.write_text("time_s,power_w\n" + rows)
+    assert main(["profile", "trace", str(path), str(meter)]) == 2
+    assert "does not rise and fall with the load" in capsys.readouterr().err
+    assert path.read_bytes() == before
 
 
 def test_a_profile_cannot_calibrate_what_it_did_not_measure(profile, capsys):

@@ -40,7 +40,16 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "array_checks", "whole_files", "events", "evt_words", "archive", "settings"),
+    *(
+        "errors",
+        "array_checks",
+        "plain_values",
+        "whole_files",
+        "events",
+        "evt_words",
+        "archive",
+        "settings",
+    ),
     *("confidence", "route", "recordings", "descriptors", "map_checks", "reference_map"),
     *("matching", "pipeline", "evaluation", "simulate", "datasets", "online", "stream"),
     "baselines",

@@ -52,8 +52,10 @@ def load_manifest(folder: str | Path) -> dict[str, Any]:
     path = Path(folder) / MANIFEST
     try:
         manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise VectorError(f"cannot read {path}: {error}: name a folder of vectors") from error
+    if not isinstance(manifest, dict):
+        raise VectorError(f"{path} is no manifest: name a folder of vectors")
     if manifest.get("schema") != SCHEMA:
         raise VectorError(
             f"{path} has schema {manifest.get('schema')!r} and this version reads {SCHEMA}: make "
@@ -71,11 +73,17 @@ def check_files(folder: str | Path) -> int:
         If one is missing or was changed.
     """
     number = 0
-    for suite in load_manifest(folder)["suites"]:
-        for case in suite["cases"]:
-            for name in case["files"]:
-                _read(Path(folder), suite["name"], case, name)
-                number += 1
+    manifest = load_manifest(folder)
+    try:
+        for suite in manifest["suites"]:
+            for case in suite["cases"]:
+                for name in case["files"]:
+                    _read(Path(folder), suite["name"], case, name)
+                    number += 1
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise VectorError(
+            f"{Path(folder) / MANIFEST} is damaged ({error!r}): make the vectors anew"
+        ) from error
     return number
 
 

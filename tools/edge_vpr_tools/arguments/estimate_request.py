@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.plain_values import read_json, understood
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.estimate_arguments import DESIGN_FLAGS, EVENTS_PER_S, PLACES
 from edge_vpr_tools.arguments.setting_flags import duration_us
@@ -141,14 +141,14 @@ def calibrated(profile: Path) -> Constant:
     UsageError
         If the file is no profile, or its energy was not measured or not resolved.
     """
-    try:
-        values = json.loads(profile.read_text(encoding="utf-8"))
-        energy, clock = values["energy"], values["conditions"]["loaded"]["frequency_hz"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(
-            f"{profile} is not a profile that tells energy and clock ({error!r}): make it by "
-            "edge-vpr profile"
-        ) from error
+    what, remedy = "energy and clock", "name the JSON of a profile that edge-vpr profile made"
+    values = read_json(profile, what, remedy)
+    with understood(profile, what, remedy):
+        return _cycle_energy(profile, values)
+
+
+def _cycle_energy(profile: Path, values: dict[str, Any]) -> Constant:
+    energy, clock = values["energy"], values["conditions"]["loaded"]["frequency_hz"]
     if not energy.get("resolved") or not clock:
         raise UsageError(
             f"{profile}: energy was not measured or not resolved, or the clock is not known: "
@@ -160,6 +160,8 @@ def calibrated(profile: Path) -> Constant:
     picojoules = [
         1e12 * joules / (seconds * clock) for joules in (low, energy["marginal_j_per_match"], high)
     ]
+    if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
+        raise UsageError(f"{profile}: {picojoules} pJ a cycle are no interval: profile again")
     return Constant(
         "a cycle of this board",
         "pJ/cycle",

@@ -21,6 +21,7 @@ def run(args: argparse.Namespace) -> None:
     """
     profile = Path(args.profile)
     found = profiling.with_meter(profile, Path(args.trace), args.mission_rate)
+    show.check_shown(found, profile)
     write_json(profile, found)
     show.write_csv(found, profile.with_name("profile.csv"))
     if not args.no_figures:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import resource
 import time
@@ -14,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from edge_vpr.errors import UsageError
+from edge_vpr.plain_values import read_json, understood
 from edge_vpr_tools.arguments.schedule import parse_every
 from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.designs import PIXELS, compare
 from edge_vpr_tools.energy.drives import Load
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
-from edge_vpr_tools.energy.sampling import Trace, Window, align, read_csv
+from edge_vpr_tools.energy.meter_trace import align, check_turns, read_csv
+from edge_vpr_tools.energy.sampling import Trace, Window
 from edge_vpr_tools.energy.sensors.sensor import (
     ROOT,
     About,
@@ -35,6 +36,7 @@ from edge_vpr_tools.output.provenance import run_record
 
 PROFILE = "profile.json"
 SCHEMA = 3
+_REMEDY = "make it again with edge-vpr profile"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +186,9 @@ def with_meter(path: Path, meter: Path, rate: float) -> dict[str, Any]:
     told = found["energy"].get("windows")
     if not told or found["energy"].get("measured"):
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
-    windows = [Window(**window) for window in told]
+    with understood(path, "the turns of a profile", _REMEDY):
+        windows = [Window(**window) for window in told]
+        check_turns(windows)
     time_s, watts = read_csv(meter)
     ahead = align(windows, time_s, watts)
     about = About(
@@ -207,13 +211,12 @@ def load(path: Path) -> dict[str, Any]:
     UsageError
         If it is none, or of a newer version.
     """
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found["schema"] != SCHEMA or "throughput" not in found:
-            raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"cannot read a profile from {path}: {error}") from error
-    return dict(found)
+    found = read_json(path, "a profile", _REMEDY)
+    if found.get("schema") != SCHEMA or "throughput" not in found:
+        raise UsageError(f"{path} is not a profile that this edge-vpr reads: {_REMEDY}")
+    with understood(path, "a profile", _REMEDY):
+        _ = found["energy"]["measured"], found["quick"]
+    return found
 
 
 def _provenance(root: Path, found: dict[str, Any]) -> dict[str, Any]:

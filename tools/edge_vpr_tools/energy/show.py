@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from edge_vpr.archive import replacing
+from edge_vpr.plain_values import understood
 from edge_vpr_tools.energy import figures
 from edge_vpr_tools.energy.conditions import Conditions
 from edge_vpr_tools.energy.profile_values import NOT_MEASURED, NOT_RESOLVED, VOID, Number, numbers
@@ -193,8 +195,11 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
     UsageError
         If one cannot be read.
     """
-    found = [load(path) for path in (first, second)]
-    sides = [{number.name: number for number in numbers(one)} for one in found]
+    found, sides = [], []
+    for path in (first, second):
+        found.append(load(path))
+        check_shown(found[-1], path)
+        sides.append({number.name: number for number in numbers(found[-1])})
     told, cells = [], []
     for name in dict.fromkeys(name for side in sides for name in side):
         a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
@@ -207,6 +212,17 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
             _console().print(f"{path}: {line}", highlight=False, markup=False)
     if spreadsheet is not None:
         _write(spreadsheet, ("quantity", str(first), str(second), "times"), cells)
+
+
+def check_shown(found: dict[str, Any], path: Path) -> None:
+    """Raise `UsageError` unless all that is shown of a profile can be shown."""
+    with understood(path, "a profile", "make it again with edge-vpr profile"):
+        said = [*rows(found), *designs(found), *notes(found), found["run"]["machine"]["processor"]]
+        for number in numbers(found):
+            for value in number[1:4]:
+                if value is not None and not math.isfinite(value):
+                    raise ValueError(f"{number.name} is {value}")
+        json.dumps([*said, found["provenance"]])
 
 
 def write_csv(found: dict[str, Any], path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from edge_vpr.errors import UsageError
+from edge_vpr.plain_values import read_json, understood
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.estimate.fit import Budget, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost
@@ -130,6 +130,25 @@ class Asked:
         )
 
 
+def evaluation_of(metrics: Path) -> tuple[float, int] | None:
+    """Read P@100R and the number of queries of a run; None if it was not evaluated.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, or holds something else.
+    """
+    what, remedy = "metrics", "evaluate the run again"
+    told = read_json(metrics, what, remedy).get("evaluation")
+    if told is None:
+        return None
+    with understood(metrics, what, remedy):
+        right, queries = told["precision_at_100_recall"], told["queries"]
+        if not 0.0 <= right <= 1.0 or type(queries) is not int or queries < 1:
+            raise ValueError(f"P@100R is {right!r} of {queries!r} queries")
+    return float(right), queries
+
+
 def evaluated_runs(folder: Path) -> list[Evaluated]:
     """Find every evaluated run below a folder.
 
@@ -140,15 +159,10 @@ def evaluated_runs(folder: Path) -> list[Evaluated]:
     """
     found = []
     for metrics in sorted(folder.rglob(results.METRICS)):
-        told = json.loads(metrics.read_text(encoding="utf-8")).get("evaluation")
-        if told is None or not (metrics.parent / results.MAP).is_file():
-            continue
-        reference = ReferenceMap.load(metrics.parent / results.MAP)
-        found.append(
-            Evaluated(
-                str(metrics.parent), told["precision_at_100_recall"], told["queries"], reference
-            )
-        )
+        told = evaluation_of(metrics)
+        if told is not None and (metrics.parent / results.MAP).is_file():
+            reference = ReferenceMap.load(metrics.parent / results.MAP)
+            found.append(Evaluated(str(metrics.parent), *told, reference))
     if not found:
         raise UsageError(f"no evaluated run in {folder}: edge-vpr match, then edge-vpr evaluate")
     return found
