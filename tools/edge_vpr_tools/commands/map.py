@@ -13,8 +13,8 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import load_track
 from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.pipeline import Removed, map_traverse
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output
+from edge_vpr_tools.arguments.matchable import check_matchable
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
     open_source,
@@ -93,19 +93,3 @@ def run(args: argparse.Namespace) -> None:
         known = along[~np.isnan(along)]
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
-
-
-def check_matchable(reference: ReferenceMap) -> None:
-    """Refuse a map that no drive can be matched against with its own sequence length.
-
-    Raises
-    ------
-    UsageError
-        If it has fewer places than a sequence has windows.
-    """
-    length, places = reference.settings.windows_per_match, len(reference)
-    if length > places:
-        raise UsageError(
-            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
-            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
-        )
