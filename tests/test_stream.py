@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import importlib.util
 import io
 import json
 import os
@@ -1034,3 +1035,10 @@ def test_ports_are_listed(capsys, monkeypatch):
     monkeypatch.setattr("edge_vpr_tools.commands.ports.comports", list)
     assert main(["ports"]) == 0
     assert "no serial ports" in capsys.readouterr().out
+
+
+def test_the_soak_makes_a_map_that_can_be_matched():
+    spec = importlib.util.spec_from_file_location("soak", ROOT / "tools" / "bench" / "soak.py")
+    soak = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(soak)
+    assert len(soak.a_map(np.random.default_rng(0), Sensor(128, 128))) == soak.PLACES

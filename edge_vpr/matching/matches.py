@@ -82,9 +82,12 @@ class Matches:
         return len(self.query)
 
     def __repr__(self) -> str:
+        by = f"L = {self.settings.sequence_length}"
+        if self.settings.matching == "filter":
+            by = "by the place filter"
         return (
-            f"Matches({len(self)} queries, {self.places_in_map} places, "
-            f"L = {self.settings.sequence_length}, {np.count_nonzero(self.ties)} tied)"
+            f"Matches({len(self)} queries, {self.places_in_map} places, {by}, "
+            f"{np.count_nonzero(self.ties)} tied)"
         )
 
     @property
