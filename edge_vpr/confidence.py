@@ -142,8 +142,8 @@ class Judge:
     ----------
     confidence : Confidence, optional
         None where nothing is known of the probability, as of sequences without a calibration.
-    precision : float
-        Wanted share of right ones among the accepted matches; 0 accepts all.
+    precision : float, optional
+        Wanted share of right ones among the accepted matches; None accepts all.
 
     Raises
     ------
@@ -152,15 +152,15 @@ class Judge:
     """
 
     confidence: Confidence | None
-    precision: float = 0.0
+    precision: float | None = None
 
     def __post_init__(self) -> None:
-        if self.precision and self.confidence is None:
+        if self.precision is not None and self.confidence is None:
             raise UsageError(
                 f"precision {self.precision} is asked of matches by sequences, whose probability "
                 "is not known: calibrate the map (edge-vpr calibrate), or match by the filter"
             )
-        if self.precision and self.confidence is not None:
+        if self.precision is not None and self.confidence is not None:
             self.confidence.least_trust(self.precision)
 
     def judge(
@@ -181,7 +181,7 @@ class Judge:
         if self.confidence is None:
             return np.full(trust.shape, np.nan), np.zeros(trust.shape, dtype=np.bool_)
         probability = self.confidence.probability_of(trust)
-        if not self.precision:
+        if self.precision is None:
             return probability, np.zeros(trust.shape, dtype=np.bool_)
         return probability, trust < self.confidence.least_trust(self.precision)
 

@@ -14,7 +14,7 @@ from firmware_model.errors import DesignError
 from firmware_model.widths import FRACTION_BITS, METRIC_TOP, TRUST_TOP, formats_of
 from fixedpoint.codes import CodeKind, CounterCode
 from fixedpoint.errors import FixedPointError
-from fixedpoint.formats import FixedFormat
+from fixedpoint.formats import UnsignedFormat
 from fixedpoint.own_mean import OwnMeanCode
 
 DeviceCode = Literal[CodeKind, "own-mean"]
@@ -277,7 +277,7 @@ class Design(DesignFile):
         return -(-self.slots // self.lanes)
 
     @property
-    def formats(self) -> dict[str, FixedFormat]:
+    def formats(self) -> dict[str, UnsignedFormat]:
         """Format of every quantity by its name, see `firmware_model.widths`."""
         return formats_of(self)
 

@@ -14,24 +14,25 @@ from pathlib import Path
 
 import numpy as np
 from archive_oracle import check_layout, check_loaded_map, check_loaded_state
-from edge_vpr_tools.arguments.estimate_request import calibrated
 from edge_vpr_tools.energy.conditions import Conditions
 from edge_vpr_tools.energy.meter_trace import read_csv
-from edge_vpr_tools.energy.profiling import SCHEMA
-from edge_vpr_tools.energy.profiling import load as load_profile
+from edge_vpr_tools.energy.profile_record import SCHEMA, Profile
 from edge_vpr_tools.energy.show import check_shown
 from edge_vpr_tools.estimate import targets
-from edge_vpr_tools.estimate.pareto import evaluation_of
+from edge_vpr_tools.estimate.calibration import calibrated
+from edge_vpr_tools.estimate.candidates import evaluation_of
 from streams import descriptors, random_events
 
 from edge_vpr.archive import read_members
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, printable
-from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
 from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.truth_from_alignment import load_alignment
+from edge_vpr.evaluation.truth_from_matrix import load_matrix
 from edge_vpr.events import Sensor
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import coded_map
@@ -162,24 +163,24 @@ def _write_plain_values(new: Callable[[str, str], Path]) -> None:
 def plain_profile() -> dict[str, object]:
     """Give what `edge-vpr profile` writes, with joules and one design."""
     interval = [0.9, 1.2]
+    sensor = {
+        "name": "meter.csv", "kind": "power", "scope": "the board", "period_s": 0.1,
+        "resolution": 0.01, "gain_error": 0.01, "detail": "made up",
+    }  # fmt: skip
     energy = {
-        "measured": True, "resolved": True, "pairs": 5, "window_s": 10.0, "pairs_needed": None,
+        "measured": True, "resolved": True, "quick": True, "pairs": 5, "window_s": 10.0,
+        "pairs_needed": None, "native_samples_per_window": 100, "cpu_s_per_match": 0.001,
         "marginal_j_per_match": 1.0, "marginal_j_per_match_interval": interval,
-        "marginal_j_per_match_interval_with_gain": interval, "cpu_s_per_match": 0.001,
+        "marginal_j_per_match_interval_with_gain": interval, "saturated_matches_per_s": 9.0,
         "saturated_j_per_match": 2.0, "saturated_j_per_match_interval": [1.5, 2.5],
         "mission_matches_per_s": 1.0, "mission_j_per_match": 3.0,
         "mission_j_per_match_interval": [2.5, 3.5], "matches_per_joule": 1.0,
         "matches_per_joule_interval": interval, "idle_w": 2.0, "idle_w_interval": [1.9, 2.1],
-        "sensor": {
-            "name": "meter.csv", "kind": "power", "scope": "the board", "period_s": 0.1,
-            "resolution": None, "gain_error": 0.01, "detail": "made up",
-        },
+        "load_w": 3.0, "differences_w": [1.0], "windows": [], "sampler_cpu_share": 0.01,
+        "trace": {"time_s": [0.5], "watts": [2.0]}, "sensor": sensor,
     }  # fmt: skip
-    conditions = {
-        "governor": None, "frequency_hz": 1e9, "temperature_c": 50.0, "throttled": None,
-        "throttled_before": None,
-    }  # fmt: skip
-    conditions = {field.name: conditions.get(field.name) for field in fields(Conditions)}
+    known = {"frequency_hz": 1e9, "temperature_c": 50.0}
+    conditions = {field.name: known.get(field.name) for field in fields(Conditions)}
     spread = {"value": 1e-6, "low": 0.9e-6, "high": 1.1e-6}
     against = {
         "sparse_pixels": 5, "all_pixels": 192, "places": 19, "unit": "a query",
@@ -192,21 +193,27 @@ def plain_profile() -> dict[str, object]:
         "events_a_round": 1000,
     }  # fmt: skip
     design = {
-        "name": "3-bit", "precision_at_100_recall": 0.5, "places": 19, "bytes_per_place": 60,
-        "cpu_s_per_match": 1e-3, "cpu_s_per_match_interval": [9e-4, 1.1e-3], "energy": energy,
+        "name": "3-bit", "pixels": 25, "counter_bits": 3, "precision_at_100_recall": 0.5,
+        "places": 19, "queries": 8, "bytes_per_place": 60, "cpu_s_per_match": 1e-3,
+        "cpu_s_per_match_interval": [9e-4, 1.1e-3], "energy": energy,
     }  # fmt: skip
+    moments = dict.fromkeys(("before", "loaded", "after"), conditions)
+    versions = {"python": "3.11"}
     return {
         "schema": SCHEMA, "quick": True, "throughput": speed, "energy": energy,
-        "designs": [design], "sparse_against_all": {"matching": against},
-        "conditions": {
-            "before": conditions, "loaded": conditions, "after": conditions, "void_because": "",
-        },
+        "map": {"places": 19, "pixels": 25, "bytes_per_place": 60, "sequence_length": 5},
+        "designs": [design], "conditions": {**moments, "void_because": ""},
+        "sparse_against_all": dict.fromkeys(("counting", "matching", "matching_paper"), against),
         "load": {"recording": "query.npz", "packet": 512, "every": "window"},
         "provenance": {
-            "board": None, "processor": "x86", "kernel": "6", "clock_hz": 1e9, "sensor": None,
-            "shunt_mohm": None, "versions": {"python": "3.11"},
+            "board": None, "processor": "x86", "kernel": "6", "clock_hz": 1e9, "governor": None,
+            "sensor": None, "shunt_mohm": None, "versions": versions,
         },
-        "run": {"machine": {"processor": "x86"}, "finished_utc": "2026-01-01T00:00:00Z"},
+        "run": {
+            "schema": 1, "command": ["edge-vpr"], "finished_utc": "2026-01-01T00:00:00Z",
+            "settings": {}, "versions": versions, "inputs": [],
+            "machine": {"system": "Linux", "processor": "x86"},
+        },
     }  # fmt: skip
 
 
@@ -379,7 +386,7 @@ def outcome(kind: str, path: Path) -> bool:
 
 
 def _shown_profile(path: Path) -> object:
-    found = load_profile(path)
+    found = Profile.load_file(path)
     check_shown(found, path)
     return calibrated(path)
 

@@ -16,7 +16,8 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import TIME_LIMIT_US, Sensor, make_events
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap

@@ -41,7 +41,7 @@ def test_a_table_does_not_decrease_and_goes_from_zero_to_the_top(code):
     table = code.table.astype(int)
     assert (np.diff(table) >= 0).all()
     assert (table[0], table[-1]) == (0, code.top)
-    assert code.format.holds(code.top)
+    assert code.top <= code.format.highest
     assert table.size == code.full_scale + 1
 
 

@@ -48,6 +48,7 @@ PROFILE = (
 RUNS = [
     ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed-range 1.5 --stops 1", 0),
     ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
+    ("doctor --compile --json", 0),
     ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json", 0),
     ("info {f}/query.h5 --sensor 16x12 --topic left", 0),
     ("info {f}/frames.npz --frame-period 1/10", 0),
@@ -106,7 +107,7 @@ RUNS = [
      "--target cortex-m4 --vs all-pixels --fit 64KiB --json {f}/estimate.json", 0),
     ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
      "--target cortex-m0plus", 0),
-    ("estimate --design {f}/design.toml --target cortex-m4", 0),
+    ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
     ("estimate --pixels 25 --places 100 --matching filter --target cortex-m4", 0),
     ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
      "--figure {f}/pareto.png", 0),

@@ -14,7 +14,7 @@ from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import make_events
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import coded_map, describe_query

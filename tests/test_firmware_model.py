@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from designs import random_stream, wrapped
 
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.own_mean import encode_running
 from edge_vpr.descriptors.pauses import Activity
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import DescriptorStream, FixedCount, FixedTime
+from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.distances import best_matches, distance_matrix
+from edge_vpr.matching.distances import distance_matrix
+from edge_vpr.matching.nearest import best_matches
 from edge_vpr.matching.place_filter import PlaceFilter, StepPrices
 from edge_vpr.matching.sequence import sequence_sums
 from firmware_model import (

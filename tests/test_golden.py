@@ -17,7 +17,7 @@ from edge_vpr_tools.cli import main
 from streams import random_events
 
 from edge_vpr.events import Sensor
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import describe_query
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap

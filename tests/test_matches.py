@@ -16,8 +16,9 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.matching import matches as matches_module
-from edge_vpr.matching.matches import CANDIDATES, Matches, match_descriptors
+from edge_vpr.matching import drive_matching
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import CANDIDATES, Matches
 from edge_vpr.settings import Settings
 
 
@@ -41,7 +42,7 @@ def test_matches_equal_the_oracle_in_blocks_of_any_size(
     length = data.draw(st.integers(1, min(places, queries)))
     settings = Settings(sequence_length=length, exclusion=exclusion, anchor=anchor)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(matches_module, "_BLOCK_DISTANCES", block)
+        patch.setattr(drive_matching, "_BLOCK_DISTANCES", block)
         found = match_descriptors(descriptors(reference), descriptors(query), settings)
 
     offset = length // 2 if anchor == "middle" else length - 1
@@ -129,4 +130,4 @@ def test_what_is_printed_of_results_is_one_short_line_whatever_their_size():
         assert repr(each).startswith(f"{type(each).__name__}(")
         assert len(repr(each)) < 120
         assert "array" not in repr(each)
-    assert "by the place filter" in repr(found)
+    assert "place filter" in repr(found)

@@ -21,8 +21,9 @@ from edge_vpr.confidence import default_confidence
 from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.errors import MapError
 from edge_vpr.evaluation.calibration import reliability
-from edge_vpr.evaluation.ground_truth import from_tracks, load_nmea
 from edge_vpr.evaluation.rejection import judge_rejection
+from edge_vpr.evaluation.track_files import load_nmea
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import map_traverse, match_traverse

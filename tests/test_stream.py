@@ -444,8 +444,8 @@ def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(drive)
         for each in live.feed(sent, 0).matches:
             assert last - 10_000 < each["t"] <= last
             assert each["t"] >= piece["t"][0] - 10_000
-        assert live._localiser._policy[0] > last  # no tick is behind
-        late += exact._localiser._policy[0] <= last
+        assert live._localiser._run.next_tick > last  # no tick is behind
+        late += exact._localiser._run.next_tick <= last
         exact.feed(sent, 0)
     assert late > 100
 
@@ -1015,12 +1015,13 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
 
 
 def test_ports_are_listed(capsys, monkeypatch):
+    from serial.tools import list_ports
     from serial.tools.list_ports_common import ListPortInfo
 
     found = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
     found[0].vid, found[0].pid = 0x0403, 0x6014
     found[1].vid, found[1].pid = 0x37C5, 0x1206
-    monkeypatch.setattr("edge_vpr_tools.commands.ports.comports", lambda: found)
+    monkeypatch.setattr(list_ports, "comports", lambda: found)
     assert main(["ports", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["port"], row["protocol"], row["baud"]) for row in rows] == [
@@ -1032,7 +1033,7 @@ def test_ports_are_listed(capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("/dev/ttyACM0  37c5:1206  OpenMV N6")
     assert lines[0].endswith("--protocol openmv --baud 921600")
-    monkeypatch.setattr("edge_vpr_tools.commands.ports.comports", list)
+    monkeypatch.setattr(list_ports, "comports", list)
     assert main(["ports"]) == 0
     assert "no serial ports" in capsys.readouterr().out
 

@@ -282,7 +282,7 @@ def evaluate(
             matches.trust[evaluated],
             correct[evaluated],
             has_place[evaluated],
-            ~matches.lost[evaluated] if matches.settings.precision else None,
+            ~matches.lost[evaluated] if matches.settings.precision is not None else None,
         ),
         reliability=reliability(matches.probability[rated], correct[rated])
         if rated.any()

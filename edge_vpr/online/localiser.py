@@ -11,55 +11,30 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
-from edge_vpr.confidence import Confidence, Judge
-from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, FixedTime, narrow
-from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
-from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
+from edge_vpr.descriptors.windows import FixedTime
+from edge_vpr.errors import EventError, UsageError
+from edge_vpr.events import TIME_LIMIT_US, Events
 from edge_vpr.map_checks import check_map
+from edge_vpr.matching.drive_matching import check_no_ways
+from edge_vpr.odometry import MOST_MM
+from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.filter_run import FilterRun
-from edge_vpr.online.kernel import DONE, NEXT_TICK, RING_FULL, follow
-from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.online.sliding_window import selected_in_order
-from edge_vpr.online.state import (
-    BASE,
-    advance,
-    grown,
-    recount,
-    settle,
-    start,
-    with_distances,
+from edge_vpr.online.followed_windows import FollowedWindows
+from edge_vpr.online.match_records import MATCH_DTYPE, judged_matches
+from edge_vpr.online.saved_map import (
+    map_arrays,
+    searched_map,
 )
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.sequence_run import SequenceRun
 from edge_vpr.online.state_checks import check_extent, check_filter_state, check_state
 from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
 
-#: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
-#: exclusion zone (-1: none); their distances, summed over the L windows of the sequence; best over
-#: second; events at the selected pixels in the newest window, and its start; trust, higher is
-#: surer (of the place filter as `place_filter.FilterMatch` has it, of sequences the margin);
-#: probability of being right (NaN: not known), and whether the match is lost at the precision that
-#: the settings want. The place filter has metrics in place of distances, and windows in place of
-#: sequences.
-MATCH_DTYPE = np.dtype(
-    [
-        ("t", "<i8"),
-        ("place", "<i8"),
-        ("distance_sum", "<i8"),
-        ("second", "<i8"),
-        ("second_sum", "<i8"),
-        ("ratio", "<f8"),
-        ("events", "<i8"),
-        ("start", "<i8"),
-        ("trust", "<i8"),
-        ("probability", "<f8"),
-        ("lost", "?"),
-    ]
-)
+__all__ = ["MATCH_DTYPE", "Localiser"]
+
 KIND = "localiser state"
 
-_MATCHES_AT_ONCE = 4_096
 _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
@@ -112,49 +87,45 @@ class Localiser:
         self.every = MatchSchedule(events=1) if every is None else every
         self._recent = recent
         self._check_every = check_every
-        self._pixel_map = reference.pixel_map
+        self._reference = reference
         self._table = reference.pixel_map.table()
         self._window = window_of(settings)
         self._length = settings.windows_per_match
-        self._full_scale = reference.full_scale
-        self._codes = None if reference.own_mean_code is not None else reference.codes
-        self._mean, self._activity = reference.mean, reference.places.activity
-        self._places = reference.places.counts
-        self._confidence, self._judge = reference.confidence, reference.judge
+        self._judge = reference.judge
         check_map(
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
-            reference.full_scale, reference.mean,
+            reference.full_scale, reference.mean, reference.route, reference.jumps,
+            reference.odometer_mm,
         )  # fmt: skip
-        places, counters = self._places.shape
+        places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
-        self._policy = np.array([self.every.interval_us, -1], dtype=np.int64)
         self._now = 0  # T: all events before it have been taken
         self._floor = 0  # no event may be earlier
-        self._s = start(self._places, self._window, self._length, self._codes)
-        self._filter = None
         if reference.own_mean_code is not None and settings.matching != "filter":
             raise UsageError(
                 "own-mean codes follow the mean of a drive, which sequences after every event do "
                 "not: set matching to filter, or counter_scaling to shared when the map is made"
             )
+        if settings.matching == "filter" and recent:
+            raise UsageError(
+                f"{recent} recent places are left out by sequences only: set matching to sequence"
+            )
+        self._run: FilterRun | SequenceRun
         if settings.matching == "filter":
-            if recent:
-                raise UsageError(
-                    f"{recent} recent places are left out by sequences only: set matching to "
-                    "sequence"
-                )
-            self._filter = FilterRun(reference, self.every)
-            self._s = self._filter.prepared(self._s)
-        self._out = np.empty((_MATCHES_AT_ONCE, 7), dtype=np.int64)
+            self._run = FilterRun(reference, self.every)
+        else:
+            check_no_ways(reference.jumps, odometry=False)
+            self._run = SequenceRun(self.every, settings.exclusion, recent)
+        self._windows = FollowedWindows(reference, self._window)
+        self._windows.s = self._run.prepared(self._windows.s)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._windows.places)
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Events in each window, newest first, shape (L, J); a copy."""
-        self._settle()
-        return self._s.counts.copy()
+        return self._windows.counts_at(self._now)
 
     @property
     def distance_sums(self) -> npt.NDArray[np.int64]:
@@ -162,14 +133,12 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        self._settle()
-        sums = self._s.sums[: len(self._places) - self._length + 1].astype(np.int64)
-        return sums + self._s.number[BASE]
+        return self._windows.sums_at(self._now)
 
     @property
     def map_bytes(self) -> int:
         """Size of the map as it is searched: every place, laid out by pixel."""
-        return self._s.columns.nbytes
+        return self._windows.s.columns.nbytes
 
     @property
     def complete(self) -> bool:
@@ -184,18 +153,14 @@ class Localiser:
         return min(1.0, seen / whole)
 
     @property
-    def _next_tick(self) -> int:
-        return int(self._policy[NEXT_TICK]) if self._filter is None else self._filter.next_tick
-
-    @property
     def next_match_us(self) -> int:
         """Time before which there is no match, where they are given by time alone; else 0."""
-        return 0 if self.every.events else self._next_tick
+        return 0 if self.every.events else self._run.next_tick
 
     def _seen_and_whole(self) -> tuple[int, int]:
         if isinstance(self._window, FixedTime):
             return self._now, self._length * self._window.tau_us
-        return int(self._s.bound[0]), self._length * self._window.events
+        return int(self._windows.s.bound[0]), self._length * self._window.events
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
         """Feed the next events.
@@ -221,8 +186,8 @@ class Localiser:
             return _NO_MATCHES
         last = int(events["t"][-1])
         slots, times = selected_in_order(self._table, events, self._floor, self.settings.polarity)
-        self.every.check_ticks(self._next_tick, last)
-        matches = self._run(slots, times, last)
+        self.every.check_ticks(self._run.next_tick, last)
+        matches = self._feed(slots, times, last)
         self._floor, self._now = last, last + 1
         return matches
 
@@ -246,10 +211,46 @@ class Localiser:
             raise EventError(
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
-        self.every.check_ticks(self._next_tick, until_us)
+        self.every.check_ticks(self._run.next_tick, until_us)
         nothing = np.empty(0, dtype=np.int64)
-        matches = self._run(nothing.astype(np.int32), nothing, until_us)
+        matches = self._feed(nothing.astype(np.int32), nothing, until_us)
         self._floor, self._now = until_us, max(self._now, until_us)
+        return matches
+
+    def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
+        """Let time pass to `time_us` and take a reading of the robot's odometer.
+
+        The way since the window before then prices the steps from place to place. Give one reading
+        or more in each window, better ten; a window without one is priced by the settings.
+
+        Parameters
+        ----------
+        time_us : int
+            Of the reading; not earlier than the last event. Events of the same time come after it.
+        distance_m : float
+            Metres driven, from any zero; it falls where the robot drives backwards.
+
+        Returns
+        -------
+        ndarray of MATCH_DTYPE, shape (m,)
+            Matches of the ticks until then.
+
+        Raises
+        ------
+        EventError
+            If time runs backwards.
+        UsageError
+            If the map does not say how far its places are from each other, matching is by
+            sequences, or the distance is not finite or beyond 1e9 m.
+        """
+        if isinstance(self._run, SequenceRun):
+            check_no_ways(None, odometry=True)
+            return _NO_MATCHES
+        if not abs(distance_m) * 1e3 <= MOST_MM:
+            raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
+        self._run.place_filter.moves.check_odometry()
+        matches = self.advance(time_us)
+        self._run.read_odometer(round(distance_m * 1e3))
         return matches
 
     def skip_ticks(self, until_us: int) -> None:
@@ -262,11 +263,8 @@ class Localiser:
         """
         interval = self.every.interval_us
         if interval:
-            last = max(self._next_tick, until_us // interval * interval)
-            if self._filter is None:
-                self._policy[NEXT_TICK] = last
-            else:
-                self._filter.next_tick = last
+            last = until_us // interval * interval
+            self._run.next_tick = max(self._run.next_tick, last)
 
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
@@ -286,24 +284,10 @@ class Localiser:
         MapError
             If the descriptor has another length.
         """
-        if counts.shape != self._places.shape[1:] or counts.dtype.kind not in "iu":
-            raise MapError(
-                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
-                f"{self._places.shape[1]} whole numbers, as `DescriptorStream` gives them"
-            )
-        most = np.iinfo(np.int32).max if self._codes is None else int(self._codes.tables.max())
-        if counts.min() < 0 or counts.max() > most:
-            raise MapError(
-                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
-                "codes where the map has a code"
-            )
-        if self._filter is not None:
+        if self.settings.matching == "filter":
             raise UsageError("places are added while matching by sequences only: map the drive")
-        wide = np.promote_types(self._places.dtype, narrow(counts).dtype)
-        self._places = np.concatenate([self._places.astype(wide), counts[None].astype(wide)])
-        self._settle()
-        self._s = with_distances(self._s, self._places)
-        return len(self._places) - 1
+        self._windows.append(counts, self._now)
+        return len(self) - 1
 
     def save(self, path: str | Path) -> None:
         """Write the map and the state, so that `load` goes on as this localiser would.
@@ -313,29 +297,10 @@ class Localiser:
         path : path
             An ``.npz`` file, written atomically.
         """
-        self._settle()
-        first, last = int(self._s.bound[-1]), int(self._s.bound[0])
-        alive = np.arange(first, last) & (self._s.slot.size - 1)
-        arrays = {
-            "pixel_x": self._pixel_map.x,
-            "pixel_y": self._pixel_map.y,
-            "places": self._places,
-            "slot": self._s.slot[alive],
-            "time": self._s.time[alive],
-            "bound": self._s.bound,
-            "policy": self._policy,
-        }
-        if self._full_scale is not None:
-            arrays["full_scale"] = self._full_scale
-        if self._mean is not None:
-            arrays["mean"] = self._mean
-        if self._confidence is not None:
-            arrays |= self._confidence.to_arrays()
-        if self._filter is not None:
-            arrays["activity"] = self._activity
-            arrays |= self._filter.to_arrays()
+        arrays = map_arrays(self._reference) | self._windows.to_arrays(self._now)
+        arrays |= self._run.to_arrays()
         meta = {
-            "sensor": list(self._pixel_map.sensor),
+            "sensor": list(self._reference.pixel_map.sensor),
             "settings": self.settings.to_dict(),
             "every": asdict(self.every),
             "recent": self._recent,
@@ -356,7 +321,7 @@ class Localiser:
         arrays, meta = read_archive(path, KIND)
         with damaged(path, "save the state again"):
             found = cls(
-                _bare_map(arrays, meta),
+                searched_map(arrays, meta),
                 every=MatchSchedule(**meta["every"]),
                 recent=meta["recent"],
                 check_every=check_every,
@@ -368,36 +333,21 @@ class Localiser:
         clock = check_state(
             arrays,
             meta,
-            counters=self._places.shape[1],
+            counters=self._windows.places.shape[1],
             length=self._length,
-            ends=len(self._places) - self._length + 1,
+            ends=len(self) - self._length + 1,
             window=self._window,
             every=self.every,
-            filtered=self._filter is not None,
+            filtered=self.settings.matching == "filter",
         )
-        bound = arrays["bound"]
-        first = int(bound[-1])
-        while self._s.slot.size < arrays["slot"].size:
-            self._s = grown(self._s)
-        at = np.arange(first, first + arrays["slot"].size) & (self._s.slot.size - 1)
-        self._s.slot[at] = arrays["slot"]
-        self._s.time[at] = arrays["time"]
-        self._s.bound[:] = bound
-        self._s.counts[:] = recount(self._s)
-        self._policy[:] = arrays["policy"]
-        if self._filter is not None:
-            check_filter_state(arrays, len(self._places), self._window, self.every, clock.floor_us)
-            self._filter.resume(arrays)
-            self._s = self._filter.prepared(self._s)
-        self._s = with_distances(self._s, self._places)
+        if self.settings.matching == "filter":
+            check_filter_state(arrays, len(self), self._window, self.every, clock.floor_us)
+        self._run.resume(arrays)
+        self._windows.resume(arrays)
+        self._windows.s = self._run.prepared(self._windows.s)
         self._now, self._floor = clock.now_us, clock.floor_us
 
-    def _settle(self) -> None:
-        """Bring windows, counters and distances up to date; an update leaves that to the next."""
-        advance(self._s, self._now)
-        settle(self._s)
-
-    def _run(
+    def _feed(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> npt.NDArray[np.void]:
         """Feed selected events, then the ticks up to `until`, in pieces that fit the buffers."""
@@ -406,7 +356,7 @@ class Localiser:
         for begin in range(0, max(slots.size, 1), step):
             stop = min(begin + step, slots.size)
             last = stop == slots.size
-            found += self._run_piece(
+            found += self._feed_piece(
                 slots[begin:stop], times[begin:stop], until if last else int(times[stop - 1])
             )
             if self._check_every:
@@ -415,34 +365,11 @@ class Localiser:
             return _NO_MATCHES
         return np.concatenate(found) if len(found) > 1 else found[0]
 
-    def _run_piece(
+    def _feed_piece(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> list[npt.NDArray[np.void]]:
-        if self._filter is not None:
-            self._s, rows = self._filter.run(self._s, slots, times, until)
-            return [_matches(row, self._judge) for row in rows]
-        found, consumed = [], 0
-        while True:
-            read, given, why = follow(
-                self._s,
-                slots[consumed:],
-                times[consumed:],
-                until,
-                self.every.events,
-                self.every.interval_us,
-                self.every.change,
-                self.settings.exclusion,
-                len(self._places) - self._length + 1 - self._recent,
-                self._policy,
-                self._out,
-            )
-            consumed += read
-            if given:
-                found.append(_matches(self._out[:given], self._judge))
-            if why == RING_FULL:
-                self._s = grown(self._s)
-            elif why == DONE:
-                return found
+        self._windows.s, rows = self._run.run(self._windows.s, slots, times, until)
+        return [judged_matches(row, self._judge) for row in rows]
 
     def verify(self) -> None:
         """Recompute counters and distances from the events in the windows, and compare.
@@ -452,52 +379,4 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        self._settle()
-        fresh = with_distances(self._s, self._places)
-        same = (
-            np.array_equal(recount(self._s), self._s.counts)
-            and np.array_equal(fresh.sums[: fresh.shape[1]], self._s.sums[: fresh.shape[1]])
-            and fresh.number[BASE] == self._s.number[BASE]
-        )
-        if not same:
-            raise EdgeVprError(
-                f"counters or distances have drifted by {self._now} us: this is a fault of "
-                "edge-vpr, report it with the recording"
-            )
-
-
-def _bare_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
-    """Build a map of what a localiser needs of it, without times and figures."""
-    pixel_map = PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"])
-    sensor = pixel_map.sensor
-    no_times = np.zeros(len(arrays["places"]), dtype=np.int64)
-    figures = np.broadcast_to(np.float32(0), (sensor.height, sensor.width))
-    return ReferenceMap(
-        Settings.from_dict(meta["settings"]),
-        pixel_map,
-        Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
-        saliency=figures,
-        hot=np.broadcast_to(np.False_, figures.shape),
-        full_scale=arrays.get("full_scale"),
-        mean=arrays.get("mean"),
-        confidence=Confidence.from_arrays(arrays),
-    )
-
-
-def _matches(rows: npt.NDArray[np.int64], judge: Judge) -> npt.NDArray[np.void]:
-    """Name the columns of the kernel's rows, and add what follows from them."""
-    matches = np.empty(len(rows), dtype=MATCH_DTYPE)
-    derived = ("ratio", "trust", "probability", "lost")
-    names = [name for name in MATCH_DTYPE.names or () if name not in derived]
-    if rows.shape[1] > len(names):
-        names.append("trust")
-    for name, column in zip(names, rows.T, strict=True):
-        matches[name] = column
-    best, second = matches["distance_sum"], matches["second_sum"]
-    if "trust" not in names:
-        matches["trust"] = np.where(matches["second"] < 0, 0, second - best)
-    matches["probability"], matches["lost"] = judge.judge(matches["trust"])
-    matches["ratio"] = np.nan
-    matches["ratio"][second == 0] = 1.0
-    np.divide(best, second, out=matches["ratio"], where=second > 0)
-    return matches
+        self._windows.verify(self._now)

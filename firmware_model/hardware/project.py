@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from firmware_model.hardware import sources
-from firmware_model.hardware.parameters import PACKAGE, package
+from firmware_model.hardware.parameters import PACKAGE, package, tables
 from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.memory_words import memory_words
@@ -15,7 +15,7 @@ _MAKEFILE = """\
 # make: the bitstream of the board, by yosys, nextpnr-ice40 and icestorm
 # make test: the core returns the golden vectors, by Icarus Verilog and edge-vpr
 SOURCES = src/{package}.sv {sources}
-TABLES = displacement.mem lookup.mem codes.mem code_tables.mem
+TABLES = {tables}
 
 .PHONY: all test clean
 all: core.bin
@@ -60,6 +60,7 @@ def write_project(folder: Path, memories: Memories, seed: int) -> None:
     design.save(folder / "design.toml")
     makefile = _MAKEFILE.format(
         package=PACKAGE,
+        tables=" ".join(f"{name}.mem" for name in tables(design)),
         sources=" ".join(f"src/{name}" for name in names),
         pins=sources.UP5K_PINS,
     )

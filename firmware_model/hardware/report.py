@@ -18,7 +18,7 @@ from typing import NamedTuple
 from firmware_model.design import Design
 from firmware_model.errors import DesignError, ToolError
 from firmware_model.hardware import sources
-from firmware_model.hardware.parameters import PACKAGE, TABLES, package
+from firmware_model.hardware.parameters import PACKAGE, package, tables
 from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.memory_words import memory_words
@@ -101,10 +101,10 @@ def source_files(folder: Path) -> list[Path]:
 def write_tables(design: Design, folder: Path) -> None:
     """Write the package and the tables that synthesis reads, for pixels of no meaning."""
     blank = [[0] * design.slots] * design.places
-    tables = [slot % len(design.full_scales) for slot in range(design.slots)]
-    words = memory_words(Memories(design, choose_pixels(design), blank, tables))
+    chosen = [slot % len(design.full_scales) for slot in range(design.slots)]
+    words = memory_words(Memories(design, choose_pixels(design), blank, chosen))
     (folder / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
-    for name in TABLES:
+    for name in tables(design):
         (folder / f"{name}.mem").write_text(formats.readmemh(words[name][1]), encoding="ascii")
 
 

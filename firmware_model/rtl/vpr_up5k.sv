@@ -11,7 +11,9 @@ module vpr_up5k (
 );
     localparam int EVENT_BITS = vpr_design::EVENT_TIME_BITS + 32;
     localparam int WORD_BITS  = vpr_design::LANES * vpr_design::CODE_BITS;
-    localparam int MATCH_BITS = 3 * vpr_design::PLACE_BITS + 2 * vpr_design::SEQUENCE_BITS + 34;
+    localparam int MATCH_BITS = vpr_design::MATCH_BITS;
+    localparam int TIME_BITS  = 8 * ((vpr_design::TIMESTAMP_BITS + 7) / 8);
+    localparam int START_BITS = TIME_BITS + (vpr_design::FILTER || vpr_design::OWN_MEAN ? 32 : 0);
 
     logic clk, locked;
     SB_PLL40_PAD #(
@@ -28,7 +30,7 @@ module vpr_up5k (
         rst    <= !stands[1] || start;
     end
 
-    logic [vpr_design::TIMESTAMP_BITS-1:0] start_time;
+    logic [START_BITS-1:0]     start_value;
     logic                      event_tvalid, event_tready;
     logic                      place_tvalid, place_tready;
     logic                      match_tvalid, match_tready;
@@ -38,10 +40,10 @@ module vpr_up5k (
 
     vpr_spi #(
         .EVENT_BITS(EVENT_BITS), .PLACE_BITS(WORD_BITS),
-        .TIME_BITS(vpr_design::TIMESTAMP_BITS), .MATCH_BITS(MATCH_BITS)
+        .START_BITS(START_BITS), .MATCH_BITS(MATCH_BITS)
     ) spi (
         .clk(clk), .sck(sck), .ss_n(ss_n), .mosi(mosi), .miso(miso),
-        .start(start), .start_time(start_time),
+        .start(start), .start_value(start_value),
         .event_tvalid(event_tvalid), .event_tready(event_tready), .event_tdata(event_tdata),
         .place_tvalid(place_tvalid), .place_tready(place_tready), .place_tdata(place_tdata),
         .match_tvalid(match_tvalid), .match_tready(match_tready), .match_tdata(match_tdata)
@@ -50,7 +52,8 @@ module vpr_up5k (
     vpr_device #(
         .MEMORY_STYLE("huge")
     ) device (
-        .clk(clk), .rst(rst), .start_time(start_time),
+        .clk(clk), .rst(rst), .start_time(start_value[vpr_design::TIMESTAMP_BITS-1:0]),
+        .start_activity(vpr_design::ACTIVITY_BITS'(start_value >> TIME_BITS)),
         .s_place_tvalid(place_tvalid), .s_place_tready(place_tready), .s_place_tdata(place_tdata),
         .s_event_tvalid(event_tvalid), .s_event_tready(event_tready), .s_event_tdata(event_tdata),
         .m_event_tvalid(), .m_event_tready(1'b1), .m_event_tdata(),

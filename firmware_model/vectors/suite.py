@@ -217,6 +217,8 @@ def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
             ],
         ),
     }
+    if design.filters or design.own_mean:
+        rows["activity"] = ((("activity", bits["activity"]),), [(case.memories.activity,)])
     packed = memory_words(case.memories)
     for name, (fields, values) in rows.items():
         packing = Packing(fields)

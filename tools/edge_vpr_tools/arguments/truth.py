@@ -12,15 +12,11 @@ import numpy.typing as npt
 from edge_vpr.archive import read_archive
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError
-from edge_vpr.evaluation.ground_truth import (
-    GroundTruth,
-    from_alignment,
-    from_matrix,
-    from_tracks,
-    load_alignment,
-    load_matrix,
-    load_track,
-)
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.truth_from_alignment import from_alignment, load_alignment
+from edge_vpr.evaluation.truth_from_matrix import from_matrix, load_matrix
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import ReferenceMap

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import load_track
 from edge_vpr.evaluation.place_positions import with_positions
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.pipeline import Removed, map_traverse
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.matchable import check_matchable
@@ -68,9 +68,9 @@ def run(args: argparse.Namespace) -> None:
     if track is not None:
         reference = with_positions(reference, track)
     reference.save(output)
-    record = run_record(reference.settings.to_dict(), [args.recording])
     hot_pixels = int(reference.hot.sum())
-    write_json(run_file, record | {"removed": removed_record(removed, hot_pixels)})
+    left_out = removed_record(removed, hot_pixels)
+    write_json(run_file, run_record(reference.settings.to_dict(), [args.recording], left_out))
 
     places = reference.places
     counts = places.counts

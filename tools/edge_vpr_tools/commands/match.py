@@ -41,8 +41,7 @@ def run(args: argparse.Namespace) -> None:
             "recording of the query drive"
         )
     reference = ReferenceMap.load(args.map)
-    given = {name: value for name, value in match_flags(args).items() if value is not None}
-    settings = reference.settings.replaced(given, "the command line")
+    settings = reference.settings.replaced(match_flags(args), "the command line")
     asked = reference.matched_with(settings)
     _ = asked.judge  # a precision that cannot be promised is refused before the work
     if args.every is not None and not args.online:
@@ -79,8 +78,8 @@ def run(args: argparse.Namespace) -> None:
         matches.save(folder / results.MATCHES)
         matches.save_csv(folder / results.MATCHES_CSV, reference.route)
         write_archive(folder / results.QUERIES, results.QUERIES_KIND, queries.to_arrays(), {})
-        record = run_record(settings.to_dict(), [args.map, args.recording])
-        record["removed"] = removed_record(removed, int(reference.hot.sum()))
+        left_out = removed_record(removed, int(reference.hot.sum()))
+        record = run_record(settings.to_dict(), [args.map, args.recording], left_out)
         write_json(folder / results.RUN, record)
         write_json(folder / results.METRICS, metrics)
         if not args.no_figures:

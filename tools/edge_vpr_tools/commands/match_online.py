@@ -82,8 +82,8 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         reference.save(folder / results.MAP)
         matches.save(folder / results.MATCHES)
         matches.save_csv(folder / results.MATCHES_CSV, reference.route)
-        record = run_record(settings.to_dict(), [args.map, args.recording])
-        record["removed"] = removed_record(removed, int(reference.hot.sum()))
+        left_out = removed_record(removed, int(reference.hot.sum()))
+        record = run_record(settings.to_dict(), [args.map, args.recording], left_out)
         write_json(folder / results.RUN, record)
         write_json(folder / results.METRICS, metrics)
         if not args.no_figures:

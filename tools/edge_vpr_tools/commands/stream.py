@@ -18,7 +18,7 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.pipeline import Removed, map_traverse
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
+from edge_vpr.settings import Settings, duration_us
 from edge_vpr.stream.health import Health
 from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.links import open_link
@@ -26,7 +26,7 @@ from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder
 from edge_vpr_tools.arguments.matchable import check_matchable
 from edge_vpr_tools.arguments.schedule import parse_every
-from edge_vpr_tools.arguments.setting_flags import duration_us, map_settings, match_flags
+from edge_vpr_tools.arguments.setting_flags import map_settings, match_flags
 from edge_vpr_tools.arguments.stream_arguments import check_arguments
 from edge_vpr_tools.output.cleaning import warn_if_much
 from edge_vpr_tools.output.interrupt import stopped_by_signals
@@ -55,9 +55,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
-
-    given = {name: value for name, value in match_flags(args).items() if value is not None}
-    settings = reference.settings.replaced(given, "the command line")
+    settings = reference.settings.replaced(match_flags(args), "the command line")
     return reference.matched_with(settings)
 
 

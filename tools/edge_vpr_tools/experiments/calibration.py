@@ -21,8 +21,8 @@ from edge_vpr import __version__
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
-from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.rejection import judge_rejection
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import count_windows, map_traverse
 from edge_vpr.settings import PRESETS, QueryMean
 from edge_vpr.simulate import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
@@ -99,7 +99,7 @@ def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
                 changes = {
                     "pixels": pixels,
                     "window": window,
-                    "events_per_pixel": 0.0,
+                    "events_per_pixel": None,
                     "seed": seed,
                 }
                 settings = PRESETS["default"].replaced(changes, "calibration")

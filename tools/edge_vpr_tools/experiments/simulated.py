@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair

@@ -15,7 +15,8 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.events import Events, Sensor
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import EventSource, describe_query, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -85,7 +86,7 @@ def run_trial(
     average at the same pixels, so that the two kinds of window are compared fairly (paper, IV-C).
     """
     # N from the reference, where windows are counted
-    settings = settings.replaced({"events_per_pixel": 0.0, **variant.changes}, variant.name)
+    settings = settings.replaced({"events_per_pixel": None, **variant.changes}, variant.name)
     mapped = map_traverse(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)

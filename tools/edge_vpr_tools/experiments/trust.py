@@ -9,9 +9,9 @@ import numpy as np
 
 from edge_vpr.confidence import Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
-from edge_vpr.evaluation.ground_truth import load_nmea
 from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.evaluation.rejection import Rejection, judge_rejection
+from edge_vpr.evaluation.track_files import load_nmea
 from edge_vpr.evaluation.tracks import distances
 from edge_vpr.pipeline import count_windows, map_traverse
 from edge_vpr.settings import PRESETS, QueryMean
