@@ -98,7 +98,7 @@ class CheckedDataset:
         info = self._dataset.id.get_chunk_info_by_coord(at)
         if info.byte_offset is None:
             return None  # never written: libhdf5 gives the fill value
-        size = -1
+        size: int | None = -1
         if info.size <= self._bytes + _OVERHEAD:
             mask, data = self._dataset.id.read_direct_chunk(at)
             size, expanded = self._expanded(mask, data)
@@ -107,7 +107,7 @@ class CheckedDataset:
             if size == self._bytes:
                 return self._array(mask, expanded) if self._plain else None
         # A chunk beyond the border may be stored as it is: libhdf5 knows, and refuses if it is not
-        if size < 0 and info.size == self._bytes and self._at_border(at):
+        if size == -1 and info.size == self._bytes and self._at_border(at):
             return None
         raise RecordingError(
             f"{self._name} has a chunk at row {at[0]:,} that does not expand to its "
@@ -169,17 +169,21 @@ def _inflated(data: bytes, most: int) -> bytes | None:
     return expanded if stream.eof or len(expanded) > most else None
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def lzf_size(data: npt.NDArray[np.uint8]) -> int:
+@njit(cache=True, nogil=True)
+def lzf_size(data):  # type: ignore[no-untyped-def]
     """Return what LZF data expands to; -1 if it is cut off or refers to before its start.
 
     Parameters
     ----------
     data : ndarray of uint8, shape (n,)
+
+    Returns
+    -------
+    int
     """
     at = size = 0
     while at < data.size:
-        control = np.int64(data[at])
+        control = int(data[at])
         if control < 32:  # so many literal bytes, and one more
             at += control + 2
             size += control + 1
@@ -187,9 +191,9 @@ def lzf_size(data: npt.NDArray[np.uint8]) -> int:
         length, distance = control >> 5, (control & 31) << 8
         at += 1
         if length == 7 and at < data.size:
-            length += np.int64(data[at])
+            length += int(data[at])
             at += 1
-        if at >= data.size or distance + np.int64(data[at]) + 1 > size:
+        if at >= data.size or distance + int(data[at]) + 1 > size:
             return -1
         at += 1
         size += length + 2

@@ -209,7 +209,7 @@ def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]]:
     """
     levels, unit = design.tables[0], 1 << LEVEL_BITS
     for mean, first, second in product(range(3 * unit), range(1, 8), range(1, 8)):
-        running = RunningMean([mean])
+        running = RunningMean(np.array([mean]))
         for count in (first, second):
             running.update(np.array([levels[count]]))
         total = int(running.total[0])
