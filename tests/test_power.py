@@ -22,8 +22,9 @@ from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.energy_record import NotMeasured
 from edge_vpr_tools.energy.intervals import interval, interval_of_times, paired_energy
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
+from edge_vpr_tools.energy.meter_trace import align, read_csv
 from edge_vpr_tools.energy.profile_record import Profile
-from edge_vpr_tools.energy.sampling import Sampler, Trace, Window, align, read_csv
+from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
 from edge_vpr_tools.energy.sensors import pmic
 from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.energy.sensors.search import find_sensors
