@@ -312,10 +312,16 @@ def own_mean_code(count: int, mean: int, bits: int, full_scale: int) -> int:
     return min(max(octaves, -half), half - 1) + half
 
 
-def running_means(levels: Sequence[int], mean: int) -> list[int]:
-    """Mean of one counter's logarithms before each window, and after the last."""
-    total, means = 256 * mean, []
-    for w, level in enumerate([*levels, 0]):
+def running_means(
+    levels: Sequence[int], mean: int, begin: tuple[int, int] | None = None
+) -> list[int]:
+    """Mean of one counter's logarithms before each window, and after the last.
+
+    It begins at `mean` with window 0, or with a total of 65,536 an octave and a later window.
+    """
+    total, first = begin or (256 * mean, 0)
+    means = []
+    for w, level in enumerate([*levels, 0], first):
         means.append((total + 128) // 256)
         total += (256 * level - total) // 2 ** min(int(math.log2(16 + w)), 8)
     return means
@@ -329,14 +335,19 @@ def place_filter(
     restart: int,
     exclusion: int,
     activity: int,
+    begin: tuple[list[int], int, int, int] | None = None,
     jumps: Sequence[tuple[int, int]] = (),
     along: Sequence[int] = (),
     travelled: Sequence[int | None] = (),
 ) -> list[tuple[list[int], int, int, int]]:
-    """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j."""
+    """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
+
+    It goes on from `begin`: metrics, scale (0: none yet), place and trust of a window before.
+    """
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
-    metric, scale, last, trust, told = [0] * len(distances[0]), None, None, 0, []
+    metric, scale, last, trust = begin or ([0] * len(distances[0]), 0, None, 0)
+    told = []
     for j, d in enumerate(distances):
         mean = sum(d) // len(d)
         spread = max(sum(abs(x - mean) for x in d) // len(d), 1)
@@ -350,10 +361,10 @@ def place_filter(
             min([4 * restart] + [metric[i] - least + c for i, to, c in ways if to == k])
             for k in range(len(d))
         ]
-        if j == 0:
+        if j == 0 and begin is None:
             predicted = [0] * len(d)
         own = 65536 // spread
-        scaled = own if scale is None else scale  # by the spread of the window before
+        scaled = scale or own  # by the spread of the window before, up to 2**16
         evidence = [0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d]
         metric = [min(p + e, 1023) for p, e in zip(predicted, evidence, strict=True)]
         scale = scale if pause else own

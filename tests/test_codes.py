@@ -66,7 +66,7 @@ def test_a_linear_code_that_fits_its_bits_is_a_saturating_counter(limit):
     code = CounterCode.saturating(limit)
     counts = np.array([0, 1, limit - 1, limit, limit + 1, 10**9])
     assert code.encode(counts).tolist() == np.minimum(counts, limit).tolist()
-    assert code.format.holds(limit)
+    assert limit <= code.format.highest
     assert CounterCode("linear", 4) == CounterCode.saturating(15)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.energy import profiling
+from edge_vpr_tools.energy.speed import Against, SparseAgainstAll, Timing
 from edge_vpr_tools.estimate import accuracy
 from edge_vpr_tools.experiments import codes_frontier
 from edge_vpr_tools.verbs import GENERAL_FLAGS, VERBS, find_verb
@@ -114,7 +115,7 @@ RUNS = [
      "--target cortex-m4 --vs all-pixels --fit 64KiB --json {f}/estimate.json", 0),
     ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
      "--target cortex-m0plus", 0),
-    ("estimate --design {f}/design.toml --target cortex-m4", 0),
+    ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
     ("estimate --pixels 25 --places 100 --matching filter --target cortex-m4", 0),
     ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
      "--figure {f}/pareto.png", 0),
@@ -241,7 +242,9 @@ def scores(pair, seeds, variants):
 @pytest.fixture
 def small_loads(monkeypatch):
     """Short streets, few designs, and no timing: what those give is the matter of other tests."""
-    monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: {})
+    against = Against("a query", 1, 2, 3, *[Timing(1.0, 1.0, 1.0)] * 3)
+    timed = SparseAgainstAll(against, against, against)
+    monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: timed)
     monkeypatch.setattr(accuracy, "PIXELS", (5,))
     monkeypatch.setattr("edge_vpr_tools.commands.golden.standard_suites", lambda *unused: {})
     monkeypatch.setattr(codes_frontier, "pairs", lambda data: map(_Pair, "abcdef"))

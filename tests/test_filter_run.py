@@ -316,3 +316,11 @@ def test_ticks_that_are_skipped_give_no_match():
     localiser.skip_ticks(int(later["t"][0]))
     assert localiser.next_match_us == int(later["t"][0]) // 10 * 10
     assert 90 < localiser.update(later).size < 110
+
+
+def test_own_mean_codes_are_not_compared_with_counts_by_sequences_event_by_event():
+    """A map of such codes matched as if they were counts, without a word."""
+    with pytest.raises(
+        UsageError, match=r"own-mean codes follow the mean .* set matching to filter"
+    ):
+        Localiser(random_map(np.random.default_rng(0), 9, 9, matching="sequence", **CODES[2]))

@@ -122,8 +122,10 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
         assert done.matches == matches, seed
         form = design.formats
-        assert all(form["sum"].holds(match.sum) for match in done.matches)
-        assert all(form["trust"].holds(match.trust) for match in done.matches if design.filters)
+        assert all(0 <= match.sum <= form["sum"].highest for match in done.matches)
+        assert all(
+            0 <= match.trust <= form["trust"].highest for match in done.matches if design.filters
+        )
         seen["own mean"] += design.own_mean
         seen["filter"] += design.filters
         seen["pauses"] += sum(window.paused for window in done.windows)
@@ -158,9 +160,9 @@ def test_the_model_equals_the_pipeline_on_random_designs_and_streams():
         assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
         assert done.matches == matches, seed
         formats = design.formats
-        assert all(formats["count"].holds(event.counted) for event in done.events)
-        assert all(formats["code"].holds(max(window.codes)) for window in done.windows)
-        assert all(formats["sequence"].holds(match.sum) for match in done.matches)
+        assert all(0 <= event.counted <= formats["count"].highest for event in done.events)
+        assert all(0 <= max(window.codes) <= formats["code"].highest for window in done.windows)
+        assert all(0 <= match.sum <= formats["sequence"].highest for match in done.matches)
         seen["windows"] += len(codes)
         seen["matches"] += len(matches)
         seen["ties"] += sum(match.ties > 0 for match in matches)

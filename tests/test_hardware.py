@@ -12,8 +12,8 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
-from firmware_model.hardware import proof, replay, report, simulation, sources
-from firmware_model.hardware.parameters import PACKAGE, package, parameters
+from firmware_model.hardware import boards, proof, replay, report, simulation, sources
+from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -22,8 +22,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
-from firmware_model.vectors.random_designs import random_design
-from firmware_model.vectors.suite import files_of
+from firmware_model.vectors.random_designs import random_adaptive_design, random_design
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
 DESIGN = Design(
@@ -37,6 +36,8 @@ DESIGN = Design(
     window_events=12,
     lanes=4,
 )
+FILTER = replace(DESIGN, matching="filter", length=1)
+ADAPTIVE = replace(FILTER, code="own-mean")
 
 needs_iverilog = pytest.mark.skipif(
     not simulation.available(), reason="Icarus Verilog is not installed: apt install iverilog"
@@ -65,7 +66,7 @@ def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
     """Memories and registers start undefined; both sides wait in four clocks of ten."""
     outcome = replay.hold(vectors, seed=5, stall=40, resets=1)
     assert outcome.differences == []
-    assert outcome.cases == len(load_manifest(vectors)["suites"][0]["cases"]) > 30
+    assert outcome.cases == len(load_manifest(vectors).suites[0].cases) > 30
     assert min(outcome.equal.values()) > 200
 
 
@@ -80,14 +81,58 @@ def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
     assert outcome.equal["event"] == 2000
 
 
+#: cases of the suite `filter` that reach most of its states in a short simulation
+FILTER_CASES = (
+    *("walk_of_kept_distances", "backwards", "by_one_too_many_back", "dear_steps", "distrusted"),
+    *("one_place_of_a_filter", "pauses_of_kept_distances", "places_alike"),
+    *("means_and_pauses", "means_from_the_top", "own_means_of_sequences", "usually_more_events"),
+)
+
+
+@needs_iverilog
+def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp_path):
+    """Fixed codes and own means, pauses, kept distances, steps back; the command has all cases."""
+    cases = [case for case in standard_suites(FILTER, 3)["filter"] if case.name in FILTER_CASES]
+    assert len(cases) == len(FILTER_CASES)
+    write_suites(tmp_path / "v", FILTER, {"filter": cases}, 3, rtl=True)
+    outcome = replay.hold(tmp_path / "v", seed=5, stall=40, resets=1)
+    assert outcome.differences == []
+    assert outcome.cases == len(cases)
+    assert min(outcome.equal.values()) > 100
+
+
+@needs_iverilog
+@pytest.mark.parametrize("seed", [31, 32, 33])
+def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed):
+    """The place filter, own-mean codes, or both."""
+    design = random_adaptive_design(np.random.default_rng(seed))
+    folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
+    outcome = replay.hold(folder, seed=seed, stall=30, resets=2)
+    assert outcome.differences == []
+    assert outcome.equal["event"] == 2000
+
+
 def core_cycles(design):
     """Clocks from a window's end to its match, as docs/hardware.md says."""
+    if design.filters:
+        return filter_cycles(design)
     model = cost.cycles(design)
     period = max(design.words, design.length, 2)
     added = (design.places - 1) * (period - max(design.words, design.length))
     levels = (design.lanes - 1).bit_length()
     filled = design.words * design.lanes - design.slots
     return model.match + added + filled + levels + (9 if design.length == 1 else 10)
+
+
+def filter_cycles(design):
+    """Clocks of the filter after its first window, which takes a pass and two divisions more."""
+    levels = (design.lanes - 1).bit_length()
+    entries = max(len(design.steps), 3) + len(design.back)
+    distances = (design.places - 1) * max(design.words, 2) + design.words + levels
+    kept = 2 * design.places - 4
+    passes = distances + (kept if design.keep_distances else distances)
+    around = 29 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
+    return design.words * design.lanes + passes + design.formats["distance"].width + around
 
 
 @needs_iverilog
@@ -99,6 +144,10 @@ def core_cycles(design):
         replace(DESIGN, lanes=1, places=6),
         replace(DESIGN, lanes=9, length=1, places=9),
         replace(DESIGN, lanes=16, length=4),
+        replace(FILTER, window="count"),
+        replace(ADAPTIVE, window="count", lanes=9, places=9),
+        replace(FILTER, window="count", back=(1, 2), keep_distances=True),
+        replace(FILTER, window="count", back=(1,), steps=(1, 0, 0, 1, 1)),
     ],
 )
 def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
@@ -106,7 +155,20 @@ def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
     folder = write_vectors(tmp_path / "v", design, 1, "random", slice(1))
     ((_, done),) = simulation.replay_vectors(folder, tmp_path)
     assert verify(folder, done.records).differences == []
-    assert done.least_cycles == done.most_cycles == core_cycles(design)
+    assert done.least_cycles == core_cycles(design)
+    if design.filters:  # the first window needs its own spread
+        assert done.most_cycles > core_cycles(design)
+    else:
+        assert done.most_cycles == core_cycles(design)
+
+
+def test_a_match_of_a_map_of_usual_size_takes_hardly_more_clocks_than_the_model_says():
+    """The filter's scale is divided after its match, and its mean in as many bits as it has."""
+    for design in (report.DOCUMENTED, replace(report.DOCUMENTED, matching="filter", length=1)):
+        for code in ("log", "own-mean"):
+            coded = replace(design, code=code, full_scales=(0,))
+            extra = core_cycles(coded) - cost.cycles(coded).match
+            assert extra <= (8 if design.filters else 17)
 
 
 #: cases that are enough to find them
@@ -209,17 +271,31 @@ def test_the_package_has_every_parameter_of_the_core_with_the_models_widths():
     """No parameter of the core keeps its default."""
     core = (sources.FOLDER / "vpr_core.sv").read_text(encoding="ascii")
     declared = re.findall(r"parameter (?:int|bit|logic \[\d+:0\])\s+(\w+)", core)
-    given = parameters(DESIGN)
-    assert declared == list(given)
+    given = parameters(ADAPTIVE)
+    assert declared == list(given) == list(parameters(DESIGN))
     device = (sources.FOLDER / "vpr_device.sv").read_text(encoding="ascii")
     assert re.findall(r"\.(\w+)\(vpr_design::\1\)", device) == declared
-    # of sequences and fixed tables, these are the code and the sum of a sequence once more
-    same = {"entry": "code", "sum": "sequence"}
-    for name, form in DESIGN.formats.items():
-        assert given[f"{same.get(name, name).upper()}_BITS"][1] == form.width
+    # quantities that are another's by another name, or no parameter
+    same = {"sequence": "sum", "metric": "sum", "prediction": "sum", "price": "sum"}
+    for design in (DESIGN, ADAPTIVE):
+        found = parameters(design)
+        for name, form in design.formats.items():
+            width = found[f"{same.get(name, name).upper()}_BITS"][1]
+            assert width == form.width or (name == "price" and width >= form.width)
     text = package(replace(DESIGN, tau_us=5_000_000_000, timestamp_bits=40))
     assert "TAU_US = 64'd5000000000;" in text
     assert "EVENT_TIME_BITS = 64;" in text
+
+
+def test_the_words_of_a_case_have_the_widths_of_the_cores_ports(tmp_path):
+    """Of a match with its trust, and of the usual number of events; all tables are there."""
+    folder = write_vectors(tmp_path / "v", ADAPTIVE, 3, "random", slice(1))
+    (case,) = load_manifest(folder)["suites"][0]["cases"]
+    last = case["words"]["expected_matches"][-1]
+    assert last["field"] == "trust"
+    assert last["lowest_bit"] + last["bits"] == match_bits(ADAPTIVE)
+    assert case["words"]["activity"][0]["bits"] == parameters(ADAPTIVE)["ACTIVITY_BITS"][1]
+    assert {f"{name}.mem" for name in (*tables(ADAPTIVE), "activity")} <= set(case["files"])
 
 
 def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsys):
@@ -229,7 +305,7 @@ def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsy
     assert main([*command, "--rtl"]) == 0
     capsys.readouterr()
     written = {str(p.relative_to(tmp_path / "v")) for p in (tmp_path / "v").rglob("*.*")}
-    assert written == set(files_of(load_manifest(tmp_path / "v")))
+    assert written == set(load_manifest(tmp_path / "v").files())
     assert {f"rtl/{name}" for name in sources.SIMULATED} <= written
     assert check_files(tmp_path / "v") > 0
 
@@ -245,12 +321,18 @@ def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
         ["make", "-n"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
     ).stdout
     script = re.search(r'-p "(read_verilog .*); synth_ice40', plan)[1]
+    other = subprocess.run(
+        ["make", "-n", "ulx3s"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
+    ).stdout
+    assert "synth_ecp5 -top vpr_ulx3s" in other
+    assert "--lpf ulx3s.lpf --freq 100 --json ulx3s.json --textcfg ulx3s.config" in other
+    assert (tmp_path / "core" / "src" / "vpr_ulx3s.sv").exists()
     check = f"read_verilog -lib +/ice40/cells_sim.v; {script}; hierarchy -check -top vpr_up5k; proc"
     done = subprocess.run(
         ["yosys", "-q", "-p", check], cwd=tmp_path / "core", capture_output=True, check=False
     )
     assert done.returncode == 0
-    assert "icepack core.asc core.bin" in plan
+    assert "icepack icebreaker.asc icebreaker.bin" in plan
     capsys.readouterr()
     assert main(command) == 2
     assert "not an empty folder" in capsys.readouterr().err
@@ -266,6 +348,9 @@ KINDS = [
     DESIGN,
     replace(DESIGN, window="count", accept="margin", full_scales=(7, 3), lanes=5),
     replace(DESIGN, polarity=True, timestamp_bits=40, length=1, lanes=1),
+    replace(ADAPTIVE, trust=100, back=(1, 2), steps=(2, 0, 1, 1)),
+    replace(FILTER, window="count", places=1, lanes=9, keep_distances=True, steps=(1,)),
+    replace(DESIGN, code="own-mean", code_bits=8),
 ]
 
 
@@ -282,17 +367,18 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
 
 
 @needs_iverilog
-def test_the_board_returns_matches_through_its_spi(tmp_path):
-    """Start time, places and events as bytes in, status and matches out."""
-    cases = [c for c in standard_suites(DESIGN, 3)["corners"] if c.name == "tie_of_three"]
-    write_suites(tmp_path / "v", DESIGN, {"corners": cases}, 3, rtl=True)
-    case = tmp_path / "v" / "corners" / "tie_of_three"
+@pytest.mark.parametrize(("suite", "name"), [("corners", "tie_of_three"), ("filter", "own_means")])
+def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
+    """Start time, usual events, places and events as bytes in, status and matches out."""
+    cases = [c for c in standard_suites(ADAPTIVE, 3)[suite] if c.name == name]
+    write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
+    case = tmp_path / "v" / suite / name
     files = [case / f"{PACKAGE}.sv"]
-    names = (*sources.DEVICE, *sources.UP5K, sources.UP5K_BENCH)
+    names = (*sources.DEVICE, *boards.ICEBREAKER.sources, sources.UP5K_BENCH)
     files += [sources.FOLDER / name for name in names]
     command = ["iverilog", "-g2012", "-s", "vpr_up5k_bench", "-o", str(tmp_path / "board.vvp")]
     subprocess.run([*command, *map(str, files)], check=True)
-    words = ["+case=corners/tie_of_three", f"+results={tmp_path / 'results.csv'}"]
+    words = [f"+case={suite}/{name}", f"+results={tmp_path / 'results.csv'}"]
     done = subprocess.run(
         ["vvp", "-n", str(tmp_path / "board.vvp"), *words],
         cwd=case,
@@ -315,14 +401,17 @@ def test_the_search_is_proved_and_broken_ones_are_refused():
 
 
 @needs("yosys")
+@pytest.mark.parametrize("board", boards.BOARDS)
 @pytest.mark.parametrize("design", KINDS)
-def test_yosys_reads_the_board_design(tmp_path, design):
+def test_yosys_reads_the_board_design(tmp_path, design, board):
     """Modules, parameters and processes; `firmware_model.hardware.report` does all of it."""
     report.write_tables(design, tmp_path)
-    files = " ".join(map(str, report.source_files(tmp_path)))
-    script = f"read_verilog -sv {files}; hierarchy -check -top vpr_up5k; proc; check -assert"
+    chosen = boards.BOARDS[board]
+    files = " ".join(map(str, report.source_files(tmp_path, chosen)))
+    script = f"read_verilog -sv {files}; hierarchy -check -top {chosen.top}; proc; check -assert"
+    cells = {"icebreaker": "ice40/cells_sim.v", "ulx3s": "ecp5/cells_bb.v"}[board]
     done = subprocess.run(
-        ["yosys", "-q", "-p", f"read_verilog -lib +/ice40/cells_sim.v; {script}"],
+        ["yosys", "-q", "-p", f"read_verilog -lib +/{cells}; {script}"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

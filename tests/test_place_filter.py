@@ -65,6 +65,17 @@ def test_metrics_answers_and_trust_equal_the_oracle(
         assert max(metric) <= METRIC_TOP
 
 
+def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
+    distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
+    found = PlaceFilter(4, StepPrices())
+    told = naive.place_filter(distances.tolist(), [50] * 3, (1, 0, 1), (), 16, 3, 0)
+    for row, (metric, best, _, trust) in zip(distances, told, strict=True):
+        answer = found.advance(row, 50)
+        assert found.metric.tolist() == metric
+        assert (answer.place, answer.trust) == (best, trust)
+    assert len(set(told[1][0])) > 1  # evidence counted, though the window before had none
+
+
 @given(
     seed=st.integers(0, 2**32),
     places=st.integers(1, 20),

@@ -31,13 +31,14 @@ def load_odometry(path: str | Path) -> Odometry:
     if path.suffix.lower() != ".csv":
         raise GroundTruthError(f"{path} is not odometry: give a .csv table")
     header, table = read_table(path)
-    if header not in (("time_s", "distance_m"), ("time_s", "speed_mps")):
+    speeds = header == ("time_s", "speed_mps")
+    if not speeds and header != ("time_s", "distance_m"):
         raise GroundTruthError(
             f"{path} has the header {','.join(header)!r}: expected time_s,distance_m or "
             "time_s,speed_mps"
         )
     time_s, values = table.T
-    if "speed_mps" in header:
+    if speeds:
         with np.errstate(all="ignore"):  # what is too large is refused below
             legs = (values[1:] + values[:-1]) / 2 * np.diff(time_s)
             values = np.concatenate([[0.0], np.cumsum(legs)])

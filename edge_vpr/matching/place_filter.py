@@ -83,7 +83,8 @@ class PlaceFilter:
     follows : ndarray of bool, shape (K,)
         Which places follow from the latest answer, so that its trust is kept.
     reciprocal : int
-        ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first.
+        ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first,
+        and after a spread above 2**16: then the window's own does.
     activity : Activity
         How many events a window usually has.
     place, trust : int

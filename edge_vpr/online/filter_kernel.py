@@ -138,5 +138,5 @@ def _answer(s, predicted, c, span, row):  # type: ignore[no-untyped-def]
     kept = c.trust if predicted.follows[best] else np.int64(0)
     row[0], row[1], row[2], row[3], row[4] = span[0], best, metric[best], second, second_metric
     row[5], row[6] = events, span[1]
-    row[7] = trust_after(kept, best == c.place, int(margin))
+    row[7] = trust_after(int(kept), bool(best == c.place), int(margin))
     return 1

@@ -2,40 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import Arrays, damaged, read_archive, write_archive
-from edge_vpr.descriptors.windows import FixedTime
+from edge_vpr.archive import damaged, read_archive, write_archive
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events
-from edge_vpr.map_checks import check_map
 from edge_vpr.matching.drive_matching import check_no_ways
 from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.event_intake import selected_in_order
-from edge_vpr.online.filter_run import FilterRun
-from edge_vpr.online.followed_windows import FollowedWindows
-from edge_vpr.online.match_records import MATCH_DTYPE, judged_matches
+from edge_vpr.online.localiser_state import NO_MATCHES, LocaliserState
+from edge_vpr.online.match_records import MATCH_DTYPE
 from edge_vpr.online.saved_map import (
-    map_arrays,
     searched_map,
 )
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sequence_run import SequenceRun
-from edge_vpr.online.state_checks import check_extent, check_filter_state, check_state
-from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
 
 __all__ = ["MATCH_DTYPE", "Localiser"]
 
 KIND = "localiser state"
-
-_NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
 class Localiser:
@@ -63,7 +53,8 @@ class Localiser:
     MapError
         If arrays of the map were changed so that they no longer fit each other.
     UsageError
-        If the map is shorter than a sequence, or the sequence too long to be followed.
+        If the map is shorter than a sequence, the sequence too long to be followed, or the codes
+        are own-mean ones without the place filter.
 
     Examples
     --------
@@ -83,45 +74,18 @@ class Localiser:
     ) -> None:
         if reference.settings.smooth:  # which takes later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
-        settings = reference.settings
-        self.settings = settings
+        self.settings = reference.settings
         self.every = MatchSchedule(events=1) if every is None else every
-        self._recent = recent
-        self._check_every = check_every
-        self._reference = reference
         self._table = reference.pixel_map.table()
-        self._window = window_of(settings)
-        self._length = settings.windows_per_match
-        self._judge = reference.judge
-        check_map(
-            settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
-            reference.full_scale, reference.mean, reference.route, reference.jumps,
-            reference.odometer_mm,
-        )  # fmt: skip
-        places, counters = reference.places.counts.shape
-        check_extent(places, counters, self._length, recent, self._window)
-        self._now = 0  # T: all events before it have been taken
-        self._floor = 0  # no event may be earlier
-        if settings.matching == "filter" and recent:
-            raise UsageError(
-                f"{recent} recent places are left out by sequences only: set matching to sequence"
-            )
-        self._run: FilterRun | SequenceRun
-        if settings.matching == "filter":
-            self._run = FilterRun(reference, self.every)
-        else:
-            check_no_ways(reference.jumps, odometry=False)
-            self._run = SequenceRun(self.every, settings.exclusion, recent)
-        self._windows = FollowedWindows(reference, self._window)
-        self._windows.s = self._run.prepared(self._windows.s)
+        self._state = LocaliserState(reference, self.every, recent, check_every)
 
     def __len__(self) -> int:
-        return len(self._windows.places)
+        return len(self._state.windows.places)
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Events in each window, newest first, shape (L, J); a copy."""
-        return self._windows.counts_at(self._now)
+        return self._state.windows.counts_at(self._state.now)
 
     @property
     def distance_sums(self) -> npt.NDArray[np.int64]:
@@ -129,34 +93,29 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        return self._windows.sums_at(self._now)
+        return self._state.windows.sums_at(self._state.now)
 
     @property
     def map_bytes(self) -> int:
         """Size of the map as it is searched: every place, laid out by pixel."""
-        return self._windows.s.columns.nbytes
+        return self._state.windows.s.columns.nbytes
 
     @property
     def complete(self) -> bool:
         """Whether the L windows are complete, so that matches are given."""
-        seen, whole = self._seen_and_whole()
+        seen, whole = self._state.seen_and_whole()
         return seen >= whole
 
     @property
     def filled(self) -> float:
         """Share of the L windows that has been seen, 0 to 1."""
-        seen, whole = self._seen_and_whole()
+        seen, whole = self._state.seen_and_whole()
         return min(1.0, seen / whole)
 
     @property
     def next_match_us(self) -> int:
         """Time before which there is no match, where they are given by time alone; else 0."""
-        return 0 if self.every.events else self._run.next_tick
-
-    def _seen_and_whole(self) -> tuple[int, int]:
-        if isinstance(self._window, FixedTime):
-            return self._now, self._length * self._window.tau_us
-        return int(self._windows.s.bound[0]), self._length * self._window.events
+        return 0 if self.every.events else self._state.run.next_tick
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
         """Feed the next events.
@@ -179,12 +138,13 @@ class Localiser:
             If time jumps over more than a million ticks of the policy.
         """
         if events.size == 0:
-            return _NO_MATCHES
+            return NO_MATCHES
         last = int(events["t"][-1])
-        slots, times = selected_in_order(self._table, events, self._floor, self.settings.polarity)
-        self.every.check_ticks(self._run.next_tick, last)
-        matches = self._feed(slots, times, last)
-        self._floor, self._now = last, last + 1
+        state = self._state
+        slots, times = selected_in_order(self._table, events, state.floor, self.settings.polarity)
+        self.every.check_ticks(state.run.next_tick, last)
+        matches = state.feed(slots, times, last)
+        state.floor, state.now = last, last + 1
         return matches
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
@@ -199,18 +159,19 @@ class Localiser:
         -------
         ndarray of MATCH_DTYPE, shape (m,)
         """
-        if until_us < self._floor:
+        state = self._state
+        if until_us < state.floor:
             raise EventError(
-                f"time runs backwards, from {self._floor} to {until_us} us: name a later time"
+                f"time runs backwards, from {state.floor} to {until_us} us: name a later time"
             )
         if until_us > TIME_LIMIT_US:
             raise EventError(
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
-        self.every.check_ticks(self._run.next_tick, until_us)
+        self.every.check_ticks(state.run.next_tick, until_us)
         nothing = np.empty(0, dtype=np.int64)
-        matches = self._feed(nothing.astype(np.int32), nothing, until_us)
-        self._floor, self._now = until_us, max(self._now, until_us)
+        matches = state.feed(nothing.astype(np.int32), nothing, until_us)
+        state.floor, state.now = until_us, max(state.now, until_us)
         return matches
 
     def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
@@ -239,14 +200,15 @@ class Localiser:
             If the map does not say how far its places are from each other, matching is by
             sequences, or the distance is not finite or beyond 1e9 m.
         """
-        if isinstance(self._run, SequenceRun):
+        run = self._state.run
+        if isinstance(run, SequenceRun):
             check_no_ways(None, odometry=True)
-            return _NO_MATCHES
+            return NO_MATCHES
         if not abs(distance_m) * 1e3 <= MOST_MM:
             raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
-        self._run.place_filter.moves.check_odometry()
+        run.place_filter.moves.check_odometry()
         matches = self.advance(time_us)
-        self._run.read_odometer(round(distance_m * 1e3))
+        run.read_odometer(round(distance_m * 1e3))
         return matches
 
     def skip_ticks(self, until_us: int) -> None:
@@ -260,7 +222,8 @@ class Localiser:
         interval = self.every.interval_us
         if interval:
             last = until_us // interval * interval
-            self._run.next_tick = max(self._run.next_tick, last)
+            run = self._state.run
+            run.next_tick = max(run.next_tick, last)
 
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
@@ -282,7 +245,7 @@ class Localiser:
         """
         if self.settings.matching == "filter":
             raise UsageError("places are added while matching by sequences only: map the drive")
-        self._windows.append(counts, self._now)
+        self._state.windows.append(counts, self._state.now)
         return len(self) - 1
 
     def save(self, path: str | Path) -> None:
@@ -293,17 +256,7 @@ class Localiser:
         path : path
             An ``.npz`` file, written atomically.
         """
-        arrays = map_arrays(self._reference) | self._windows.to_arrays(self._now)
-        arrays |= self._run.to_arrays()
-        meta = {
-            "sensor": list(self._reference.pixel_map.sensor),
-            "settings": self.settings.to_dict(),
-            "every": asdict(self.every),
-            "recent": self._recent,
-            "now_us": self._now,
-            "floor_us": self._floor,
-        }
-        write_archive(path, KIND, arrays, meta)
+        write_archive(path, KIND, *self._state.to_archive())
 
     @classmethod
     def load(cls, path: str | Path, *, check_every: int = 0) -> Localiser:
@@ -322,50 +275,8 @@ class Localiser:
                 recent=meta["recent"],
                 check_every=check_every,
             )
-            found._resume(arrays, meta)
+            found._state.resume(arrays, meta)
         return found
-
-    def _resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
-        clock = check_state(
-            arrays,
-            meta,
-            counters=self._windows.places.shape[1],
-            length=self._length,
-            ends=len(self) - self._length + 1,
-            window=self._window,
-            every=self.every,
-            filtered=self.settings.matching == "filter",
-        )
-        if self.settings.matching == "filter":
-            check_filter_state(arrays, len(self), self._window, self.every, clock.floor_us)
-        self._run.resume(arrays)
-        self._windows.resume(arrays)
-        self._windows.s = self._run.prepared(self._windows.s)
-        self._now, self._floor = clock.now_us, clock.floor_us
-
-    def _feed(
-        self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
-    ) -> npt.NDArray[np.void]:
-        """Feed selected events, then the ticks up to `until`, in pieces that fit the buffers."""
-        found = []
-        step = self._check_every or max(slots.size, 1)
-        for begin in range(0, max(slots.size, 1), step):
-            stop = min(begin + step, slots.size)
-            last = stop == slots.size
-            found += self._feed_piece(
-                slots[begin:stop], times[begin:stop], until if last else int(times[stop - 1])
-            )
-            if self._check_every:
-                self.verify()
-        if not found:
-            return _NO_MATCHES
-        return np.concatenate(found) if len(found) > 1 else found[0]
-
-    def _feed_piece(
-        self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
-    ) -> list[npt.NDArray[np.void]]:
-        self._windows.s, rows = self._run.run(self._windows.s, slots, times, until)
-        return [judged_matches(row, self._judge) for row in rows]
 
     def verify(self) -> None:
         """Recompute counters and distances from the events in the windows, and compare.
@@ -375,4 +286,4 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        self._windows.verify(self._now)
+        self._state.verify()

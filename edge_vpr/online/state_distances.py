@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.codes import PixelCodes
 from edge_vpr.descriptors.windows import Window
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.online.state import TOTALS, Sliding, empty_windows
 from edge_vpr.online.vector_kernels import BLOCK, LANES
+from fixedpoint.codes import PixelCodes
 
 _CACHE_LINE = 64
 

@@ -2,13 +2,40 @@
 
 from __future__ import annotations
 
+import re
+
 from firmware_model.design import Design
-from firmware_model.errors import DesignError
+from firmware_model.widths import FRACTION_BITS
 
 #: name of the generated package, and of its file
 PACKAGE = "vpr_design"
 #: tables that the core reads from files; places are loaded
-TABLES = ("displacement", "lookup", "codes", "code_tables")
+_TABLES = ("displacement", "lookup", "codes", "code_tables")
+
+#: quantities that a design with fixed codes and sequences does not have
+_ADAPTIVE = (
+    "window_events",
+    "activity",
+    "mean",
+    "distance_total",
+    "reciprocal",
+    "evidence",
+    "trust",
+)
+#: bits of a price in a list of them
+PRICE_BITS = 10
+
+
+def tables(design: Design) -> tuple[str, ...]:
+    """Name the tables that the core of a design reads from files; places are loaded."""
+    return (*_TABLES, "means") if design.own_mean else _TABLES
+
+
+def match_bits(design: Design) -> int:
+    """Return the bits of a match's word, as ``expected_matches.mem`` has it."""
+    bits = {name: form.width for name, form in design.formats.items()}
+    # window, place, sum, has_second, second, second_sum, ties, accepted, trust
+    return 32 + 3 * bits["place"] + 2 * bits["sum"] + 2 + bits.get("trust", 0)
 
 
 def parameters(design: Design) -> dict[str, tuple[str, int]]:
@@ -22,17 +49,7 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
     -------
     dict of str to (str, int)
         SystemVerilog type and value by name, in the order of the core's declaration.
-
-    Raises
-    ------
-    DesignError
-        If the design has a part that the core does not have.
     """
-    if design.filters or design.own_mean:
-        raise DesignError(
-            "the core in SystemVerilog has sequences and fixed code tables so far: take a design "
-            'with matching = "sequence" and without own-mean codes'
-        )
     bits = {name: form.width for name, form in design.formats.items()}
     return {
         "HEIGHT": ("int", design.height),
@@ -49,6 +66,15 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
         "WORDS": ("int", design.words),
         "LANES": ("int", design.lanes),
         "LENGTH": ("int", design.length),
+        "OWN_MEAN": ("bit", int(design.own_mean)),
+        "FILTER": ("bit", int(design.filters)),
+        "KEEP_DISTANCES": ("bit", int(design.keep_distances)),
+        "STEPS": ("int", len(design.steps)),
+        "BACK": ("int", len(design.back)),
+        "STEP_PRICES": ("logic [159:0]", _prices(design.steps)),
+        "BACK_PRICES": ("logic [159:0]", _prices(design.back)),
+        "RESTART": ("logic [9:0]", design.restart << FRACTION_BITS),
+        "TRUST": ("logic [13:0]", design.trust),
         "EXCLUSION": ("int", design.exclusion),
         "BY_MARGIN": ("bit", int(design.accept == "margin")),
         "MARGIN": ("logic [31:0]", design.margin),
@@ -64,11 +90,14 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
         "COUNT_BITS": ("int", bits["count"]),
         "WINDOW_COUNT_BITS": ("int", bits["window_count"]),
         "TABLE_BITS": ("int", bits["table"]),
+        "ENTRY_BITS": ("int", bits["entry"]),
         "CODE_BITS": ("int", bits["code"]),
         "DISTANCE_BITS": ("int", bits["distance"]),
-        "SEQUENCE_BITS": ("int", bits["sequence"]),
+        "SUM_BITS": ("int", bits["sum"]),
         "PRODUCT_BITS": ("int", bits["product"]),
         "PLACE_BITS": ("int", bits["place"]),
+        **{f"{name.upper()}_BITS": ("int", bits.get(name, 1)) for name in _ADAPTIVE},
+        "MATCH_BITS": ("int", match_bits(design)),
     }
 
 
@@ -94,5 +123,12 @@ def package(design: Design) -> str:
 
 
 def _literal(kind: str, value: int) -> str:
-    widths = {"bit": 1, "logic [15:0]": 16, "logic [31:0]": 32, "logic [63:0]": 64}
-    return f"{widths[kind]}'d{value}" if kind in widths else str(value)
+    width = re.fullmatch(r"logic \[(\d+):0\]", kind)
+    if kind == "int":
+        return str(value)
+    return f"{1 if width is None else int(width[1]) + 1}'d{value}"
+
+
+def _prices(prices: tuple[int, ...]) -> int:
+    shifts = ((price << FRACTION_BITS, at * PRICE_BITS) for at, price in enumerate(prices))
+    return sum(price << shift for price, shift in shifts)

@@ -1,40 +1,60 @@
-"""A project for a board with an iCE40UP5K: sources, parameters, tables, vectors and a Makefile."""
+"""A project for boards: sources, parameters, tables, pins, vectors and a Makefile."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from firmware_model.hardware import sources
-from firmware_model.hardware.parameters import PACKAGE, package
+from firmware_model.hardware.boards import BOARDS, Board
+from firmware_model.hardware.parameters import PACKAGE, package, tables
 from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.memory_words import memory_words
 from firmware_model.vectors.suite import standard_suites, write_suites
 
 _MAKEFILE = """\
-# make: the bitstream of the board, by yosys, nextpnr-ice40 and icestorm
+# make BOARD: a board's bitstream, by yosys, nextpnr and its packer; boards: {boards}
 # make test: the core returns the golden vectors, by Icarus Verilog and edge-vpr
 SOURCES = src/{package}.sv {sources}
-TABLES = displacement.mem lookup.mem codes.mem code_tables.mem
+TABLES = {tables}
+YOSYS = yosys
 
-.PHONY: all test clean
-all: core.bin
-
-core.json: $(SOURCES) $(TABLES)
-\tyosys -q -p "read_verilog -sv $(SOURCES); synth_ice40 -top vpr_up5k -dsp -spram -json $@"
-
-core.asc: core.json {pins}
-\tnextpnr-ice40 --up5k --package sg48 --freq 48 --pcf {pins} --json $< --asc $@
-
-core.bin: core.asc
-\ticepack $< $@
-
+.PHONY: all test clean {boards}
+all: {first}
+{rules}
 test:
 \tpython -m firmware_model.hardware.replay vectors
 
 clean:
-\trm -f core.json core.asc core.bin
+\trm -f $(foreach end,json asc config bin bit,$(addsuffix .$(end),{boards}))
 """
+_RULES = """
+{board}: {board}.{bitstream}
+
+{board}.json: $(SOURCES) {sources} $(TABLES)
+\t$(YOSYS) -q -p "read_verilog -sv $(SOURCES) {sources}; {synthesis} -json $@"
+
+{board}.{placed}: {board}.json {pins}
+\t{place} --json $< {output} $@
+
+{board}.{bitstream}: {board}.{placed}
+\t{pack} $< $@
+"""
+
+
+def _rules(board: Board, name: str) -> str:
+    return _RULES.format(
+        board=name,
+        sources=" ".join(f"src/{source}" for source in board.sources),
+        synthesis=board.synthesis,
+        pins=board.pins,
+        # from the system, on whichever computer the project is built
+        place=" ".join((board.place[0], *board.place_words(board.pins)[1:])),
+        output="--asc" if board.placed == "asc" else "--textcfg",
+        placed=board.placed,
+        pack=board.pack,
+        bitstream=board.bitstream,
+    )
 
 
 def write_project(folder: Path, memories: Memories, seed: int) -> None:
@@ -50,18 +70,23 @@ def write_project(folder: Path, memories: Memories, seed: int) -> None:
         Of the random vectors.
     """
     design = memories.design
-    names = (*sources.DEVICE, *sources.UP5K)
-    sources.copy_sources(folder / "src", (*names, sources.BENCH, sources.UP5K_BENCH))
+    beside = dict.fromkeys(name for board in BOARDS.values() for name in board.sources)
+    names = (*sources.DEVICE, *beside, sources.BENCH, sources.UP5K_BENCH)
+    sources.copy_sources(folder / "src", names)
     (folder / "src" / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
-    pins = (sources.FOLDER / sources.UP5K_PINS).read_text(encoding="ascii")
-    (folder / sources.UP5K_PINS).write_text(pins, encoding="ascii")
+    for board in BOARDS.values():
+        pins = (sources.FOLDER / board.pins).read_text(encoding="ascii")
+        (folder / board.pins).write_text(pins, encoding="ascii")
     for name, (_, words) in memory_words(memories).items():
         (folder / f"{name}.mem").write_text(formats.readmemh(words), encoding="ascii")
     design.save(folder / "design.toml")
     makefile = _MAKEFILE.format(
         package=PACKAGE,
-        sources=" ".join(f"src/{name}" for name in names),
-        pins=sources.UP5K_PINS,
+        tables=" ".join(f"{name}.mem" for name in tables(design)),
+        sources=" ".join(f"src/{name}" for name in sources.DEVICE),
+        boards=" ".join(BOARDS),
+        first=next(iter(BOARDS)),
+        rules="".join(_rules(board, name) for name, board in BOARDS.items()),
     )
     (folder / "Makefile").write_text(makefile, encoding="ascii")
     write_suites(folder / "vectors", design, standard_suites(design, seed), seed, rtl=True)

@@ -18,7 +18,7 @@ import numpy as np
 
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware.simulation import replay_vectors
-from firmware_model.vectors.random_designs import random_design
+from firmware_model.vectors.random_designs import random_adaptive_design, random_design
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import verify
 
@@ -61,7 +61,7 @@ def hold_random_designs(number: int, *, seed: int, stall: int, resets: int) -> O
     Parameters
     ----------
     number : int
-        Of designs.
+        Of designs; every other one has the place filter, own-mean codes, or both.
     seed : int
         Of designs and cases, and of stalls and resets.
     stall, resets : int
@@ -74,8 +74,9 @@ def hold_random_designs(number: int, *, seed: int, stall: int, resets: int) -> O
     """
     rng = np.random.default_rng(seed)
     total = Outcome(Counter(), [], 0)
-    for _ in range(number):
-        design = random_design(rng)
+    for at in range(number):
+        # every other one with the place filter, own-mean codes, or both
+        design = random_adaptive_design(rng) if at % 2 else random_design(rng)
         with tempfile.TemporaryDirectory() as folder:
             vectors = Path(folder) / "vectors"
             write_suites(vectors, design, standard_suites(design, seed), seed, rtl=True)

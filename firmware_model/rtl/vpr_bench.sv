@@ -11,11 +11,11 @@ module vpr_bench;
     localparam int EVENT_BITS = EVENT_TIME_BITS + 32;
     localparam int WORD_BITS  = LANES * CODE_BITS;
     localparam int SEEN_BITS  = SLOT_BITS + COUNT_BITS + 1;
-    localparam int MATCH_BITS = 3 * PLACE_BITS + 2 * SEQUENCE_BITS + 34;
 
     logic                      clk = 1'b0;
     logic                      rst = 1'bx;
     logic [TIMESTAMP_BITS-1:0] start_time;
+    logic [ACTIVITY_BITS-1:0]  start_activity;
     logic                      s_place_tvalid, s_place_tready;
     logic [WORD_BITS-1:0]      s_place_tdata;
     logic                      s_event_tvalid, s_event_tready;
@@ -35,7 +35,7 @@ module vpr_bench;
     // Arguments
 
     string       case_name, results;
-    logic [63:0] start;
+    logic [63:0] start, activity;
     integer      seed, stall, resets, start_file;
     initial begin
         if (!$value$plusargs("case=%s", case_name)) case_name = "case";
@@ -44,6 +44,13 @@ module vpr_bench;
         if (start_file == 0) fail("start.mem cannot be opened");
         scanned = $fscanf(start_file, "%h", start);
         $fclose(start_file);
+        activity = '0;
+        if (FILTER || OWN_MEAN) begin
+            start_file = $fopen("activity.mem", "r");
+            if (start_file == 0) fail("activity.mem cannot be opened");
+            scanned = $fscanf(start_file, "%h", activity);
+            $fclose(start_file);
+        end
         if (!$value$plusargs("seed=%d", seed)) seed = 1;
         if (!$value$plusargs("stall=%d", stall)) stall = 0;
         if (!$value$plusargs("resets=%d", resets)) resets = 0;
@@ -71,6 +78,7 @@ module vpr_bench;
             if (events_file == 0 || places_file == 0 || out == 0) fail("a file cannot be opened");
             $fwrite(out, "case,%0s\n", case_name);
             start_time = start[TIMESTAMP_BITS-1:0];
+            start_activity = activity[ACTIVITY_BITS-1:0];
             s_event_tvalid = 1'b0;
             s_place_tvalid = 1'b0;
             m_event_tready = 1'b0;
@@ -84,6 +92,7 @@ module vpr_bench;
             repeat (1 + $unsigned($random(seed)) % 3) @(negedge clk);
             rst = 1'b0;
             start_time = 'x;
+            start_activity = 'x;
             running = 1'b1;
             next_event;
             next_place;
@@ -138,7 +147,7 @@ module vpr_bench;
         repeat (2) @(negedge clk);
         restart;
         restart_at = 20 + $unsigned($random(seed)) % 400;
-        while (idle_clocks < 200 + 4 * (SLOTS + PLACES * (WORDS + LENGTH))) begin
+        while (idle_clocks < 200 + 4 * (SLOTS + 3 * PLACES * (WORDS + LENGTH))) begin
             @(negedge clk);
             if (event_taken) begin
                 events_given = events_given + 1;
@@ -191,9 +200,12 @@ module vpr_bench;
 
     logic                     accepted, has_second;
     logic [PLACE_BITS-1:0]    best, second, ties;
-    logic [SEQUENCE_BITS-1:0] best_sum, second_sum;
+    logic [SUM_BITS-1:0]      best_sum, second_sum;
+    logic [TRUST_BITS-1:0]    trust;
     logic [31:0]              window;
-    assign {accepted, ties, second_sum, second, has_second, best_sum, best, window} = m_match_tdata;
+    // without a filter, the trust is beyond the word, and of no meaning
+    assign {trust, accepted, ties, second_sum, second, has_second, best_sum, best, window} =
+        (MATCH_BITS + TRUST_BITS)'(m_match_tdata);
 
     always @(posedge clk) begin
         clock_now = clock_now + 1;
@@ -235,11 +247,13 @@ module vpr_bench;
             match_before = m_match_tvalid;
             if (m_match_tvalid && m_match_tready) begin
                 if (has_second)
-                    $fwrite(out, "match,%0d,%0d,%0d,%0d,%0d,%0d,%0d\n", window, best, best_sum,
+                    $fwrite(out, "match,%0d,%0d,%0d,%0d,%0d,%0d,%0d", window, best, best_sum,
                             second, second_sum, ties, accepted);
                 else
-                    $fwrite(out, "match,%0d,%0d,%0d,-1,-1,%0d,%0d\n", window, best, best_sum, ties,
+                    $fwrite(out, "match,%0d,%0d,%0d,-1,-1,%0d,%0d", window, best, best_sum, ties,
                             accepted);
+                if (FILTER) $fwrite(out, ",%0d\n", trust);
+                else $fwrite(out, "\n");
             end
         end
     end

@@ -7,7 +7,7 @@
 // Outputs that are of no use are left open with their tready at 1, and cost nothing.
 //
 // `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
-// which is read in its last clock. s_event_tready rises WORDS * LANES + 2 clocks after it. Events are taken
+// which is read in its last clock, as is `start_activity`, the usual number of events in a window. s_event_tready rises WORDS * LANES + 2 clocks after it. Events are taken
 // while a window is matched; the end of a further window waits.
 module vpr_core #(
     parameter int          HEIGHT            = 2,
@@ -24,6 +24,15 @@ module vpr_core #(
     parameter int          WORDS             = 1,
     parameter int          LANES             = 1,
     parameter int          LENGTH            = 1,
+    parameter bit          OWN_MEAN          = 0,
+    parameter bit          FILTER            = 0,
+    parameter bit          KEEP_DISTANCES    = 0,
+    parameter int          STEPS             = 1,
+    parameter int          BACK              = 0,
+    parameter logic [159:0] STEP_PRICES      = 0,
+    parameter logic [159:0] BACK_PRICES      = 0,
+    parameter logic [9:0]  RESTART           = 0,
+    parameter logic [13:0] TRUST             = 0,
     parameter int          EXCLUSION         = 0,
     parameter bit          BY_MARGIN         = 0,
     parameter logic [31:0] MARGIN            = 0,
@@ -39,16 +48,26 @@ module vpr_core #(
     parameter int          COUNT_BITS        = 1,
     parameter int          WINDOW_COUNT_BITS = 1,
     parameter int          TABLE_BITS        = 1,
+    parameter int          ENTRY_BITS        = 1,
     parameter int          CODE_BITS         = 1,
     parameter int          DISTANCE_BITS     = 1,
-    parameter int          SEQUENCE_BITS     = 1,
+    parameter int          SUM_BITS          = 1,
     parameter int          PRODUCT_BITS      = 2,
     parameter int          PLACE_BITS        = 1,
+    parameter int          WINDOW_EVENTS_BITS  = 23,
+    parameter int          ACTIVITY_BITS       = 31,
+    parameter int          MEAN_BITS           = 17,
+    parameter int          DISTANCE_TOTAL_BITS = 1,
+    parameter int          RECIPROCAL_BITS     = 17,
+    parameter int          EVIDENCE_BITS       = 8,
+    parameter int          TRUST_BITS          = 14,
+    parameter int          MATCH_BITS          = 39,
     parameter              MEMORY_STYLE      = "auto"
 ) (
     input  logic                                   clk,
     input  logic                                   rst,
     input  logic [TIMESTAMP_BITS-1:0]              start_time,
+    input  logic [ACTIVITY_BITS-1:0]               start_activity,
 
     input  logic                                   s_place_tvalid,
     output logic                                   s_place_tready,
@@ -70,7 +89,7 @@ module vpr_core #(
 
     output logic                                   m_match_tvalid,
     input  logic                                   m_match_tready,
-    output logic [3*PLACE_BITS+2*SEQUENCE_BITS+33:0] m_match_tdata
+    output logic [MATCH_BITS-1:0]                  m_match_tdata
 );
     localparam int PLACE_ADDRESS_BITS = PLACES * WORDS > 1 ? $clog2(PLACES * WORDS) : 1;
     localparam int LONGER             = WORDS > LENGTH ? WORDS : LENGTH;
@@ -82,6 +101,7 @@ module vpr_core #(
     logic                       busy;
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
+    logic                       counted, paused, settled;
     logic                       drain, clear, clearing;
     logic [SLOT_BITS-1:0]       drain_slot, clear_slot;
     logic [COUNT_BITS-1:0]      drained;
@@ -101,31 +121,51 @@ module vpr_core #(
         .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
         .m_event_tdata(m_event_tdata),
         .clearing(clearing), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
+        .counted(counted),
         .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot)
     );
 
     vpr_encoder #(
         .SLOTS(SLOTS), .WORDS(WORDS), .LANES(LANES), .TABLES(TABLES), .COUNT_MAX(COUNT_MAX),
-        .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .TABLE_BITS(TABLE_BITS),
+        .OWN_MEAN(OWN_MEAN), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS),
+        .TABLE_BITS(TABLE_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
         .CODE_BITS(CODE_BITS)
     ) encoder (
-        .clk(clk), .rst(rst), .start(window_end), .clearing(clearing),
+        .clk(clk), .rst(rst), .start(window_end), .paused(paused), .clearing(clearing),
         .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot),
         .word_valid(m_window_tvalid), .word_ready(m_window_tready),
         .word_last(m_window_tlast), .word(m_window_tdata)
     );
 
+    generate
+        if (OWN_MEAN || FILTER) begin : g_pauses
+            logic pauses;
+            vpr_activity #(
+                .EVENTS_BITS(WINDOW_EVENTS_BITS), .ACTIVITY_BITS(ACTIVITY_BITS)
+            ) activity (
+                .clk(clk), .load(rst), .start_activity(start_activity), .counted(counted),
+                .window_end(window_end), .settled(settled), .pauses(pauses)
+            );
+            always_ff @(posedge clk) if (window_end) paused <= pauses;
+        end else begin : g_no_pauses
+            wire unused = &{1'b0, start_activity, counted};
+            assign paused  = 1'b0;
+            assign settled = 1'b1;
+        end
+    endgenerate
+
     // Distances, sums, and the search
 
-    logic                          compare;
+    logic [31:0]                   window;
+    logic                          compare, distance_start;
     logic                          place_step, place_last;
     logic                          distance_valid;
     logic [DISTANCE_BITS-1:0]      distance;
     logic                          sum_valid, sum_complete, sum_last;
     logic [PLACE_BITS-1:0]         place;
-    logic [SEQUENCE_BITS-1:0]      sum;
+    logic [SUM_BITS-1:0]           sum;
 
     wire query_write = m_window_tvalid && m_window_tready;
 
@@ -136,7 +176,7 @@ module vpr_core #(
         .clk(clk), .rst(rst), .busy(busy),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
-        .start(compare), .step(place_step), .last(place_last), .word(place_word)
+        .start(distance_start), .step(place_step), .last(place_last), .word(place_word)
     );
 
     vpr_distance #(
@@ -144,26 +184,64 @@ module vpr_core #(
         .DISTANCE_BITS(DISTANCE_BITS)
     ) distances (
         .clk(clk), .rst(rst), .query_write(query_write), .query_word(m_window_tdata),
-        .start(compare), .place_step(place_step), .place_last(place_last), .place_word(place_word),
+        .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
         .distance_valid(distance_valid), .distance(distance)
     );
 
-    vpr_sequence #(
-        .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS), .DISTANCE_BITS(DISTANCE_BITS),
-        .SEQUENCE_BITS(SEQUENCE_BITS), .MEMORY_STYLE(MEMORY_STYLE)
-    ) sequence_sums (
-        .clk(clk), .rst(rst), .start(compare),
-        .distance_valid(distance_valid), .distance(distance),
-        .sum_valid(sum_valid), .sum_complete(sum_complete), .sum_last(sum_last),
-        .place(place), .sum(sum)
-    );
+    logic                has_best, has_second, accepted, ends_search;
+    logic [PLACE_BITS-1:0] best, ties, second;
+    logic [SUM_BITS-1:0]   best_sum, second_sum;
+    logic [TRUST_BITS-1:0] trust;
+    logic                  trusted;
 
-    logic                     has_best, has_second, accepted;
-    logic [PLACE_BITS-1:0]    best, ties, second;
-    logic [SEQUENCE_BITS-1:0] best_sum, second_sum;
+    generate
+        if (FILTER) begin : g_filter
+            vpr_filter #(
+                .PLACES(PLACES), .KEEP(KEEP_DISTANCES), .STEPS(STEPS), .BACK(BACK),
+                .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES), .RESTART(RESTART),
+                .PLACE_BITS(PLACE_BITS), .DISTANCE_BITS(DISTANCE_BITS),
+                .TOTAL_BITS(DISTANCE_TOTAL_BITS), .RECIPROCAL_BITS(RECIPROCAL_BITS),
+                .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS)
+            ) place_filter (
+                .clk(clk), .rst(rst), .start(compare), .paused(paused),
+                .distance_start(distance_start), .distance_valid(distance_valid),
+                .distance(distance), .sum_valid(sum_valid), .sum_last(sum_last), .place(place),
+                .sum(sum), .found(ends_search), .best_sum(best_sum)
+            );
+            assign sum_complete = 1'b1;
+            vpr_trust #(
+                .STEPS(STEPS), .BACK(BACK), .TRUST(TRUST), .PLACE_BITS(PLACE_BITS),
+                .METRIC_BITS(SUM_BITS), .TRUST_BITS(TRUST_BITS)
+            ) trust_in_matches (
+                .clk(clk), .rst(rst), .update(ends_search), .best(best), .best_sum(best_sum),
+                .has_second(has_second), .second_sum(second_sum), .trust(trust), .trusted(trusted)
+            );
+            assign m_match_tdata = {
+                trust, accepted && trusted, ties, second_sum, second, has_second, best_sum, best,
+                window
+            };
+        end else begin : g_sequence
+            assign distance_start = compare;
+            vpr_sequence #(
+                .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS),
+                .DISTANCE_BITS(DISTANCE_BITS), .SUM_BITS(SUM_BITS), .MEMORY_STYLE(MEMORY_STYLE)
+            ) sequence_sums (
+                .clk(clk), .rst(rst), .start(compare),
+                .distance_valid(distance_valid), .distance(distance),
+                .sum_valid(sum_valid), .sum_complete(sum_complete), .sum_last(sum_last),
+                .place(place), .sum(sum)
+            );
+            assign trust   = '0;
+            assign trusted = 1'b1;
+            wire unused = &{1'b0, trust, trusted, ends_search};
+            assign m_match_tdata = {
+                accepted, ties, second_sum, second, has_second, best_sum, best, window
+            };
+        end
+    endgenerate
 
     vpr_search #(
-        .EXCLUSION(EXCLUSION), .SUM_BITS(SEQUENCE_BITS), .PLACE_BITS(PLACE_BITS)
+        .EXCLUSION(EXCLUSION), .SUM_BITS(SUM_BITS), .PLACE_BITS(PLACE_BITS)
     ) search (
         .clk(clk), .rst(rst), .start(compare),
         .sum_valid(sum_valid && sum_complete), .place(place), .sum(sum), .has_best(has_best),
@@ -173,7 +251,7 @@ module vpr_core #(
 
     vpr_accept #(
         .BY_MARGIN(BY_MARGIN), .MARGIN(MARGIN), .NUMERATOR(NUMERATOR), .DENOMINATOR(DENOMINATOR),
-        .SUM_BITS(SEQUENCE_BITS), .PRODUCT_BITS(PRODUCT_BITS)
+        .SUM_BITS(SUM_BITS), .PRODUCT_BITS(PRODUCT_BITS)
     ) accept (
         .clk(clk), .best_sum(best_sum), .has_second(has_second), .second_sum(second_sum),
         .accepted(accepted)
@@ -181,22 +259,27 @@ module vpr_core #(
 
     // A window at a time: from its end until its match is taken, or there is none
 
-    logic [31:0] window;
-    logic [2:0]  finishing;  // the search's two clocks, and the first of the acceptance test
+    // the search's two clocks, and the first of the acceptance test; the trust takes five more
+    localparam int FINISHING = FILTER ? 8 : 3;
+
+    logic [FINISHING-1:0] finishing;
+
+    wire finished = finishing[FINISHING-1];
+    assign ends_search = finishing[1];
 
     wire match_taken = m_match_tvalid && m_match_tready;
 
     always_ff @(posedge clk) begin
         compare   <= query_write && m_window_tlast;
-        finishing <= {finishing[1:0], sum_valid && sum_last};
-        if (finishing[2]) m_match_tvalid <= has_best;
+        finishing <= FINISHING'({finishing, sum_valid && sum_last});
+        if (finished) m_match_tvalid <= has_best;
         else if (match_taken) m_match_tvalid <= 1'b0;
         if (window_end) begin
             busy           <= 1'b1;
             window         <= window + 1'b1;
             m_window_tuser <= events_taken;
-        end else if (match_taken || (finishing[2] && !has_best)) busy <= 1'b0;
-        window_ready <= !busy && !window_end;
+        end else if (match_taken || (finished && !has_best)) busy <= 1'b0;
+        window_ready <= !busy && !window_end && settled;
         if (rst) begin
             compare        <= 1'b0;
             finishing      <= '0;
@@ -205,8 +288,4 @@ module vpr_core #(
             window         <= '1;
         end
     end
-
-    assign m_match_tdata = {
-        accepted, ties, second_sum, second, has_second, best_sum, best, window
-    };
 endmodule

@@ -44,6 +44,9 @@ module vpr_distance #(
 
     assign place_step = running && reading;
 
+    // more lanes than slots: the sum has bits that a distance does not need
+    wire unused = &{1'b0, sad};
+
     always_ff @(posedge clk) begin
         if (query_write)
             write_address <= write_address == QUERY_BITS'(WORDS - 1) ? '0 : write_address + 1'b1;

@@ -1,5 +1,5 @@
 // Counts of the ended window to a descriptor: a slot a clock is read, cleared, encoded by its code
-// table and packed, LANES codes a word, the first in the least significant bits. Lanes beyond the
+// table, or against its running mean (OWN_MEAN), and packed, LANES codes a word, the first in the least significant bits. Lanes beyond the
 // last slot are zero. The whole unit stands while a word is not taken. After reset it passes over
 // all slots once, without a word, to clear them (`clearing`).
 module vpr_encoder #(
@@ -8,16 +8,21 @@ module vpr_encoder #(
     parameter int          LANES      = 1,
     parameter int          TABLES     = 1,
     parameter int          COUNT_MAX  = 1,
+    parameter bit          OWN_MEAN   = 0,
     parameter int          SLOT_BITS  = 1,
     parameter int          COUNT_BITS = 1,
     parameter int          TABLE_BITS = 1,
+    parameter int          ENTRY_BITS = 1,
+    parameter int          MEAN_BITS  = 1,
     parameter int          CODE_BITS  = 1,
     parameter              CODES_FILE       = "codes.mem",
-    parameter              CODE_TABLES_FILE = "code_tables.mem"
+    parameter              CODE_TABLES_FILE = "code_tables.mem",
+    parameter              MEANS_FILE       = "means.mem"
 ) (
     input  logic                       clk,
     input  logic                       rst,
     input  logic                       start,
+    input  logic                       paused,
     output logic                       clearing,
     output logic                       drain,
     output logic [SLOT_BITS-1:0]       drain_slot,
@@ -34,19 +39,18 @@ module vpr_encoder #(
     localparam int LANE_BITS    = LANES > 1 ? $clog2(LANES) : 1;
     localparam int STRIDE       = COUNT_MAX + 1;
     localparam int ENTRIES      = TABLES * STRIDE;
-    localparam int ENTRY_BITS   = $clog2(ENTRIES);
+    localparam int INDEXED_BITS = $clog2(ENTRIES);
+    // steps from a count to its code
+    localparam int STAGES       = OWN_MEAN ? 3 : 1;
 
     logic                  issuing;
     logic [INDEX_BITS-1:0] index;
     logic [LANE_BITS-1:0]  lane;
 
-    // behind the counters, behind the code table
-    logic                  counted, coded;
-    logic                  counted_filler, coded_filler;
-    logic                  counted_word, coded_word;
-    logic                  counted_last, coded_last;
-    logic [CODE_BITS-1:0]  code;
-    logic [ENTRY_BITS-1:0] entry;
+    // behind the counters, and on the way to the code
+    logic                 counted, counted_filler, counted_word, counted_last;
+    logic [STAGES-1:0]    coded, coded_filler, coded_word, coded_last;
+    logic [CODE_BITS-1:0] code;
 
     wire step      = !word_valid || word_ready;
     wire end_lane  = lane == LANE_BITS'(LANES - 1);
@@ -74,45 +78,60 @@ module vpr_encoder #(
             counted_word   <= issuing && end_lane;
             counted_last   <= end_index;
             clear_slot     <= index[SLOT_BITS-1:0];
-            coded          <= counted;
-            coded_filler   <= counted_filler;
-            coded_word     <= counted_word && !clearing;
-            coded_last     <= counted_last;
+            coded          <= STAGES'({coded, counted});
+            coded_filler   <= STAGES'({coded_filler, counted_filler});
+            coded_word     <= STAGES'({coded_word, counted_word && !clearing});
+            coded_last     <= STAGES'({coded_last, counted_last});
             // the newest lane above those before it, which move down by one
-            if (coded) word <= (LANES * CODE_BITS)'({newest, word} >> CODE_BITS);
-            word_valid     <= coded_word;
-            word_last      <= coded_last;
+            if (coded[STAGES-1]) word <= (LANES * CODE_BITS)'({newest, word} >> CODE_BITS);
+            word_valid     <= coded_word[STAGES-1];
+            word_last      <= coded_last[STAGES-1];
         end
         if (counted && counted_last) clearing <= 1'b0;
         if (rst) begin
             clearing     <= 1'b1;
             counted      <= 1'b0;
             counted_word <= 1'b0;
-            coded        <= 1'b0;
-            coded_word   <= 1'b0;
+            coded        <= '0;
+            coded_word   <= '0;
             word_valid   <= 1'b0;
         end
     end
 
-    wire [CODE_BITS-1:0] newest = coded_filler ? CODE_BITS'(0) : code;
+    wire [CODE_BITS-1:0] newest = coded_filler[STAGES-1] ? CODE_BITS'(0) : code;
 
     generate
-        if (TABLES > 1) begin : g_tables
-            logic [TABLE_BITS-1:0] code_table;
-            vpr_rom #(
-                .DEPTH(SLOTS), .BITS(TABLE_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE(CODE_TABLES_FILE)
-            ) code_tables (
-                .clk(clk), .enable(step), .address(drain_slot), .word(code_table)
+        if (OWN_MEAN) begin : g_own_mean
+            vpr_own_mean #(
+                .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .SLOT_BITS(SLOT_BITS),
+                .COUNT_BITS(COUNT_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
+                .CODE_BITS(CODE_BITS), .CODES_FILE(CODES_FILE), .MEANS_FILE(MEANS_FILE)
+            ) own_mean (
+                .clk(clk), .rst(rst), .step(step), .clearing(clearing), .hold(paused),
+                .valid(clear), .last(counted && counted_last), .slot(clear_slot), .count(drained),
+                .code(code)
             );
-            assign entry = ENTRY_BITS'(code_table) * ENTRY_BITS'(STRIDE) + ENTRY_BITS'(drained);
-        end else begin : g_one_table
-            assign entry = ENTRY_BITS'(drained);
+        end else begin : g_table
+            logic [INDEXED_BITS-1:0] entry;
+            wire                     unused = paused;
+            vpr_rom #(
+                .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS), .FILE(CODES_FILE)
+            ) codes (
+                .clk(clk), .enable(step), .address(entry), .word(code)
+            );
+            if (TABLES > 1) begin : g_tables
+                logic [TABLE_BITS-1:0] code_table;
+                vpr_rom #(
+                    .DEPTH(SLOTS), .BITS(TABLE_BITS), .ADDRESS_BITS(SLOT_BITS),
+                    .FILE(CODE_TABLES_FILE)
+                ) code_tables (
+                    .clk(clk), .enable(step), .address(drain_slot), .word(code_table)
+                );
+                assign entry = INDEXED_BITS'(code_table) * INDEXED_BITS'(STRIDE)
+                               + INDEXED_BITS'(drained);
+            end else begin : g_one_table
+                assign entry = INDEXED_BITS'(drained);
+            end
         end
     endgenerate
-
-    vpr_rom #(
-        .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(ENTRY_BITS), .FILE(CODES_FILE)
-    ) codes (
-        .clk(clk), .enable(step), .address(entry), .word(code)
-    );
 endmodule

@@ -37,6 +37,7 @@ module vpr_events #(
     input  logic                            window_ready,
     output logic                            window_end,
     output logic [31:0]                     events_taken,
+    output logic                            counted,
     input  logic                            drain,
     input  logic [SLOT_BITS-1:0]            drain_slot,
     output logic [COUNT_BITS-1:0]           drained,
@@ -66,6 +67,7 @@ module vpr_events #(
     assign s_event_tready = state == IDLE || (finish && !full_next);
     assign m_event_tvalid = state == DONE;
     assign m_event_tdata  = selected ? {raised, slot, 1'b1} : '0;
+    assign counted        = finish && selected;
     assign window_end     = window_ready && ((state == COUNT && time_over) || state == FULL);
 
     always_ff @(posedge clk) begin
@@ -118,7 +120,7 @@ module vpr_events #(
             vpr_window_quota #(
                 .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS), .WINDOW_EVENTS(WINDOW_EVENTS)
             ) window_quota (
-                .clk(clk), .load(rst), .counted(finish && selected), .last(last_counted)
+                .clk(clk), .load(rst), .counted(counted), .last(last_counted)
             );
         end
     endgenerate
@@ -127,7 +129,7 @@ module vpr_events #(
         .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX)
     ) counters (
         .clk(clk), .rst(rst), .clearing(clearing), .swap(window_end),
-        .slot(slot), .raise(finish && selected), .raised(raised),
+        .slot(slot), .raise(counted), .raised(raised),
         .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot)
     );

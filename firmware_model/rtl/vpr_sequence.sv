@@ -10,7 +10,7 @@ module vpr_sequence #(
     parameter int LENGTH        = 1,
     parameter int PLACE_BITS    = 1,
     parameter int DISTANCE_BITS = 1,
-    parameter int SEQUENCE_BITS = 1,
+    parameter int SUM_BITS = 1,
     parameter     MEMORY_STYLE = "auto"
 ) (
     input  logic                     clk,
@@ -22,7 +22,7 @@ module vpr_sequence #(
     output logic                     sum_complete,
     output logic                     sum_last,
     output logic [PLACE_BITS-1:0]    place,
-    output logic [SEQUENCE_BITS-1:0] sum
+    output logic [SUM_BITS-1:0] sum
 );
     localparam int LENGTH_BITS = $clog2(LENGTH + 1);
 
@@ -48,7 +48,7 @@ module vpr_sequence #(
         if (LENGTH == 1) begin : g_single
             assign sum_next     = distance_valid;
             assign sum_complete = seen_all;
-            always_ff @(posedge clk) if (distance_valid) sum <= SEQUENCE_BITS'(distance);
+            always_ff @(posedge clk) if (distance_valid) sum <= SUM_BITS'(distance);
         end else begin : g_diagonal
             localparam int ADDRESS_BITS = $clog2(LENGTH * PLACES);
             localparam int ROW_BITS     = $clog2(LENGTH);
@@ -61,14 +61,14 @@ module vpr_sequence #(
             logic [LENGTH_BITS-1:0]   terms;
             logic                     term_valid, term_last;
             logic [DISTANCE_BITS-1:0] term;
-            logic [SEQUENCE_BITS-1:0] partial;
+            logic [SUM_BITS-1:0] partial;
 
             wire                     newest_last = newest == ROW_BITS'(LENGTH - 1);
             wire                     reading     = terms != 0;
             wire [ROW_BITS-1:0]      here_row    = distance_valid ? newest : row;
             wire [ADDRESS_BITS-1:0]  here        = distance_valid ? write_address : read_address;
             wire [ADDRESS_BITS-1:0]  back        = here_row == 0 ? WRAPPED : BACK;
-            wire [SEQUENCE_BITS-1:0] added       = partial + SEQUENCE_BITS'(term);
+            wire [SUM_BITS-1:0] added       = partial + SUM_BITS'(term);
 
             assign sum_next     = term_valid && term_last;
             assign sum_complete = seen_all && place >= PLACE_BITS'(LENGTH - 1);
@@ -84,7 +84,7 @@ module vpr_sequence #(
                 read_address <= here + back;
                 term_valid   <= reading;
                 term_last    <= terms == 1;
-                if (distance_valid) partial <= SEQUENCE_BITS'(distance);
+                if (distance_valid) partial <= SUM_BITS'(distance);
                 else if (term_valid) partial <= added;
                 if (sum_next) sum <= added;
                 if (rst) begin

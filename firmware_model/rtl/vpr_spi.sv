@@ -4,7 +4,8 @@
 // A frame, while `ss_n` is low, is a command byte and its values:
 //   0x01  events, each as in events.bin
 //   0x02  words of places.mem, each in whole bytes
-//   0x03  start time, in whole bytes: with its last byte the device begins anew
+//   0x03  start time in whole bytes, and with pauses (see vpr_activity) four of the usual number of
+//         events in a window: with its last byte the device begins anew
 //   0x04  bytes of the match in `miso`, as a word of expected_matches.mem, filled up with zeros; with
 //         the last of them the match is taken
 // With every other byte, `miso` gives the status: bit 0 an event or a word of places can be sent, bit
@@ -12,7 +13,7 @@
 module vpr_spi #(
     parameter int EVENT_BITS = 64,
     parameter int PLACE_BITS = 8,
-    parameter int TIME_BITS  = 32,
+    parameter int START_BITS = 32,  // whole bytes
     parameter int MATCH_BITS = 8
 ) (
     input  logic                  clk,
@@ -22,7 +23,7 @@ module vpr_spi #(
     output logic                  miso,
 
     output logic                  start,
-    output logic [TIME_BITS-1:0]  start_time,
+    output logic [START_BITS-1:0] start_value,
     output logic                  event_tvalid,
     input  logic                  event_tready,
     output logic [EVENT_BITS-1:0] event_tdata,
@@ -35,9 +36,10 @@ module vpr_spi #(
 );
     localparam int EVENT_BYTES = EVENT_BITS / 8;
     localparam int PLACE_BYTES = (PLACE_BITS + 7) / 8;
-    localparam int TIME_BYTES  = (TIME_BITS + 7) / 8;
+    localparam int START_BYTES = START_BITS / 8;
     localparam int MATCH_BYTES = (MATCH_BITS + 7) / 8;
-    localparam int WIDER       = EVENT_BYTES > PLACE_BYTES ? EVENT_BYTES : PLACE_BYTES;
+    localparam int WIDE        = EVENT_BYTES > PLACE_BYTES ? EVENT_BYTES : PLACE_BYTES;
+    localparam int WIDER       = WIDE > START_BYTES ? WIDE : START_BYTES;
     localparam int LONGER      = WIDER > MATCH_BYTES ? WIDER : MATCH_BYTES;
     localparam int INDEX_BITS  = $clog2(LONGER + 1);
 
@@ -97,7 +99,7 @@ module vpr_spi #(
     always_ff @(posedge clk) begin
         last_index <= of_events ? INDEX_BITS'(EVENT_BYTES - 1)
                     : of_places ? INDEX_BITS'(PLACE_BYTES - 1)
-                    : of_start ? INDEX_BITS'(TIME_BYTES - 1) : INDEX_BITS'(MATCH_BYTES - 1);
+                    : of_start ? INDEX_BITS'(START_BYTES - 1) : INDEX_BITS'(MATCH_BYTES - 1);
         complete <= got_byte && index == last_index;
         if (got_command) index <= '0;
         else if (got_byte) index <= index == last_index ? '0 : index + 1'b1;
@@ -116,7 +118,7 @@ module vpr_spi #(
     assign place_tdata = value[8*(WIDER-PLACE_BYTES)+:PLACE_BITS];
 
     // stays for some clocks after `start`
-    assign start_time = value[8*(WIDER-TIME_BYTES)+:TIME_BITS];
+    assign start_value = value[8*WIDER-1-:START_BITS];
 
     // answers
     wire [8*MATCH_BYTES-1:0] match_bytes = (8 * MATCH_BYTES)'(match_tdata);

@@ -1,5 +1,5 @@
-// Top for a board with an iCE40UP5K and a clock of 12 MHz: the device at 48 MHz behind SPI.
-// `ready` is high while an event can be sent, `match` while there is a match to read.
+// Top for a board with an iCE40UP5K and a clock of 12 MHz, such as an iCEBreaker: the device at
+// 48 MHz behind SPI. The places are in SPRAM.
 module vpr_up5k (
     input  logic clk_12mhz,
     input  logic sck,
@@ -9,10 +9,6 @@ module vpr_up5k (
     output logic ready,
     output logic match
 );
-    localparam int EVENT_BITS = vpr_design::EVENT_TIME_BITS + 32;
-    localparam int WORD_BITS  = vpr_design::LANES * vpr_design::CODE_BITS;
-    localparam int MATCH_BITS = 3 * vpr_design::PLACE_BITS + 2 * vpr_design::SEQUENCE_BITS + 34;
-
     logic clk, locked;
     SB_PLL40_PAD #(
         .FEEDBACK_PATH("SIMPLE"), .DIVR(4'd0), .DIVF(7'd63), .DIVQ(3'd4), .FILTER_RANGE(3'd1)
@@ -20,45 +16,10 @@ module vpr_up5k (
         .PACKAGEPIN(clk_12mhz), .PLLOUTGLOBAL(clk), .LOCK(locked), .RESETB(1'b1), .BYPASS(1'b0)
     );
 
-    // in reset until the clock stands, and when the host starts anew
-    logic [1:0] stands;
-    logic       rst, start;
-    always_ff @(posedge clk) begin
-        stands <= {stands[0], locked};
-        rst    <= !stands[1] || start;
-    end
-
-    logic [vpr_design::TIMESTAMP_BITS-1:0] start_time;
-    logic                      event_tvalid, event_tready;
-    logic                      place_tvalid, place_tready;
-    logic                      match_tvalid, match_tready;
-    logic [EVENT_BITS-1:0]     event_tdata;
-    logic [WORD_BITS-1:0]      place_tdata;
-    logic [MATCH_BITS-1:0]     match_tdata;
-
-    vpr_spi #(
-        .EVENT_BITS(EVENT_BITS), .PLACE_BITS(WORD_BITS),
-        .TIME_BITS(vpr_design::TIMESTAMP_BITS), .MATCH_BITS(MATCH_BITS)
-    ) spi (
-        .clk(clk), .sck(sck), .ss_n(ss_n), .mosi(mosi), .miso(miso),
-        .start(start), .start_time(start_time),
-        .event_tvalid(event_tvalid), .event_tready(event_tready), .event_tdata(event_tdata),
-        .place_tvalid(place_tvalid), .place_tready(place_tready), .place_tdata(place_tdata),
-        .match_tvalid(match_tvalid), .match_tready(match_tready), .match_tdata(match_tdata)
-    );
-
-    vpr_device #(
+    vpr_spi_device #(
         .MEMORY_STYLE("huge")
     ) device (
-        .clk(clk), .rst(rst), .start_time(start_time),
-        .s_place_tvalid(place_tvalid), .s_place_tready(place_tready), .s_place_tdata(place_tdata),
-        .s_event_tvalid(event_tvalid), .s_event_tready(event_tready), .s_event_tdata(event_tdata),
-        .m_event_tvalid(), .m_event_tready(1'b1), .m_event_tdata(),
-        .m_window_tvalid(), .m_window_tready(1'b1), .m_window_tdata(), .m_window_tlast(),
-        .m_window_tuser(),
-        .m_match_tvalid(match_tvalid), .m_match_tready(match_tready), .m_match_tdata(match_tdata)
+        .clk(clk), .locked(locked), .sck(sck), .ss_n(ss_n), .mosi(mosi), .miso(miso),
+        .ready(ready), .match(match)
     );
-
-    assign ready = !event_tvalid;
-    assign match = match_tvalid;
 endmodule

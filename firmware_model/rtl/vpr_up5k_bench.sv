@@ -29,7 +29,7 @@ module vpr_up5k_bench;
     localparam int EVENT_BITS  = EVENT_TIME_BITS + 32;
     localparam int PLACE_BYTES = (LANES * CODE_BITS + 7) / 8;
     localparam int TIME_BYTES  = (TIMESTAMP_BITS + 7) / 8;
-    localparam int MATCH_BITS  = 3 * PLACE_BITS + 2 * SEQUENCE_BITS + 34;
+    localparam int START_BYTES = TIME_BYTES + (FILTER || OWN_MEAN ? 4 : 0);
     localparam int MATCH_BYTES = (MATCH_BITS + 7) / 8;
 
     logic clk = 1'b0, sck = 1'b0, ss_n = 1'b1, mosi = 1'b0;
@@ -67,10 +67,11 @@ module vpr_up5k_bench;
     logic [8*MATCH_BYTES-1:0] bytes_read;
     logic                     accepted, has_second;
     logic [PLACE_BITS-1:0]    best, second, ties;
-    logic [SEQUENCE_BITS-1:0] best_sum, second_sum;
+    logic [SUM_BITS-1:0]      best_sum, second_sum;
+    logic [TRUST_BITS-1:0]    trust;
     logic [31:0]              window;
-    assign {accepted, ties, second_sum, second, has_second, best_sum, best, window} =
-        bytes_read[MATCH_BITS-1:0];
+    assign {trust, accepted, ties, second_sum, second, has_second, best_sum, best, window} =
+        (MATCH_BITS + TRUST_BITS)'(bytes_read[MATCH_BITS-1:0]);
 
     task automatic read_match;
         integer i;
@@ -85,18 +86,20 @@ module vpr_up5k_bench;
             end
             #120 ss_n = 1'b1;
             if (has_second)
-                $fwrite(out, "match,%0d,%0d,%0d,%0d,%0d,%0d,%0d\n", window, best, best_sum,
+                $fwrite(out, "match,%0d,%0d,%0d,%0d,%0d,%0d,%0d", window, best, best_sum,
                         second, second_sum, ties, accepted);
             else
-                $fwrite(out, "match,%0d,%0d,%0d,-1,-1,%0d,%0d\n", window, best, best_sum, ties,
+                $fwrite(out, "match,%0d,%0d,%0d,-1,-1,%0d,%0d", window, best, best_sum, ties,
                         accepted);
+            if (FILTER) $fwrite(out, ",%0d\n", trust);
+            else $fwrite(out, "\n");
             #240;
         end
     endtask
 
     string        case_name, results;
     integer       file, out, waited;
-    logic [127:0] value;
+    logic [127:0] value, activity;
     initial begin
         if (!$value$plusargs("case=%s", case_name)) case_name = "case";
         if (!$value$plusargs("results=%s", results)) results = "results.csv";
@@ -106,7 +109,13 @@ module vpr_up5k_bench;
         file = $fopen("start.mem", "r");
         if ($fscanf(file, "%h", value) != 1) $fatal(1, "start.mem");
         $fclose(file);
-        send(8'h03, value, TIME_BYTES);
+        if (FILTER || OWN_MEAN) begin
+            file = $fopen("activity.mem", "r");
+            if ($fscanf(file, "%h", activity) != 1) $fatal(1, "activity.mem");
+            $fclose(file);
+            value = value | (activity << (8 * TIME_BYTES));
+        end
+        send(8'h03, value, START_BYTES);
         file = $fopen("places.mem", "r");
         while ($fscanf(file, "%h", value) == 1) send(8'h02, value, PLACE_BYTES);
         $fclose(file);
@@ -118,7 +127,7 @@ module vpr_up5k_bench;
         end
         $fclose(file);
         waited = 0;
-        while (waited < 4 * (SLOTS + PLACES * (WORDS + LENGTH)) + 200) begin
+        while (waited < 4 * (SLOTS + 3 * PLACES * (WORDS + LENGTH)) + 200) begin
             if (match) begin
                 read_match;
                 waited = 0;

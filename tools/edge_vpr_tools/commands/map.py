@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +12,7 @@ from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.jump_files import load_jumps
 from edge_vpr.evaluation.odometry_files import load_odometry
-from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.pipeline import Removed, map_traverse
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
@@ -28,6 +24,7 @@ from edge_vpr_tools.output.messages import detail_settings, summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import check_parent
+from edge_vpr_tools.runs.mapping import map_recording
 
 
 def run(args: argparse.Namespace) -> None:
@@ -68,23 +65,16 @@ def run(args: argparse.Namespace) -> None:
     if args.jumps is not None and settings.matching != "filter":
         raise UsageError("--jumps are for the place filter: add --matching filter")
 
-    start = time.perf_counter()
     detail_settings(settings.to_dict())
-    removed = Removed()
-    reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot, removed=removed)
-    elapsed = time.perf_counter() - start
-    check_matchable(reference)
-    if track is not None:
-        reference = with_positions(reference, track)
-    if odometry is not None:
-        along = odometry.along(reference.places.centre_us)
-        reference = replace(reference, odometer_mm=along)
+    reference, removed, elapsed = map_recording(
+        tracked(recording, "mapping"), settings, hot=hot, track=track, odometry=odometry
+    )
     if args.jumps is not None:
         reference = replace(reference, jumps=load_jumps(args.jumps, len(reference)))
     reference.save(output)
-    record = run_record(reference.settings.to_dict(), [args.recording])
     hot_pixels = int(reference.hot.sum())
-    write_json(run_file, record | {"removed": removed_record(removed, hot_pixels)})
+    left_out = removed_record(removed, hot_pixels)
+    write_json(run_file, run_record(reference.settings.to_dict(), [args.recording], left_out))
 
     places = reference.places
     counts = places.counts
@@ -109,19 +99,3 @@ def run(args: argparse.Namespace) -> None:
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
-
-
-def check_matchable(reference: ReferenceMap) -> None:
-    """Refuse a map that no drive can be matched against with its own sequence length.
-
-    Raises
-    ------
-    UsageError
-        If it has fewer places than a sequence has windows.
-    """
-    length, places = reference.settings.windows_per_match, len(reference)
-    if length > places:
-        raise UsageError(
-            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
-            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
-        )

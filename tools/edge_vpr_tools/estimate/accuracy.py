@@ -13,7 +13,7 @@ from edge_vpr.pipeline import EventSource, coded_map, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulate import simulate_pair
-from edge_vpr_tools.estimate.pareto import Evaluated
+from edge_vpr_tools.estimate.candidates import Evaluated
 from edge_vpr_tools.experiments.simulated import TOLERANCE_M, truth_of_pair
 from edge_vpr_tools.experiments.trial import TruthOf
 from firmware_model.design import Design

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -14,6 +14,25 @@ from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
+
+
+class _Code(TypedDict):
+    """The parameters of a design that are its code."""
+
+    code: Literal["linear", "sqrt", "log", "own-mean"]
+    code_bits: int
+    full_scales: tuple[int, ...]
+
+
+class _Matching(TypedDict, total=False):
+    """The parameters of a design that say how it matches."""
+
+    matching: Literal["sequence", "filter"]
+    length: int
+    steps: tuple[int, ...]
+    back: tuple[int, ...]
+    restart: int
+    accept: Literal["margin", "ratio"]
 
 
 def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
@@ -88,7 +107,7 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     )
 
 
-def _code_of(reference: ReferenceMap) -> dict[str, Any]:
+def _code_of(reference: ReferenceMap) -> _Code:
     own = reference.own_mean_code
     if own is not None:
         return {"code": "own-mean", "code_bits": own.bits, "full_scales": (own.full_scale,)}
@@ -97,7 +116,7 @@ def _code_of(reference: ReferenceMap) -> dict[str, Any]:
     return {"code": codes[0].kind, "code_bits": codes[0].bits, "full_scales": scales}
 
 
-def _matching_of(reference: ReferenceMap) -> dict[str, Any]:
+def _matching_of(reference: ReferenceMap) -> _Matching:
     settings = reference.settings
     if settings.matching == "sequence":
         return {"length": settings.sequence_length}

@@ -16,12 +16,13 @@ from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.metrics import Evaluation, Score, evaluate
+from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.matching.matches import Matches
 from edge_vpr.odometry import Odometry
 from edge_vpr.pipeline import coded_map, count_windows, map_traverse, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings.choices import Score
 from edge_vpr.simulate import QUERY, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr.simulate.odometer import wheel_odometry
 from edge_vpr_tools.experiments import codes_frontier

@@ -72,6 +72,15 @@ class Trial:
         """Time to match one query window against the whole map, warm."""
         return 1e6 * self.matching_s / len(self.matches)
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures as values that JSON can hold."""
+        return {
+            **self.evaluation.to_dict(),
+            "bytes_per_place": self.reference.packed_bytes_per_place,
+            "microseconds_per_match": self.microseconds_per_match,
+            "places": len(self.reference),
+        }
+
 
 def run_trial(
     reference: EventSource,

@@ -9,19 +9,31 @@ from edge_vpr.settings import duration_us
 
 
 def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
+    """Return when to match against a map, see `read_every`."""
+    return read_every(text) or MatchSchedule.window(reference.settings)
+
+
+def read_every(text: str) -> MatchSchedule | None:
     """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    MatchSchedule or None
+        None for ``window``, whose length a map or a design knows.
 
     Raises
     ------
     UsageError
         If it is none of these.
     """
-    if text == "event":
-        return MatchSchedule(events=1)
-    if text == "change":
-        return MatchSchedule(events=1, change=True)
     if text == "window":
-        return MatchSchedule.window(reference.settings)
+        return None
+    if text in ("event", "change"):
+        return MatchSchedule(events=1, change=text == "change")
     if text.isascii() and text.isdigit() and int(text) > 0:
         return MatchSchedule(events=int(text))
     try:

@@ -1,0 +1,78 @@
+// Usual number of events in a window, and whether the open one pauses: it has none, or less than
+// 1/16 of the usual number, which is told in units of 1/256 event.
+//
+// With `window_end` the usual number moves by 1/64 of its difference to the window's; the events of
+// a window saturate. That is done a bit a clock, while `settled` is low: no window may end then.
+// `pauses` is of the open window.
+module vpr_activity #(
+    parameter int EVENTS_BITS   = 23,
+    parameter int ACTIVITY_BITS = 31
+) (
+    input  logic                     clk,
+    input  logic                     load,
+    input  logic [ACTIVITY_BITS-1:0] start_activity,
+    input  logic                     counted,
+    input  logic                     window_end,
+    output logic                     settled,
+    output logic                     pauses
+);
+    localparam int FRACTION       = ACTIVITY_BITS - EVENTS_BITS;
+    localparam int PAUSE_SHIFT    = 4;
+    localparam int ACTIVITY_SHIFT = 6;
+    localparam int DROPPED        = FRACTION + PAUSE_SHIFT;
+    localparam int STEPS          = ACTIVITY_BITS + ACTIVITY_SHIFT;
+    localparam int STEP_BITS      = $clog2(STEPS);
+
+    logic [EVENTS_BITS-1:0]    events;
+    logic [ACTIVITY_BITS-1:0]  usual;
+
+    logic                      partly;  // the bits of the usual number below an event are not 0
+
+    // events << DROPPED < usual: those bits come as a borrow
+    wire [EVENTS_BITS+1:0] above =
+        {1'b0, events, 1'b0} - (EVENTS_BITS + 2)'({usual[ACTIVITY_BITS-1:DROPPED], partly});
+
+    assign pauses = events == 0 || above[EVENTS_BITS+1];
+
+    // The difference comes from its lowest bit on. Those that the shift drops come while the lowest
+    // bits of the usual number wait in `delayed`; then they are added.
+    logic [STEP_BITS-1:0]      step;
+    logic [EVENTS_BITS-1:0]    ended;    // events of the window that ended
+    logic [ACTIVITY_SHIFT-1:0] delayed;
+    logic                      borrow, carry;
+
+    wire of_ended   = step >= STEP_BITS'(FRACTION) && ended[0];
+    wire of_usual   = step < STEP_BITS'(ACTIVITY_BITS) && usual[0];
+    wire difference = of_ended ^ of_usual ^ borrow;
+    wire shifts     = step >= STEP_BITS'(ACTIVITY_SHIFT);
+    wire waits      = delayed[ACTIVITY_SHIFT-1];
+    wire next       = waits ^ difference ^ carry;
+
+    always_ff @(posedge clk) begin
+        if (window_end || load) events <= '0;
+        else if (counted && events != '1) events <= events + 1'b1;
+        if (window_end) begin
+            settled <= 1'b0;
+            ended   <= events;
+            step    <= '0;
+            borrow  <= 1'b0;
+            carry   <= 1'b0;
+        end else if (!settled) begin
+            step    <= step + 1'b1;
+            settled <= step == STEP_BITS'(STEPS - 1);
+            borrow  <= (!of_ended && (of_usual || borrow)) || (of_usual && borrow);
+            delayed <= ACTIVITY_SHIFT'({delayed, of_usual});
+            if (shifts) carry <= (waits && (difference || carry)) || (difference && carry);
+            if (step >= STEP_BITS'(FRACTION)) ended <= ended >> 1;
+            usual   <= {next, usual[ACTIVITY_BITS-1:1]};
+            if (step < STEP_BITS'(ACTIVITY_SHIFT + DROPPED)) partly <= shifts && (partly || next);
+        end
+        if (load) begin
+            usual   <= start_activity;
+            partly  <= start_activity[DROPPED-1:0] != 0;
+            settled <= 1'b1;
+        end
+    end
+
+    wire unused = &{1'b0, above};
+endmodule

@@ -1,0 +1,238 @@
+// Place filter: a metric for every place, advanced window by window. It stands where vpr_sequence
+// stands for sequences, and hands the search a metric of each place in their order.
+//
+// A window takes passes over all places: for the mean of the distances; for their spread, unless it
+// is known from the window before; and for the metrics, each the prediction plus the evidence,
+// saturated. Each pass asks for the distances again (`distance_start`), unless they are kept
+// (KEEP). In a pause there is no evidence, and no distance is asked for. The spread of this window
+// is divided after its match.
+//
+// `found` says that the search stands at `best_sum`, the least metric. Distances come two clocks
+// apart at least, and so do metrics.
+module vpr_filter #(
+    parameter int            PLACES          = 1,
+    parameter bit            KEEP            = 0,
+    parameter int            STEPS           = 1,
+    parameter int            BACK            = 0,
+    parameter logic [159:0]  STEP_PRICES     = 0,
+    parameter logic [159:0]  BACK_PRICES     = 0,
+    parameter logic [9:0]    RESTART         = 0,
+    parameter int            PLACE_BITS      = 1,
+    parameter int            DISTANCE_BITS   = 1,
+    parameter int            TOTAL_BITS      = 1,
+    parameter int            RECIPROCAL_BITS = 17,
+    parameter int            EVIDENCE_BITS   = 8,
+    parameter int            METRIC_BITS     = 10
+) (
+    input  logic                     clk,
+    input  logic                     rst,
+    input  logic                     start,
+    input  logic                     paused,
+    output logic                     distance_start,
+    input  logic                     distance_valid,
+    input  logic [DISTANCE_BITS-1:0] distance,
+    output logic                     sum_valid,
+    output logic                     sum_last,
+    output logic [PLACE_BITS-1:0]    place,
+    output logic [METRIC_BITS-1:0]   sum,
+    input  logic                     found,
+    input  logic [METRIC_BITS-1:0]   best_sum
+);
+    localparam int ENTRIES       = (STEPS > 3 ? STEPS : 3) + BACK;
+    // from a place's distance to its prediction, and to its evidence
+    localparam int PREDICTED     = 2 + $clog2(ENTRIES + 1);
+    localparam int SCALED        = 3;
+    localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
+    // fraction bits of the reciprocal, less those of a metric
+    localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
+    localparam int LEAD_BITS     = $clog2(BACK + 2);
+
+    localparam logic [1:0] IDLE   = 2'd0;
+    localparam logic [1:0] LEAD   = 2'd1;  // metrics of the BACK places ahead of the first
+    localparam logic [1:0] RUN    = 2'd2;
+    localparam logic [1:0] DIVIDE = 2'd3;
+
+    localparam logic [1:0] FOR_MEAN    = 2'd0;
+    localparam logic [1:0] FOR_SPREAD  = 2'd1;
+    localparam logic [1:0] FOR_METRICS = 2'd2;
+
+    logic [1:0]                 state, pass;
+    logic                       waiting, beat, ends, divide, done;
+    logic                       scaled;  // by the spread of this window
+    logic [LEAD_BITS-1:0]       lead;
+    logic [PLACE_BITS-1:0]      index;
+    logic [DISTANCE_BITS-1:0]   kept, nearest;
+    logic [RECIPROCAL_BITS-1:0] reciprocal;
+
+    // A place: its distance comes from the distance unit, from memory, or is not asked for
+    wire                     unasked   = paused || (KEEP && pass != FOR_MEAN);
+    wire                     item      = state == RUN && (unasked ? beat : distance_valid);
+    wire [DISTANCE_BITS-1:0] here      = KEEP && pass != FOR_MEAN ? kept : distance;
+    wire                     item_last = index == PLACE_BITS'(PLACES - 1);
+    wire                     begins    = state == IDLE && waiting;
+    wire                     leads     = state == LEAD && beat;
+    // the next pass: one after the mean, unless this window's own spread is needed first
+    wire [1:0]               next_pass =
+        pass == FOR_MEAN && reciprocal == 0 ? FOR_SPREAD : FOR_METRICS;
+
+    always_ff @(posedge clk) begin
+        waiting        <= start || (waiting && state != IDLE);
+        beat           <= (state == RUN || state == LEAD) && !beat;
+        distance_start <= 1'b0;
+        divide         <= 1'b0;
+        ends           <= item && item_last;
+        case (state)
+            IDLE: begin
+                pass <= paused ? FOR_METRICS : FOR_MEAN;
+                if (waiting) begin
+                    state          <= paused && BACK > 0 ? LEAD : RUN;
+                    distance_start <= !paused;
+                end
+            end
+            LEAD: if (leads && lead == 1) begin
+                state          <= RUN;
+                beat           <= 1'b0;
+                distance_start <= !unasked;
+            end
+            RUN: if (ends) begin
+                state  <= paused || scaled ? IDLE : DIVIDE;
+                divide <= !paused && !scaled;
+            end
+            default: if (done) begin
+                pass   <= next_pass;
+                scaled <= pass == FOR_SPREAD;
+                if (pass == FOR_METRICS) state <= IDLE;
+                else begin
+                    state          <= next_pass == FOR_METRICS && BACK > 0 ? LEAD : RUN;
+                    distance_start <= !KEEP && !(next_pass == FOR_METRICS && BACK > 0);
+                end
+            end
+        endcase
+        if (leads) lead <= lead - 1'b1;
+        if (state == IDLE || state == DIVIDE) begin
+            index <= '0;
+            lead  <= LEAD_BITS'(BACK);
+        end else if (item && !item_last) index <= index + 1'b1;
+        if (begins) scaled <= 1'b0;
+        if (begins) nearest <= '1;
+        else if (distance_valid && pass == FOR_MEAN && distance < nearest) nearest <= distance;
+        if (rst) begin
+            state          <= IDLE;
+            waiting        <= 1'b0;
+            ends           <= 1'b0;
+            distance_start <= 1'b0;
+        end
+    end
+
+    vpr_spread #(
+        .PLACES(PLACES), .DISTANCE_BITS(DISTANCE_BITS), .TOTAL_BITS(TOTAL_BITS),
+        .RECIPROCAL_BITS(RECIPROCAL_BITS)
+    ) scale (
+        .clk(clk), .rst(rst), .clear(begins), .valid(item && !paused), .distance(here),
+        .of_mean(pass == FOR_MEAN), .divide(divide), .done(done), .reciprocal(reciprocal)
+    );
+
+    generate
+        if (KEEP) begin : g_keep
+            vpr_ram #(
+                .DEPTH(PLACES), .BITS(DISTANCE_BITS), .ADDRESS_BITS(PLACE_BITS)
+            ) distances (
+                .clk(clk), .write(item && pass == FOR_MEAN && !paused), .write_address(index),
+                .write_word(distance), .read(1'b1), .read_address(index), .read_word(kept)
+            );
+        end else begin : g_again
+            assign kept = '0;
+        end
+    endgenerate
+
+    // Prediction: the metrics of the window before are read BACK places ahead
+
+    logic                   placed;
+    logic [METRIC_BITS-1:0] least, former, prediction;
+    logic [PLACE_BITS-1:0]  ahead;  // its metric is read
+    logic                   off;
+
+    wire metrics = item && pass == FOR_METRICS;
+    wire shift   = metrics || leads;
+
+    always_ff @(posedge clk) begin
+        if (found) begin
+            least  <= best_sum;
+            placed <= 1'b1;
+        end
+        if (rst) placed <= 1'b0;
+    end
+
+    generate
+        if (BACK == 0) begin : g_here
+            assign ahead = index;
+            assign off   = 1'b0;
+        end else begin : g_ahead
+            always_ff @(posedge clk) begin
+                if (state == IDLE || state == DIVIDE) begin
+                    ahead <= '0;
+                    off   <= 1'b0;
+                end else if (shift) begin
+                    if (ahead == PLACE_BITS'(PLACES - 1)) off <= 1'b1;
+                    else ahead <= ahead + 1'b1;
+                end
+            end
+        end
+    endgenerate
+
+    vpr_ram #(
+        .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
+    ) metric_memory (
+        .clk(clk), .write(sum_valid), .write_address(place), .write_word(sum),
+        .read(1'b1), .read_address(ahead), .read_word(former)
+    );
+
+    vpr_prediction #(
+        .STEPS(STEPS), .BACK(BACK), .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES),
+        .RESTART(RESTART), .METRIC_BITS(METRIC_BITS)
+    ) predictions (
+        .clk(clk), .clear(state == IDLE || state == DIVIDE), .shift(shift),
+        .off(off), .metric(former), .paused(paused), .placed(placed),
+        .least(least), .prediction(prediction)
+    );
+
+    // Evidence: how far the place's distance is above the least, by the reciprocal of the spread
+
+    logic [DISTANCE_BITS-1:0] above;
+    wire                      whole = reciprocal[RECIPROCAL_BITS-1];
+    logic [PRODUCT_BITS-1:0]  product;
+    logic [EVIDENCE_BITS-1:0] evidence[0:PREDICTED-SCALED-1];
+    logic [PREDICTED-1:0]     valid;
+
+    // A multiplier of 16 bits is enough: half of a reciprocal of 2^16, and a shift of one bit less
+    wire [RECIPROCAL_BITS-2:0] factor =
+        {reciprocal[RECIPROCAL_BITS-2] || whole, reciprocal[RECIPROCAL_BITS-3:0]};
+    wire [PRODUCT_BITS-SHIFT:0] weighted =
+        whole ? product[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product[PRODUCT_BITS-1:SHIFT]};
+
+    wire [METRIC_BITS:0]          metric = {1'b0, prediction}
+        + (METRIC_BITS + 1)'(evidence[PREDICTED-SCALED-1]);
+
+    integer i;
+    always_ff @(posedge clk) begin
+        if (item) above <= here - nearest;
+        product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(factor);
+        evidence[0] <= paused ? '0 : (weighted >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(weighted);
+        for (i = 1; i < PREDICTED - SCALED; i = i + 1) evidence[i] <= evidence[i-1];
+        valid <= PREDICTED'({valid, metrics});
+        sum_valid <= valid[PREDICTED-1];
+        if (valid[PREDICTED-1]) begin
+            sum   <= metric[METRIC_BITS] ? '1 : metric[METRIC_BITS-1:0];
+            place <= place + 1'b1;
+        end
+        if (begins) place <= '1;
+        if (rst) begin
+            valid     <= '0;
+            sum_valid <= 1'b0;
+        end
+    end
+
+    assign sum_last = place == PLACE_BITS'(PLACES - 1);
+
+    wire unused = &{1'b0, product[SHIFT-1:0]};
+endmodule

@@ -1,0 +1,122 @@
+// Code of a count against the running mean of its counter: the count's logarithm (a table, in units
+// of 1/256 octave) less the mean, rounded to octaves, saturated, plus half the range.
+//
+// A slot a clock with `step`: `count` and `slot` belong together, `code` follows three steps later.
+// The mean then moves by 1/16 of the difference, in the end by 1/256, unless the window pauses
+// (`hold`). While `clearing`, after reset, the means become those of the file.
+module vpr_own_mean #(
+    parameter int SLOTS      = 1,
+    parameter int COUNT_MAX  = 1,
+    parameter int SLOT_BITS  = 1,
+    parameter int COUNT_BITS = 1,
+    parameter int ENTRY_BITS = 9,
+    parameter int MEAN_BITS  = 17,
+    parameter int CODE_BITS  = 1,
+    parameter     CODES_FILE = "codes.mem",
+    parameter     MEANS_FILE = "means.mem"
+) (
+    input  logic                  clk,
+    input  logic                  rst,
+    input  logic                  step,
+    input  logic                  clearing,
+    input  logic                  hold,
+    input  logic                  valid,
+    input  logic                  last,
+    input  logic [SLOT_BITS-1:0]  slot,
+    input  logic [COUNT_BITS-1:0] count,
+    output logic [CODE_BITS-1:0]  code
+);
+    localparam int LEVEL_BITS  = 8;                       // fraction bits of a logarithm
+    localparam int FRACTION    = MEAN_BITS - ENTRY_BITS;  // further ones of a mean
+    localparam int FIRST_SHIFT = 4;
+    localparam int LAST_SHIFT  = 8;
+    // Half an octave for the code, and as much as makes the mean, which is taken away, round up
+    localparam int ROUNDING    = (1 << (FRACTION + LEVEL_BITS - 1)) + (1 << (FRACTION - 1)) - 1;
+    localparam int WHOLE_BITS  = MEAN_BITS + 2 - FRACTION - LEVEL_BITS;
+    localparam int OCTAVE_BITS = WHOLE_BITS > CODE_BITS + 1 ? WHOLE_BITS : CODE_BITS + 1;
+
+    localparam logic signed [OCTAVE_BITS-1:0] HIGHEST = OCTAVE_BITS'((1 << (CODE_BITS - 1)) - 1);
+    localparam logic signed [OCTAVE_BITS-1:0] LOWEST  = OCTAVE_BITS'(-(1 << (CODE_BITS - 1)));
+
+    logic [ENTRY_BITS-1:0]       level, first_mean;
+    logic [MEAN_BITS-1:0]        total, held_total;
+    logic signed [MEAN_BITS:0]   difference;
+    logic                        read_valid, read_last, read_clearing;
+    logic                        held_valid, held_last, held_clearing;
+    logic [SLOT_BITS-1:0]        read_slot, held_slot;
+    logic                        moved_valid;
+    logic [SLOT_BITS-1:0]        moved_slot;
+    logic [MEAN_BITS-1:0]        moved_total;
+    logic [LAST_SHIFT:0]         seen;  // windows, and 1 << FIRST_SHIFT; saturates
+
+    // how far the mean moves: by less with each power of two of windows
+    logic [LAST_SHIFT-FIRST_SHIFT:0] by;
+    logic signed [MEAN_BITS:0]       moves;
+    always_comb begin
+        case (by)
+            5'b00001: moves = difference >>> 4;
+            5'b00010: moves = difference >>> 5;
+            5'b00100: moves = difference >>> 6;
+            5'b01000: moves = difference >>> 7;
+            default:  moves = difference >>> 8;
+        endcase
+    end
+
+    wire signed [MEAN_BITS+1:0] rounded =
+        (MEAN_BITS + 2)'(difference) + $signed((MEAN_BITS + 2)'(ROUNDING));
+    logic signed [OCTAVE_BITS-1:0] octaves;
+    assign code = octaves > HIGHEST ? '1 : octaves < LOWEST ? '0 : CODE_BITS'(octaves - LOWEST);
+
+    vpr_rom #(
+        .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE(CODES_FILE)
+    ) levels (
+        .clk(clk), .enable(step), .address(count), .word(level)
+    );
+
+    vpr_rom #(
+        .DEPTH(SLOTS), .BITS(ENTRY_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE(MEANS_FILE)
+    ) first_means (
+        .clk(clk), .enable(step), .address(slot), .word(first_mean)
+    );
+
+    vpr_ram #(
+        .DEPTH(SLOTS), .BITS(MEAN_BITS), .ADDRESS_BITS(SLOT_BITS)
+    ) means (
+        .clk(clk), .write(moved_valid), .write_address(moved_slot), .write_word(moved_total),
+        .read(step), .read_address(slot), .read_word(total)
+    );
+
+    always_ff @(posedge clk) begin
+        if (step) begin
+            read_valid    <= valid;
+            read_last     <= last;
+            read_clearing <= clearing;
+            read_slot     <= slot;
+            held_valid    <= read_valid;
+            held_last     <= read_last;
+            held_clearing <= read_clearing;
+            held_slot     <= read_slot;
+            held_total    <= read_clearing ? {first_mean, {FRACTION{1'b0}}} : total;
+            difference    <= read_clearing ? '0
+                           : $signed({1'b0, level, {FRACTION{1'b0}}}) - $signed({1'b0, total});
+            octaves       <= OCTAVE_BITS'($signed(rounded[MEAN_BITS+1-:WHOLE_BITS]));
+            if (held_last && !held_clearing && !hold && !seen[LAST_SHIFT]) seen <= seen + 1'b1;
+        end
+        moved_valid <= held_valid && (held_clearing || !hold);
+        moved_slot  <= held_slot;
+        moved_total <= held_total + moves[MEAN_BITS-1:0];
+        // the highest power of two that it has reached
+        by <= seen[8] ? 5'b10000 : seen[7] ? 5'b01000 : seen[6] ? 5'b00100
+              : seen[5] ? 5'b00010 : 5'b00001;
+        if (rst) begin
+            moved_valid <= 1'b0;
+            read_valid  <= 1'b0;
+            read_last   <= 1'b0;
+            held_valid  <= 1'b0;
+            held_last   <= 1'b0;
+            seen        <= (LAST_SHIFT + 1)'(1 << FIRST_SHIFT);
+        end
+    end
+
+    wire unused = &{1'b0, rounded, moves};
+endmodule

@@ -1,0 +1,87 @@
+// Price of the cheapest way to a place: by a step of 0, 1 ... places from a lower one, by a step
+// back from a higher one, or by a restart, which costs the same for all. The metrics of the window
+// before come in the order of places, with `shift`; `metric` is that of the place BACK ahead, or
+// there is none (`off`). `clear` forgets those before.
+//
+// `prediction` is registered at the second clock edge after the one that shifts, and one more for
+// each level of the tree of comparisons; it stays until the next. Before the first window
+// (`placed`) it is 0. In a pause, steps of 0 and 1 are free, and one of 2 costs 1.
+module vpr_prediction #(
+    parameter int            STEPS        = 1,
+    parameter int            BACK         = 0,
+    parameter logic [159:0]  STEP_PRICES  = 0,
+    parameter logic [159:0]  BACK_PRICES  = 0,
+    parameter logic [9:0]    RESTART      = 0,
+    parameter int            METRIC_BITS  = 10
+) (
+    input  logic                   clk,
+    input  logic                   clear,
+    input  logic                   shift,
+    input  logic                   off,
+    input  logic [METRIC_BITS-1:0] metric,
+    input  logic                   paused,
+    input  logic                   placed,
+    input  logic [METRIC_BITS-1:0] least,
+    output logic [METRIC_BITS-1:0] prediction
+);
+    localparam int PAUSE_STEPS = 3;
+    localparam logic [PAUSE_STEPS*10-1:0] PAUSE_PRICES = {10'd4, 10'd0, 10'd0};
+
+    localparam int AHEAD   = STEPS > PAUSE_STEPS ? STEPS : PAUSE_STEPS;
+    localparam int ENTRIES = AHEAD + BACK;
+    localparam int LEVELS  = $clog2(ENTRIES + 1);
+    localparam int WIDE    = 1 << LEVELS;
+    // no way is dearer than a restart: what is dearer saturates before a price is added
+    localparam int BITS    = RESTART == 0 ? 1 : $clog2(RESTART + 1);
+    localparam int SUM_BITS = (BITS > 10 ? BITS : 10) + 1;
+
+    localparam logic [BITS-1:0] LIMIT = BITS'(RESTART);
+
+    // the newest, of the highest place, is the first; those off the map are as dear as a restart
+    logic [ENTRIES*BITS-1:0] entries;
+
+    wire [METRIC_BITS-1:0] above = metric - least;
+    wire [METRIC_BITS:0]   below = {1'b0, above} - (METRIC_BITS + 1)'(RESTART);
+    wire [BITS-1:0]        entry = off || !below[METRIC_BITS] ? LIMIT : BITS'(above);
+
+    always_ff @(posedge clk) begin
+        if (clear) entries <= {ENTRIES{LIMIT}};
+        else if (shift) entries <= (ENTRIES * BITS)'({entries, entry});
+    end
+
+    genvar level, node;
+    generate
+        for (level = 0; level <= LEVELS; level = level + 1) begin : g_level
+            localparam int NODES = WIDE >> level;
+            wire [NODES*SUM_BITS-1:0] nearest;
+            for (node = 0; node < NODES; node = node + 1) begin : g_node
+                logic [SUM_BITS-1:0] found;
+                assign nearest[node*SUM_BITS+:SUM_BITS] = found;
+                if (level > 0) begin : g_nearer
+                    wire [SUM_BITS-1:0] left  = g_level[level-1].nearest[2*node*SUM_BITS+:SUM_BITS];
+                    wire [SUM_BITS-1:0] right =
+                        g_level[level-1].nearest[(2*node+1)*SUM_BITS+:SUM_BITS];
+                    always_ff @(posedge clk) found <= right < left ? right : left;
+                end else if (node < ENTRIES) begin : g_price
+                    localparam int STEP = node - BACK;
+                    localparam bit MOVES = STEP < 0 ? 1'b1 : STEP < STEPS;
+                    localparam bit STANDS = STEP < 0 ? 1'b0 : STEP < PAUSE_STEPS;
+                    localparam logic [9:0] MOVING =
+                        !MOVES ? RESTART : STEP < 0 ? BACK_PRICES[10*(STEP<0?-STEP-1:0)+:10]
+                        : STEP_PRICES[10*(STEP<0?0:STEP)+:10];
+                    localparam logic [9:0] STANDING =
+                        STANDS ? PAUSE_PRICES[10*(STANDS?STEP:0)+:10] : RESTART;
+                    wire [9:0] price = paused ? STANDING : MOVING;
+                    always_ff @(posedge clk)
+                        found <= SUM_BITS'(entries[node*BITS+:BITS]) + SUM_BITS'(price);
+                end else begin : g_filler
+                    assign found = SUM_BITS'(RESTART);
+                end
+            end
+        end
+    endgenerate
+
+    assign prediction = placed ? METRIC_BITS'(g_level[LEVELS].nearest) : '0;
+
+    wire unused = &{1'b0, below, g_level[LEVELS].nearest};
+endmodule

@@ -1,0 +1,63 @@
+// The device behind SPI, as all boards have it: `locked` is low until `clk` stands. `ready` is high
+// while an event can be sent, `match` while there is a match to read.
+module vpr_spi_device #(
+    parameter MEMORY_STYLE = "auto"  // of the places and of past distances, see vpr_ram_single
+) (
+    input  logic clk,
+    input  logic locked,
+    input  logic sck,
+    input  logic ss_n,
+    input  logic mosi,
+    output logic miso,
+    output logic ready,
+    output logic match
+);
+    localparam int EVENT_BITS = vpr_design::EVENT_TIME_BITS + 32;
+    localparam int WORD_BITS  = vpr_design::LANES * vpr_design::CODE_BITS;
+    localparam int MATCH_BITS = vpr_design::MATCH_BITS;
+    localparam int TIME_BITS  = 8 * ((vpr_design::TIMESTAMP_BITS + 7) / 8);
+    localparam int START_BITS = TIME_BITS + (vpr_design::FILTER || vpr_design::OWN_MEAN ? 32 : 0);
+
+    // in reset until the clock stands, and when the host starts anew
+    logic [1:0] stands;
+    logic       rst, start;
+    always_ff @(posedge clk) begin
+        stands <= {stands[0], locked};
+        rst    <= !stands[1] || start;
+    end
+
+    logic [START_BITS-1:0]     start_value;
+    logic                      event_tvalid, event_tready;
+    logic                      place_tvalid, place_tready;
+    logic                      match_tvalid, match_tready;
+    logic [EVENT_BITS-1:0]     event_tdata;
+    logic [WORD_BITS-1:0]      place_tdata;
+    logic [MATCH_BITS-1:0]     match_tdata;
+
+    vpr_spi #(
+        .EVENT_BITS(EVENT_BITS), .PLACE_BITS(WORD_BITS),
+        .START_BITS(START_BITS), .MATCH_BITS(MATCH_BITS)
+    ) spi (
+        .clk(clk), .sck(sck), .ss_n(ss_n), .mosi(mosi), .miso(miso),
+        .start(start), .start_value(start_value),
+        .event_tvalid(event_tvalid), .event_tready(event_tready), .event_tdata(event_tdata),
+        .place_tvalid(place_tvalid), .place_tready(place_tready), .place_tdata(place_tdata),
+        .match_tvalid(match_tvalid), .match_tready(match_tready), .match_tdata(match_tdata)
+    );
+
+    vpr_device #(
+        .MEMORY_STYLE(MEMORY_STYLE)
+    ) device (
+        .clk(clk), .rst(rst), .start_time(start_value[vpr_design::TIMESTAMP_BITS-1:0]),
+        .start_activity(vpr_design::ACTIVITY_BITS'(start_value >> TIME_BITS)),
+        .s_place_tvalid(place_tvalid), .s_place_tready(place_tready), .s_place_tdata(place_tdata),
+        .s_event_tvalid(event_tvalid), .s_event_tready(event_tready), .s_event_tdata(event_tdata),
+        .m_event_tvalid(), .m_event_tready(1'b1), .m_event_tdata(),
+        .m_window_tvalid(), .m_window_tready(1'b1), .m_window_tdata(), .m_window_tlast(),
+        .m_window_tuser(),
+        .m_match_tvalid(match_tvalid), .m_match_tready(match_tready), .m_match_tdata(match_tdata)
+    );
+
+    assign ready = !event_tvalid;
+    assign match = match_tvalid;
+endmodule

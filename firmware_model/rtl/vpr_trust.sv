@@ -1,0 +1,75 @@
+// Trust in the filter's matches: it moves by 1/4 of its difference to 16 x margin, from 0 where the
+// place does not follow from the one before by a step, and falls by 1/16 at least where the place
+// stays the same. Below TRUST a match is not trusted.
+//
+// `update` begins when the match stands; `trust` and `trusted` are registered at the sixth clock
+// edge behind it, and the seventh, and stay.
+module vpr_trust #(
+    parameter int           STEPS       = 1,
+    parameter int           BACK        = 0,
+    parameter logic [13:0]  TRUST       = 0,
+    parameter int           PLACE_BITS  = 1,
+    parameter int           METRIC_BITS = 10,
+    parameter int           TRUST_BITS  = 14
+) (
+    input  logic                   clk,
+    input  logic                   rst,
+    input  logic                   update,
+    input  logic [PLACE_BITS-1:0]  best,
+    input  logic [METRIC_BITS-1:0] best_sum,
+    input  logic                   has_second,
+    input  logic [METRIC_BITS-1:0] second_sum,
+    output logic [TRUST_BITS-1:0]  trust,
+    output logic                   trusted
+);
+    localparam int FRACTION       = TRUST_BITS - METRIC_BITS;
+    localparam int TRUST_SHIFT    = 2;
+    localparam int STANDING_SHIFT = 4;
+    localparam int PAUSE_STEPS    = 3;
+    localparam int LAST           = (STEPS > PAUSE_STEPS ? STEPS : PAUSE_STEPS) - 1;
+    // steps to compare: wide enough for the longest as well
+    localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 2;
+
+    localparam logic signed [BITS-1:0] LOWEST  = BITS'(-BACK);
+    localparam logic signed [BITS-1:0] HIGHEST = BITS'(LAST);
+
+    logic [4:0]                    phase;
+    logic                          placed, follows, stays, falls;
+    logic [PLACE_BITS-1:0]         place;
+    logic [METRIC_BITS-1:0]        margin;
+    logic signed [BITS-1:0]        step;
+    logic signed [TRUST_BITS:0]    difference;
+    logic [TRUST_BITS-1:0]         moves;
+
+    // what it falls by where the place stays, unless it falls by more than that anyway
+    wire [TRUST_BITS-1:0]      fall  = trust >> STANDING_SHIFT;
+    wire signed [TRUST_BITS:0] moved = difference >>> TRUST_SHIFT;
+    wire signed [TRUST_BITS:0] more  = moved + $signed({1'b0, fall});
+    wire [TRUST_BITS:0]        lacking = {1'b0, trust} - (TRUST_BITS + 1)'(TRUST);
+
+    always_ff @(posedge clk) begin
+        phase      <= {phase[3:0], update};
+        margin     <= second_sum - best_sum;
+        if (!has_second) margin <= '1;
+        step       <= $signed(BITS'(best)) - $signed(BITS'(place));
+        follows    <= placed && step >= LOWEST && step <= HIGHEST;
+        stays      <= placed && step == 0;
+        difference <= $signed({1'b0, margin, {FRACTION{1'b0}}}) - $signed({1'b0, trust});
+        falls      <= stays && !more[TRUST_BITS];
+        moves      <= stays && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
+        if (phase[1] && !follows) trust <= '0;
+        if (phase[4]) begin
+            // the inverse of the fall, and a carry
+            trust  <= TRUST_BITS'(({trust, 1'b1} + {moves, falls}) >> 1);
+            place  <= best;
+            placed <= 1'b1;
+        end
+        trusted <= !lacking[TRUST_BITS];
+        if (rst) begin
+            phase  <= '0;
+            placed <= 1'b0;
+        end
+    end
+
+    wire unused = &{1'b0, moved[TRUST_BITS], more, lacking};
+endmodule
