@@ -61,6 +61,7 @@ def vectors(tmp_path_factory):
     return write_vectors(tmp_path_factory.mktemp("hardware") / "vectors", DESIGN)
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
     """Memories and registers start undefined; both sides wait in four clocks of ten."""
@@ -298,6 +299,7 @@ def test_the_words_of_a_case_have_the_widths_of_the_cores_ports(tmp_path):
     assert {f"{name}.mem" for name in (*tables(ADAPTIVE), "activity")} <= set(case["files"])
 
 
+@pytest.mark.slow
 def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsys):
     """Sources beside the suites, parameters in each case."""
     DESIGN.save(tmp_path / "d.toml")

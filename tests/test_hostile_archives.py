@@ -181,6 +181,7 @@ def test_a_map_that_is_changed_in_memory_is_refused_by_the_localiser():
         Localiser(reference)
 
 
+@pytest.mark.slow
 def test_a_read_only_map_is_followed_like_any_other():
     reference = map_of({}, np.random.default_rng(0))
     events = random_events(np.random.default_rng(1), 80, SENSOR, 600)
@@ -341,6 +342,7 @@ def test_a_folder_is_not_an_archive(tmp_path):
         read_archive(tmp_path, "thing")
 
 
+@pytest.mark.slow
 def test_changed_files_of_every_kind_are_refused_or_give_what_the_oracle_gives():
     """A bounded part of `python tests/fuzz_archives.py`."""
     result = fuzz_archives.run(inputs=300, seed=20)

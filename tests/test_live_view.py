@@ -79,6 +79,7 @@ def labels(lines):
     return [line.split()[0] for line in lines if line.split()]
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_file, tmp_path):
     """One run: whole, narrower, silent, narrower while silent, lost, and ended by a signal."""
     camera, full = Camera(), tmp_path / "full.bin"

@@ -469,6 +469,7 @@ def timed_before(profile, monkeypatch):
     monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: found)
 
 
+@pytest.mark.slow
 def test_without_a_sensor_all_but_the_joules_is_there(profile, tmp_path, capsys):
     """And says so, in JSON, table and spreadsheet: no zero, no guess."""
     found = json.loads((profile / "profile.json").read_text())

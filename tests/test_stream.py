@@ -159,6 +159,7 @@ def walks(shared_data, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("port", "protocol"), [("virtual", "edvs:format=E4"), ("tcp://127.0.0.1:0", "evpr")]
 )
@@ -381,6 +382,7 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
     assert found.tobytes() == np.concatenate(expected).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bursts", ["removed", "kept"])
 def test_single_events_give_the_matches_of_the_recording_and_few_calls(bursts, drive):
     """Between two ticks events wait, so that most pieces cost no call of the localiser."""
@@ -569,6 +571,7 @@ def at_once(scenario, *choices):
             pass
 
 
+@pytest.mark.slow
 def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
     events = np.concatenate(list(open_recording(drive / "query.npz")))[:5_000]
     events["t"] -= events["t"][0]  # the stream has no frame before its first event
