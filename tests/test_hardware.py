@@ -13,7 +13,16 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
-from firmware_model.hardware import boards, proof, registers, replay, report, simulation, sources
+from firmware_model.hardware import (
+    boards,
+    mutants,
+    proof,
+    registers,
+    replay,
+    report,
+    simulation,
+    sources,
+)
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.vectors import (
     check_files,
@@ -446,6 +455,29 @@ def test_package_header_and_documentation_have_the_same_registers():
     assert used == known | {"ID_VALUE", "DESIGN_VALUE"}
     page = Path(__file__).parents[1] / "docs" / "hardware.md"
     assert registers.table() in page.read_text(encoding="utf-8")
+
+
+def test_a_mutant_changes_one_line_of_a_unit():
+    """Each is of a line that does something, and no two are the same."""
+    found = mutants.all_mutants()
+    assert len(set(found)) == len(found) > 500
+    assert {mutant.file for mutant in found} == set(sources.UNITS)
+    for mutant in found:
+        before = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")[mutant.line]
+        assert mutant.text != before
+        assert not before.lstrip().startswith(("//", "localparam", "input", "output"))
+
+
+@needs_iverilog
+def test_a_mutant_of_the_filter_is_found_and_the_source_is_not(tmp_path):
+    """By a case of the vectors that the command replays."""
+    bench = mutants.Bench(tmp_path, 1, only=("walk_of_kept_distances",))
+    assert bench.found_by(None) is None
+    text = (sources.FOLDER / "vpr_prediction.sv").read_text(encoding="ascii").split("\n")
+    (line,) = [n for n, code in enumerate(text) if "found <= right < left" in code]
+    fault = mutants.Mutant("vpr_prediction.sv", line, text[line].replace("right < left", "1'b1"))
+    assert bench.found_by(fault) == "filter/walk_of_kept_distances"
+    assert bench.found_by(None) is None
 
 
 @needs("yosys", "yosys-smtbmc", "z3")
