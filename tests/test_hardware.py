@@ -489,6 +489,13 @@ def test_the_search_is_proved_and_broken_ones_are_refused():
     assert all(proof.broken(name) for name in proof.BROKEN)
 
 
+@needs("yosys", "yosys-smtbmc", "z3")
+def test_broken_predictions_of_the_filter_are_refused():
+    """The command proves the prediction as it is, which takes a minute."""
+    for name in proof.BROKEN_PREDICTIONS:
+        assert not proof.prove_prediction(proof.broken_prediction(name))
+
+
 @needs("yosys")
 @pytest.mark.parametrize("board", boards.BOARDS)
 @pytest.mark.parametrize("design", KINDS)

@@ -27,7 +27,7 @@ from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import verify
 
 #: seconds after which a simulation that does not end is ended: the fault is found
-LIMIT = 60
+LIMIT = 20
 _SEQUENCES = Design(
     width=24, height=16, pixels=9, places=20, length=3, full_scales=(15,), window_events=12, lanes=4
 )
