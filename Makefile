@@ -11,8 +11,8 @@ demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
 
 # what has compiled kernels runs a second time in plain Python
-KERNELS := cleaning codes counters distances filter_run fixedpoint localiser matches own_mean pipeline \
-           place_filter simulate_pixels sliding_window stream_protocols windows
+KERNELS := cleaning codes counters distances filter_run localiser matches own_mean pipeline \
+           place_filter simulate_pixels stream_protocols windows
 
 test: lint types
 	$(BIN)/python -m pytest

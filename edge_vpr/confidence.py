@@ -21,6 +21,8 @@ from edge_vpr.events import TIME_LIMIT_US
 
 #: learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md
 DEFAULT_TABLE = "default_confidence.json"
+#: the same, of drives that are smoothed, whose trust has another scale
+SMOOTHED_TABLE = "smoothed_confidence.json"
 MOST_STEPS = 4_096
 
 
@@ -62,6 +64,10 @@ class Confidence:
             raise MapError("confidence_probability is not rising from above 0 to below 1")
         if (np.diff(self.trust) <= 0).any():
             raise MapError("confidence_trust does not increase")
+
+    def __repr__(self) -> str:
+        low, high = self.probability[0], self.probability[-1]
+        return f"Confidence({len(self.trust)} steps, {low:.2f} to {high:.2f})"
 
     @property
     def precision(self) -> npt.NDArray[np.float64]:
@@ -138,8 +144,8 @@ class Judge:
     ----------
     confidence : Confidence, optional
         None where nothing is known of the probability, as of sequences without a calibration.
-    precision : float
-        Wanted share of right ones among the accepted matches; 0 accepts all.
+    precision : float, optional
+        Wanted share of right ones among the accepted matches; None accepts all.
 
     Raises
     ------
@@ -148,15 +154,15 @@ class Judge:
     """
 
     confidence: Confidence | None
-    precision: float = 0.0
+    precision: float | None = None
 
     def __post_init__(self) -> None:
-        if self.precision and self.confidence is None:
+        if self.precision is not None and self.confidence is None:
             raise UsageError(
                 f"precision {self.precision} is asked of matches by sequences, whose probability "
                 "is not known: calibrate the map (edge-vpr calibrate), or match by the filter"
             )
-        if self.precision and self.confidence is not None:
+        if self.precision is not None and self.confidence is not None:
             self.confidence.least_trust(self.precision)
 
     def judge(
@@ -177,7 +183,7 @@ class Judge:
         if self.confidence is None:
             return np.full(trust.shape, np.nan), np.zeros(trust.shape, dtype=np.bool_)
         probability = self.confidence.probability_of(trust)
-        if not self.precision:
+        if self.precision is None:
             return probability, np.zeros(trust.shape, dtype=np.bool_)
         return probability, trust < self.confidence.least_trust(self.precision)
 
@@ -186,9 +192,16 @@ _NAMES = ("trust", "probability", "matches")
 
 
 @cache
-def default_confidence() -> Confidence:
-    """Return the shipped table, of the place filter on simulated streets."""
-    text = files("edge_vpr").joinpath(DEFAULT_TABLE).read_text(encoding="utf-8")
+def default_confidence(smoothed: bool = False) -> Confidence:
+    """Return the shipped table, of the place filter on simulated streets.
+
+    Parameters
+    ----------
+    smoothed : bool
+        Of drives that were smoothed; else of matches window by window.
+    """
+    name = SMOOTHED_TABLE if smoothed else DEFAULT_TABLE
+    text = files("edge_vpr").joinpath(name).read_text(encoding="utf-8")
     table = json.loads(text)
     return Confidence(
         np.array(table["trust"], dtype=np.int64),

@@ -13,9 +13,13 @@ from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from fixedpoint.errors import FixedPointError
+
+#: each is looked at after every window
+MOST_JUMPS = 4_096
 
 
 def check_map(
@@ -27,12 +31,14 @@ def check_map(
     full_scale: npt.NDArray[Any] | None,
     mean: npt.NDArray[Any] | None = None,
     route: Route | None = None,
+    jumps: npt.NDArray[Any] | None = None,
+    odometer_mm: npt.NDArray[Any] | None = None,
 ) -> None:
     """Raise unless the parts of a map fit each other.
 
     Parameters
     ----------
-    settings, pixel_map, places, saliency, hot, full_scale, mean, route
+    settings, pixel_map, places, saliency, hot, full_scale, mean, route, jumps, odometer_mm
         See `ReferenceMap`.
 
     Raises
@@ -56,6 +62,7 @@ def check_map(
         check_array(full_scale, "full_scale", (np.uint16,), (counters,))
     if route is not None and len(route.along_m) != len(places):
         raise MapError(f"position has {len(route.along_m)} rows for {len(places)} places")
+    _check_ways(len(places), jumps, odometer_mm)
     own_mean = settings.own_mean_code
     if own_mean is None:
         _check_codes(settings, places.counts, full_scale)
@@ -65,6 +72,24 @@ def check_map(
     check_array(mean, "mean", (np.int32,), (counters,))
     check_range(mean, "mean", 0, int(own_mean.levels[-1]))
     check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
+
+
+def _check_ways(
+    places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
+) -> None:
+    """Raise unless jumps lead from place to place, and the way driven does not fall."""
+    if jumps is not None:
+        check_array(jumps, "jumps", (np.int32,), (None, 2))
+        check_range(jumps, "jumps", 0, places - 1)
+        if len(jumps) > MOST_JUMPS:
+            raise MapError(f"jumps has {len(jumps)} pairs of places: expected up to {MOST_JUMPS}")
+        if (jumps[:, 0] == jumps[:, 1]).any():
+            raise MapError("jumps leads from a place to itself: expected pairs of two places")
+    if odometer_mm is not None:
+        check_array(odometer_mm, "odometer_mm", (np.int64,), (places,))
+        check_range(odometer_mm, "odometer_mm", 0, MOST_MM)
+        if (np.diff(odometer_mm) < 0).any():
+            raise MapError("odometer_mm falls from place to place: expected the way driven")
 
 
 def _check_codes(

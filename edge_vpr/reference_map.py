@@ -18,6 +18,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Sensor
 from edge_vpr.map_checks import check_map
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from fixedpoint.codes import PixelCodes, packed_bytes
@@ -50,6 +51,11 @@ class ReferenceMap:
         Probability of matches with these settings, learnt from an evaluated drive.
     route : Route, optional
         Where the K places are.
+    jumps : ndarray of int32, shape (n, 2), optional
+        Pairs of places: from the first, the place filter may step to the second, as where a loop
+        closes or two routes meet.
+    odometer_mm : ndarray of int64, shape (K,), optional
+        Millimetres that the reference had driven at each place by its own odometry.
 
     Raises
     ------
@@ -66,11 +72,13 @@ class ReferenceMap:
     mean: npt.NDArray[np.int32] | None = None
     confidence: Confidence | None = None
     route: Route | None = None
+    jumps: npt.NDArray[np.int32] | None = None
+    odometer_mm: npt.NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         check_map(
             self.settings, self.pixel_map, self.places, self.saliency, self.hot,
-            self.full_scale, self.mean, self.route,
+            self.full_scale, self.mean, self.route, self.jumps, self.odometer_mm,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -103,6 +111,20 @@ class ReferenceMap:
         return self.settings.shared_code is not None
 
     @property
+    def along_mm(self) -> npt.NDArray[np.int64] | None:
+        """Millimetres driven at each place, shape (K,), by odometry or else by the track.
+
+        Between and beside places that the track did not cover, the way is interpolated. None where
+        the map has neither.
+        """
+        if self.odometer_mm is not None or self.route is None:
+            return self.odometer_mm
+        along_m = self.route.along_m
+        known = np.flatnonzero(np.isfinite(along_m))
+        along_m = np.interp(np.arange(len(along_m)), known, along_m[known])
+        return None if along_m[-1] * 1e3 > MOST_MM else np.rint(along_m * 1e3).astype(np.int64)
+
+    @property
     def judge(self) -> Judge:
         """The map's own table of probabilities, or of the filter the shipped one.
 
@@ -113,7 +135,7 @@ class ReferenceMap:
         """
         confidence = self.confidence
         if confidence is None and self.settings.matching == "filter":
-            confidence = default_confidence()
+            confidence = default_confidence(self.settings.smooth)
         return Judge(confidence, self.settings.precision)
 
     def matched_with(self, settings: Settings) -> ReferenceMap:
@@ -174,6 +196,10 @@ class ReferenceMap:
             arrays["full_scale"] = self.full_scale
         if self.mean is not None:
             arrays["mean"] = self.mean
+        if self.jumps is not None:
+            arrays["jumps"] = self.jumps
+        if self.odometer_mm is not None:
+            arrays["odometer_mm"] = self.odometer_mm
         if self.confidence is not None:
             arrays |= self.confidence.to_arrays()
         meta: dict[str, Any] = {
@@ -206,4 +232,6 @@ class ReferenceMap:
                 mean=arrays.get("mean"),
                 confidence=Confidence.from_arrays(arrays),
                 route=Route.from_arrays(arrays, meta),
+                jumps=arrays.get("jumps"),
+                odometer_mm=arrays.get("odometer_mm"),
             )

@@ -7,7 +7,6 @@ instructions, not cycles.
 from __future__ import annotations
 
 import struct
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -260,34 +259,3 @@ def _processor(unicorn: Any, target: Target) -> Any:
     }
     uc.ctl_set_cpu_model(models[target.cpu])
     return uc
-
-
-def run_host(program: Path, folder: Path, image: bytes, events: bytes, start: int) -> bytes:
-    """Run a case by the program that was built for this computer.
-
-    Parameters
-    ----------
-    program : path
-    folder : path
-        For its files.
-    image, events : bytes
-    start : int
-
-    Returns
-    -------
-    bytes
-        Records of results.
-
-    Raises
-    ------
-    ToolError
-        If it fails.
-    """
-    image_file, events_file, out = (folder / f"{program.stem}.{s}" for s in ("img", "evt", "out"))
-    image_file.write_bytes(image)
-    events_file.write_bytes(events)
-    command = [*map(str, (program.absolute(), image_file, events_file, start, out))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise ToolError(f"{program.name}: {done.stderr.strip() or f'exit {done.returncode}'}")
-    return out.read_bytes()

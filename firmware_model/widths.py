@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fixedpoint.formats import FixedFormat
-from fixedpoint.ops import sum_format
+from fixedpoint.formats import UnsignedFormat
 from fixedpoint.own_mean import MEAN_BITS
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ ACTIVITY_BITS = 8
 EVENTS_TOP = (1 << 23) - 1
 
 
-def formats_of(design: Design) -> dict[str, FixedFormat]:
+def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     """Return the format of every quantity by its name, all unsigned integers.
 
     Parameters
@@ -35,54 +34,49 @@ def formats_of(design: Design) -> dict[str, FixedFormat]:
 
     Returns
     -------
-    dict of str to FixedFormat
+    dict of str to UnsignedFormat
         ``sum`` is what the search takes: a sequence's sum, or a metric. A code table's ``entry`` is
         a code, or a logarithm.
     """
-    code = FixedFormat(False, design.code_bits)
-    distance = sum_format(code, design.slots)
-    total = sum_format(code, design.slots * design.length)
+    holding, code = UnsignedFormat.holding, UnsignedFormat(design.code_bits)
+    distance = code.sum_of(design.slots)
+    total = code.sum_of(design.slots * design.length)
     if design.filters:
-        total = _holding(METRIC_TOP)
-    found: dict[str, FixedFormat] = {} if design.filters else {"sequence": total}
+        total = holding(METRIC_TOP)
+    found: dict[str, UnsignedFormat] = {} if design.filters else {"sequence": total}
     found |= {
-        "timestamp": FixedFormat(False, design.timestamp_bits),
-        "column": _holding(design.width - 1),
-        "row": _holding(design.height - 1),
-        "address": _holding(design.lookup_depth - 1),
+        "timestamp": UnsignedFormat(design.timestamp_bits),
+        "column": holding(design.width - 1),
+        "row": holding(design.height - 1),
+        "address": holding(design.lookup_depth - 1),
         # one value more than there are rows marks an entry without an owner
-        "owner": _holding(design.height),
-        "slot": _holding(design.slots - 1),
-        "count": _holding(design.count_max),
-        "window_count": _holding(design.window_events),
-        "table": _holding(len(design.full_scales) - 1),
-        "entry": _holding(design.entry_max) if design.own_mean else code,
+        "owner": holding(design.height),
+        "slot": holding(design.slots - 1),
+        "count": holding(design.count_max),
+        "window_count": holding(design.window_events),
+        "table": holding(len(design.full_scales) - 1),
+        "entry": holding(design.entry_max) if design.own_mean else code,
         "code": code,
         "distance": distance,
         "sum": total,
-        "product": _holding(total.highest * design.ratio[1]),
-        "place": _holding(design.places - 1),
+        "product": holding(total.highest * design.ratio[1]),
+        "place": holding(design.places - 1),
     }
     if design.own_mean or design.filters:
         found |= {
-            "window_events": _holding(EVENTS_TOP),
-            "activity": _holding(EVENTS_TOP << ACTIVITY_BITS),
+            "window_events": holding(EVENTS_TOP),
+            "activity": holding(EVENTS_TOP << ACTIVITY_BITS),
         }
     if design.own_mean:
-        found |= {"mean": _holding(design.entry_max << MEAN_BITS)}
+        found |= {"mean": holding(design.entry_max << MEAN_BITS)}
     if design.filters:
         found |= {
-            "distance_total": sum_format(distance, design.places),
-            "reciprocal": _holding(1 << RECIPROCAL_BITS),
-            "evidence": _holding(EVIDENCE_TOP),
-            "price": _holding(max((*design.steps, *design.back, design.restart)) << FRACTION_BITS),
-            "prediction": _holding(METRIC_TOP),
-            "metric": _holding(METRIC_TOP),
-            "trust": _holding(TRUST_TOP),
+            "distance_total": distance.sum_of(design.places),
+            "reciprocal": holding(1 << RECIPROCAL_BITS),
+            "evidence": holding(EVIDENCE_TOP),
+            "price": holding(max((*design.steps, *design.back, design.restart)) << FRACTION_BITS),
+            "prediction": holding(METRIC_TOP),
+            "metric": holding(METRIC_TOP),
+            "trust": holding(TRUST_TOP),
         }
     return found
-
-
-def _holding(largest: int) -> FixedFormat:
-    """Narrowest unsigned integer that holds 0 to `largest`."""
-    return FixedFormat(False, max(1, largest.bit_length()))

@@ -1,44 +1,10 @@
-"""Fixed-point numbers on plain integers: formats, rounding, overflow, exact operations, codes.
+"""Exact integers: how wide a counter, a code and a sum are, and the codes of event counts.
 
-The kernels, which need Numba, are in `fixedpoint.kernels`. Modules that use this package import
-from its modules, so that another library of the same name cannot take its place (see
-docs/fixedpoint.md).
+Modules that use this package import from its modules, so that another library of the same name
+cannot take its place (see docs/fixedpoint.md).
 """
 
-from fixedpoint.errors import FixedOverflowError, FixedPointError
-from fixedpoint.formats import FixedFormat
-from fixedpoint.ops import (
-    absolute_difference,
-    difference_format,
-    exact_sum,
-    fit,
-    quantize,
-    resize,
-    round_ratio,
-    round_shift,
-    sad,
-    sad_format,
-    saturating_add,
-    sum_format,
-)
-from fixedpoint.rounding import Overflow, Rounding
+from fixedpoint.errors import FixedPointError
+from fixedpoint.formats import UnsignedFormat
 
-__all__ = [
-    "FixedFormat",
-    "FixedOverflowError",
-    "FixedPointError",
-    "Overflow",
-    "Rounding",
-    "absolute_difference",
-    "difference_format",
-    "exact_sum",
-    "fit",
-    "quantize",
-    "resize",
-    "round_ratio",
-    "round_shift",
-    "sad",
-    "sad_format",
-    "saturating_add",
-    "sum_format",
-]
+__all__ = ["FixedPointError", "UnsignedFormat"]

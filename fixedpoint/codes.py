@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fixedpoint.errors import FixedPointError
-from fixedpoint.formats import FixedFormat
+from fixedpoint.formats import UnsignedFormat
 
 CodeKind = Literal["linear", "sqrt", "log"]
 KINDS: tuple[str, ...] = get_args(CodeKind)
@@ -99,9 +99,9 @@ class CounterCode:
         return min((1 << self.bits) - 1, self.full_scale)
 
     @property
-    def format(self) -> FixedFormat:
+    def format(self) -> UnsignedFormat:
         """Format of the codes."""
-        return FixedFormat(False, self.bits, 0)
+        return UnsignedFormat(self.bits)
 
     @cached_property
     def table(self) -> npt.NDArray[np.uint16]:

@@ -2,31 +2,49 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
+import re
+import tomllib
 import zipfile
 from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 
-import naive
 import numpy as np
+from archive_oracle import check_layout, check_loaded_map, check_loaded_state
+from edge_vpr_tools.energy.conditions import Conditions
+from edge_vpr_tools.energy.meter_trace import read_csv
+from edge_vpr_tools.energy.profile_record import SCHEMA, Profile
+from edge_vpr_tools.energy.show import check_shown
+from edge_vpr_tools.estimate import targets
+from edge_vpr_tools.estimate.calibration import calibrated
+from edge_vpr_tools.estimate.candidates import evaluation_of
 from streams import descriptors, random_events
 
-from edge_vpr.archive import read_archive, read_members
-from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.archive import read_members
+from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError
-from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
+from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, printable
+from edge_vpr.evaluation.jump_files import load_jumps
+from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.evaluation.truth_from_alignment import load_alignment
+from edge_vpr.evaluation.truth_from_matrix import load_matrix
+from edge_vpr.events import Sensor
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.pipeline import coded_map, window_of
+from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings
+from edge_vpr.stream.protocols.aer import read_layout
+from edge_vpr.stream.protocols.layout import Layout
+from firmware_model.design import Design
+from firmware_model.errors import DesignError
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))
@@ -39,6 +57,18 @@ VARIANTS: tuple[dict[str, object], ...] = (
     {"counter_code": "sqrt", "counter_bits": 4, "window": "count", "polarity": True},
     {"matching": "filter"},
     {"matching": "filter", "counter_code": "log", "counter_scaling": "own-mean"},
+    {
+        "matching": "filter",
+        "counter_code": "log",
+        "counter_scaling": "own-mean",
+        "counter_bits": 2,
+        "query_mean": "running",
+        "window": "count",
+        "polarity": True,
+        "filter_steps": [2, 0, 1],
+        "filter_back": [3],
+        "precision": 0.9,
+    },
 )
 #: what a number in a header, or in an array, becomes
 ODD = (0, 1, -1, 2, 5, 255, 256, 65_535, 65_536, 2**31, 2**32, 2**60, 2**63 - 1, -(2**63), 10**30)
@@ -46,16 +76,26 @@ ODDITIES = (*ODD, True, None, "", "time", "count", [], {}, [1, 2], 0.5, float("n
 DTYPES = ("u1", "u2", "u4", "u8", "i1", "i4", "i8", "f4", "f8", "?", ">u2", ">i8", "U3")
 
 
-def map_of(variant: dict[str, object], rng: np.random.Generator) -> ReferenceMap:
-    """Make a map of a few places at four pixels."""
+def map_of(
+    variant: dict[str, object], rng: np.random.Generator, largest: int | None = None
+) -> ReferenceMap:
+    """Make a map of a few places at four pixels, with a table of probabilities and a route."""
     settings = Settings(pixels=4, tau_us=100, sequence_length=2, remove_bursts=False)
     settings = settings.replaced(variant, "test")
     counters = 8 if settings.polarity else 4
-    largest = int(rng.choice([3, 20, 300, 70_000]))
+    if largest is None:
+        largest = int(rng.choice([3, 20, 300, 70_000]))
     places = descriptors(rng.integers(0, largest + 1, (int(rng.integers(3, 12)), counters)))
     figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
     counted = ReferenceMap(settings.uncoded, PIXELS, places, figures, figures > 0)
-    return coded_map(counted, settings)
+    confidence = Confidence(
+        np.array([-5, 40, 2_000]), np.array([0.2, 0.5, 0.95]), np.array([9, 8, 200])
+    )
+    along = np.where(rng.random(len(places)) < 0.8, np.arange(len(places)) * 2.5, np.nan)
+    along[0] = 0.0
+    position = np.stack([along, -along], axis=1)
+    route = Route(position, along, "metric")
+    return replace(coded_map(counted, settings), confidence=confidence, route=route)
 
 
 def write_originals(folder: Path) -> dict[str, list[Path]]:
@@ -69,13 +109,20 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
 
     for variant in VARIANTS:
         reference = map_of(variant, rng)
+        if variant == VARIANTS[-1]:  # with all that a map may have
+            way = np.arange(len(reference), dtype=np.int64) * 700
+            pairs = np.array([[2, 0], [0, 2]], dtype=np.int32)
+            reference = replace(reference, jumps=pairs, odometer_mm=way)
         reference.save(new("map", ".npz"))
         for every in (MatchSchedule(events=1), MatchSchedule(interval_us=30, change=True)):
             localiser = Localiser(reference, every=every)
             localiser.update(random_events(rng, 60, SENSOR, 500))
+            if reference.odometer_mm is not None:
+                for i in range(5):  # in this window and the one before
+                    localiser.read_odometer(501 + 50 * i, 0.2 * i)
             localiser.save(new("state", ".npz"))
         queries = descriptors(reference.places.counts[1:])
-        match_descriptors(reference.places, queries, reference.settings).save(
+        match_descriptors(reference.places, queries, reference.settings, reference.confidence).save(
             new("matches", ".npz")
         )
         toml = [f"{name} = {json.dumps(value)}" for name, value in variant.items()]
@@ -89,12 +136,97 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
     )
     new("track", ".gpx").write_text(f"<?xml version='1.0'?><gpx><trk>{points}</trk></gpx>")
     new("track", ".csv").write_text("time_s,x_m,y_m\n0,0,0\n1,2.5,0\n2,5,1\n")
+    new("odometry", ".csv").write_text("time_s,distance_m\n0,0\n0.5,1.5\n1,3.5\n")
+    new("odometry", ".csv").write_text("time_s,speed_mps\n0,0\n0.5,1.5\n1,3.5\n")
+    new("jumps", ".csv").write_text("from,to\n0,5\n3,1\n")
     new("alignment", ".csv").write_text("query_s,reference_s\n0,0\n1.5,2\n4,5\n")
     truth = np.eye(4, dtype=np.uint8)
     np.save(new("matrix", ".npy"), truth)
     np.savez(new("matrix", ".npz"), gt=truth)
     np.savetxt(new("matrix", ".csv"), truth, delimiter=",")
+    _write_plain_values(new)
     return files
+
+
+def _write_plain_values(new: Callable[[str, str], Path]) -> None:
+    """Write a layout, designs, targets, metrics, a profile and a meter's trace."""
+    new("layout", ".toml").write_text(
+        'bytes = 5\nendian = "big"\nx = { shift = 1, bits = 7 }\ny = { shift = 8, bits = 6 }\n'
+        "p = { shift = 0, on = 0 }\nt = { shift = 16, bits = 20, tick_us = 2 }\n"
+        "sync = { mask = 0x8000, value = 0x8000 }\n"
+    )
+    new("layout", ".toml").write_text(
+        'bytes = 2\nendian = "little"\nx = {shift = 0, bits = 5}\ny = {shift = 5, bits = 5}\n'
+    )
+    Design(width=40, height=30, pixels=20, places=50).save(new("design", ".toml"))
+    Design(
+        width=40, height=30, pixels=20, places=50, matching="filter", code="own-mean", back=(2,)
+    ).save(new("design", ".toml"))
+    for name in targets.names():
+        path = Path(targets.__file__).with_name("targets") / f"{name}.toml"
+        new("target", ".toml").write_bytes(path.read_bytes())
+    told = {"precision_at_100_recall": 0.75, "queries": 8, "recall": [0.5, None]}
+    new("metrics", ".json").write_text(json.dumps({"evaluation": told, "seconds": 3.5}))
+    new("profile", ".json").write_text(json.dumps(plain_profile()))
+    lines = "".join(f"{i / 10},{2 + i % 7 / 10},{0.5 + i % 3}\n" for i in range(40))
+    new("meter", ".csv").write_text("time_s,voltage_v,current_a\n" + lines)
+
+
+def plain_profile() -> dict[str, object]:
+    """Give what `edge-vpr profile` writes, with joules and one design."""
+    interval = [0.9, 1.2]
+    sensor = {
+        "name": "meter.csv", "kind": "power", "scope": "the board", "period_s": 0.1,
+        "resolution": 0.01, "gain_error": 0.01, "detail": "made up",
+    }  # fmt: skip
+    energy = {
+        "measured": True, "resolved": True, "quick": True, "pairs": 5, "window_s": 10.0,
+        "pairs_needed": None, "native_samples_per_window": 100, "cpu_s_per_match": 0.001,
+        "marginal_j_per_match": 1.0, "marginal_j_per_match_interval": interval,
+        "marginal_j_per_match_interval_with_gain": interval, "saturated_matches_per_s": 9.0,
+        "saturated_j_per_match": 2.0, "saturated_j_per_match_interval": [1.5, 2.5],
+        "mission_matches_per_s": 1.0, "mission_j_per_match": 3.0,
+        "mission_j_per_match_interval": [2.5, 3.5], "matches_per_joule": 1.0,
+        "matches_per_joule_interval": interval, "idle_w": 2.0, "idle_w_interval": [1.9, 2.1],
+        "load_w": 3.0, "differences_w": [1.0], "windows": [], "sampler_cpu_share": 0.01,
+        "trace": {"time_s": [0.5], "watts": [2.0]}, "sensor": sensor,
+    }  # fmt: skip
+    known = {"frequency_hz": 1e9, "temperature_c": 50.0}
+    conditions = {field.name: known.get(field.name) for field in fields(Conditions)}
+    spread = {"value": 1e-6, "low": 0.9e-6, "high": 1.1e-6}
+    against = {
+        "sparse_pixels": 5, "all_pixels": 192, "places": 19, "unit": "a query",
+        "sparse_s": spread, "all_s": spread, "times": {"value": 1.0, "low": 0.9, "high": 1.1},
+    }  # fmt: skip
+    speed = {
+        "seconds": 1.0, "events_per_s": 1e6, "matches_per_s": 1e3, "times_real_time": 9.0,
+        "latency_p50_s": 1e-4, "latency_p99_s": 1e-3, "calls_with_a_match": 99,
+        "cpu_s_per_match": 1e-3, "cpu_share": 1.0, "peak_memory_bytes": 10**8,
+        "events_a_round": 1000,
+    }  # fmt: skip
+    design = {
+        "name": "3-bit", "pixels": 25, "counter_bits": 3, "precision_at_100_recall": 0.5,
+        "places": 19, "queries": 8, "bytes_per_place": 60, "cpu_s_per_match": 1e-3,
+        "cpu_s_per_match_interval": [9e-4, 1.1e-3], "energy": energy,
+    }  # fmt: skip
+    moments = dict.fromkeys(("before", "loaded", "after"), conditions)
+    versions = {"python": "3.11"}
+    return {
+        "schema": SCHEMA, "quick": True, "throughput": speed, "energy": energy,
+        "map": {"places": 19, "pixels": 25, "bytes_per_place": 60, "sequence_length": 5},
+        "designs": [design], "conditions": {**moments, "void_because": ""},
+        "sparse_against_all": dict.fromkeys(("counting", "matching", "matching_paper"), against),
+        "load": {"recording": "query.npz", "packet": 512, "every": "window"},
+        "provenance": {
+            "board": None, "processor": "x86", "kernel": "6", "clock_hz": 1e9, "governor": None,
+            "sensor": None, "shunt_mohm": None, "versions": versions,
+        },
+        "run": {
+            "schema": 1, "command": ["edge-vpr"], "finished_utc": "2026-01-01T00:00:00Z",
+            "settings": {}, "versions": versions, "inputs": [],
+            "machine": {"system": "Linux", "processor": "x86"},
+        },
+    }  # fmt: skip
 
 
 def checksum(body: str) -> int:
@@ -105,14 +237,19 @@ def checksum(body: str) -> int:
     return total
 
 
+@cache
+def _members(original: Path) -> dict[str, np.ndarray]:
+    return read_members(original)
+
+
 def mutant(original: Path, rng: np.random.Generator) -> bytes:
     """Change a file: its bytes, its arrays and header, or the header of one array."""
     raw = original.read_bytes()
-    if original.suffix != ".npz" or rng.random() < 0.3:
+    if original.suffix != ".npz" or rng.random() < 0.2:
         return _other_bytes(raw, rng)
     if rng.random() < 0.25:
         return _other_npy(raw, rng)
-    arrays = read_members(original)
+    arrays = dict(_members(original))
     for _ in range(int(rng.integers(1, 3))):
         name = str(rng.choice(list(arrays)))
         if name == "edge_vpr":
@@ -133,7 +270,7 @@ def _other_bytes(raw: bytes, rng: np.random.Generator) -> bytes:
     for _ in range(int(rng.integers(1, 4))):
         if not changed:
             break
-        at, what = int(rng.integers(len(changed))), rng.integers(6)
+        at, what = int(rng.integers(len(changed))), rng.integers(8)
         end = min(len(changed), at + int(rng.integers(1, 40)))
         if what == 0:
             changed[at] ^= 1 << int(rng.integers(8))
@@ -145,6 +282,11 @@ def _other_bytes(raw: bytes, rng: np.random.Generator) -> bytes:
             changed[at:at] = changed[at:end] * int(rng.choice([1, 2, 300]))
         elif what == 4:
             changed[at:end] = rng.bytes(end - at)
+        elif what > 5 and (numbers := list(re.finditer(rb"\d+", changed[:20_000]))):
+            number = numbers[int(rng.integers(len(numbers)))]
+            near = int(number[0][:20]) + int(rng.choice([-1, 1, 7]))
+            value = near if rng.random() < 0.7 else int(ODD[int(rng.integers(len(ODD)))])
+            changed[number.start() : number.end()] = str(value).encode()
         else:
             del changed[at:]
     return bytes(changed)
@@ -203,7 +345,7 @@ def _odd(value: object, rng: np.random.Generator) -> object:
 
 def _other_array(arrays: dict[str, np.ndarray], name: str, rng: np.random.Generator) -> np.ndarray:
     array = arrays[name]
-    what = rng.integers(8)
+    what = rng.integers(14)
     if what == 0:
         return array.astype(str(rng.choice(DTYPES)))
     if what == 1 and array.ndim:
@@ -222,7 +364,7 @@ def _other_array(arrays: dict[str, np.ndarray], name: str, rng: np.random.Genera
     if changed.size and changed.dtype.kind in "iuf":
         at = int(rng.integers(changed.size))
         flat = changed.reshape(-1)
-        if what == 6:
+        if what < 9:
             flat[at] = np.array([int(rng.choice(ODD[:9]))]).astype(changed.dtype)[0]
         else:
             flat[at] = flat[at] + np.array([int(rng.choice([-1, 1]))]).astype(changed.dtype)[0]
@@ -239,8 +381,8 @@ def outcome(kind: str, path: Path) -> bool:
     """
     try:
         loaded = LOADERS[kind](path)
-    except EdgeVprError as error:
-        text = str(error)
+    except (EdgeVprError, DesignError) as error:
+        text = printable(error) if isinstance(error, DesignError) else str(error)
         assert text.isprintable(), text
         assert 0 < len(text) <= LONGEST_MESSAGE, text
         return False
@@ -248,7 +390,17 @@ def outcome(kind: str, path: Path) -> bool:
         check_loaded_map(loaded)
     elif isinstance(loaded, Localiser):
         check_loaded_state(loaded, path)
+    elif isinstance(loaded, Layout):
+        check_layout(loaded)
+    elif isinstance(loaded, Design):
+        assert Design.from_dict(tomllib.loads(loaded.to_toml())) == loaded
     return True
+
+
+def _shown_profile(path: Path) -> object:
+    found = Profile.load_file(path)
+    check_shown(found, path)
+    return calibrated(path)
 
 
 LOADERS: dict[str, Callable[[Path], object]] = {
@@ -259,158 +411,12 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "track": load_track,
     "alignment": load_alignment,
     "matrix": load_matrix,
+    "odometry": load_odometry,
+    "jumps": lambda path: load_jumps(path, 6),
+    "layout": read_layout,
+    "design": Design.load,
+    "target": targets.Target.load,
+    "metrics": evaluation_of,
+    "profile": _shown_profile,
+    "meter": read_csv,
 }
-
-
-def _beyond_the_oracle(settings: Settings) -> bool:
-    """Whether matches are the place filter's, or codes change as a drive goes on."""
-    return settings.matching == "filter" or settings.own_mean_code is not None
-
-
-def _drive_on(localiser: Localiser, floor_us: int) -> None:
-    """Feed random events, and nothing but errors of ours may come of it."""
-    events = random_events(np.random.default_rng(3), 60, SENSOR, 800)
-    events["t"] += floor_us
-    with contextlib.suppress(EdgeVprError):
-        localiser.update(events)
-        localiser.verify()
-
-
-def check_loaded_map(reference: ReferenceMap) -> None:
-    """Match made-up windows and events, and compare with plain Python."""
-    settings = reference.settings
-    if _beyond_the_oracle(settings):
-        with contextlib.suppress(EdgeVprError):
-            match_descriptors(reference.places, reference.places, settings)
-            _drive_on(Localiser(reference), 0)
-        return
-    places = reference.places.counts.tolist()
-    length = settings.sequence_length
-    rng = np.random.default_rng(1)
-    counters = reference.places.counts.shape[1]
-    queries = rng.integers(0, 6, (4, counters)).tolist()
-    coded = [_coded(reference, query) for query in queries]
-    try:
-        found = match_descriptors(reference.places, descriptors(coded), settings)
-    except EdgeVprError:
-        assert length > min(len(places), len(queries))
-    else:
-        sums = naive.sequence_sums(naive.distance_matrix(places, coded), length)
-        offset = length // 2 if settings.anchor == "middle" else length - 1
-        for i in range(len(found)):
-            column = [row[i] for row in sums]
-            best, second, ties = naive.best_and_second(column, settings.exclusion)
-            assert (found.place[i], found.ties[i]) == (best + offset, ties)
-            assert found.distance_sum[i] == column[best]
-            assert found.second[i] == (-1 if second < 0 else second + offset)
-    try:
-        localiser = Localiser(reference)
-    except EdgeVprError:
-        return
-    _follow(localiser, reference, [], 0, 0, rng)
-
-
-def check_loaded_state(localiser: Localiser, path: Path) -> None:
-    """Go on from a state, and compare with plain Python."""
-    arrays, meta = read_archive(path, "localiser state")
-    if _beyond_the_oracle(localiser.settings):
-        _drive_on(localiser, meta["floor_us"])
-        return
-    selected = list(zip(arrays["time"].tolist(), arrays["slot"].tolist(), strict=True))
-    reference = ReferenceMap(
-        localiser.settings,
-        PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
-        _as_places(arrays["places"]),
-        np.zeros(meta["sensor"][::-1], dtype=np.float32),
-        np.zeros(meta["sensor"][::-1], dtype=np.bool_),
-        arrays.get("full_scale"),
-    )
-    before = int(arrays["bound"][0]) - len(selected)
-    _compare(localiser, reference, selected, meta["now_us"])
-    rng = np.random.default_rng(2)
-    _follow(localiser, reference, selected, meta["floor_us"], before, rng, meta["recent"])
-
-
-def _follow(
-    localiser: Localiser,
-    reference: ReferenceMap,
-    selected: list[tuple[int, int]],
-    floor_us: int,
-    before: int,
-    rng: np.random.Generator,
-    recent: int = 0,
-) -> None:
-    """Feed events at selected pixels one by one, each compared with the oracle's."""
-    pixels = reference.pixel_map
-    settings = reference.settings
-    window = window_of(settings)
-    tau = getattr(window, "tau_us", 0)
-    step = min(max(tau // 3, 1), 10**6)
-    t = floor_us
-    for _ in range(10):
-        t += int(rng.integers(0, step + 1))
-        j, p = int(rng.integers(len(pixels))), bool(rng.integers(2))
-        try:
-            matches = localiser.update(make_events([t], [pixels.x[j]], [pixels.y[j]], [p]))
-        except EdgeVprError:
-            assert t > 2**59 or localiser.every.interval_us
-            return
-        selected.append((t, j if p or not settings.polarity else j + len(pixels)))
-        lags = _compare(localiser, reference, selected, t + 1)
-        every, length = localiser.every, settings.sequence_length
-        if every.interval_us or every.change:
-            continue
-        number = before + len(selected)
-        whole = t + 1 >= length * tau if tau else number >= length * window.events  # type: ignore[union-attr]
-        assert len(matches) == (whole and number % every.events == 0)
-        if len(matches):
-            places = reference.places.counts.tolist()
-            expected = naive.online_match(places, lags, settings.exclusion, recent)
-            names = ("place", "distance_sum", "second", "second_sum")
-            assert tuple(int(matches[0][name]) for name in names) == expected
-
-
-def _compare(
-    localiser: Localiser, reference: ReferenceMap, selected: list[tuple[int, int]], until: int
-) -> list[list[int]]:
-    """Hold counters and all distances to the oracle; returns the coded counters."""
-    settings, places = reference.settings, reference.places.counts.tolist()
-    length, window = settings.sequence_length, window_of(settings)
-    tau = getattr(window, "tau_us", 0)
-    lags = naive.lagged_counts(
-        selected,
-        until,
-        length,
-        len(places[0]),
-        tau,
-        0 if tau else window.events,  # type: ignore[union-attr]
-    )
-    assert localiser.counts.tolist() == lags
-    coded = [_coded(reference, lag) for lag in lags]
-    sums = [
-        sum(naive.sad(places[k - i], coded[i]) for i in range(length))
-        for k in range(length - 1, len(places))
-    ]
-    assert localiser.distance_sums.tolist() == sums
-    return coded
-
-
-def _coded(reference: ReferenceMap, counts: list[int]) -> list[int]:
-    """Code counts by the oracle; by the tables where it would take minutes."""
-    settings = reference.settings
-    if settings.counter_code == "none":
-        return [min(c, settings.clip) for c in counts] if settings.clip else counts
-    codes = codes_of(settings, len(counts), reference.full_scale)
-    assert codes is not None
-    if settings.counter_bits > 6 or max(code.full_scale for code in codes.codes) > 300:
-        return codes.encode(np.array(counts)).tolist()
-    scales = [codes.codes[row].full_scale for row in codes.row.tolist()]
-    return [
-        naive.counter_code(settings.counter_code, settings.counter_bits, scale, count)
-        for scale, count in zip(scales, counts, strict=True)
-    ]
-
-
-def _as_places(counts: np.ndarray) -> Descriptors:
-    nothing = np.zeros(len(counts), dtype=np.int64)
-    return Descriptors(counts, nothing, nothing, nothing)

@@ -39,7 +39,7 @@ from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Sensor, make_events
 from edge_vpr.recordings import open_recording, write_recording
 
 SENSOR = Sensor(40, 30)
-MEMORY_BYTES, SECONDS, BATCH = 512 << 20, 20.0, 500
+MEMORY_BYTES, SECONDS, BATCH = 512 << 20, 60.0, 500
 MOST_EVENTS = 300_000  #: read of one input; enough to see memory grow
 NUMBERS = (0, 1, 2, 127, 128, 255, 256, 32767, 65535, 65536, 2**31 - 1, 2**31, 2**32 - 1, 2**40)
 NUMBERS += (2**60, 2**62, 2**63 - 1, 2**63, 2**64 - 1)
@@ -104,6 +104,12 @@ def _tables(folder: Path, events: np.ndarray) -> None:
         for name, column in columns.items():
             file.create_dataset(f"events/{name}", data=column, chunks=(64,), compression="gzip")
         file["t_offset"] = 5
+    with h5py.File(folder / "filters.h5", "w") as file:
+        file.attrs["geometry"] = f"{SENSOR.width}x{SENSOR.height}"
+        more = {"fletcher32": True, "shuffle": True}
+        for name, column in columns.items():
+            how = {"compression": "gzip" if name == "t" else "lzf", **(more if name < "x" else {})}
+            file.create_dataset(f"events/{name}", data=column, chunks=(64,), **how)
     table = pa.table(columns)
     parquet.write_table(table, folder / "snappy.parquet", row_group_size=150)
     parquet.write_table(table, folder / "gzip.parquet", compression="gzip", use_dictionary=False)
@@ -131,9 +137,11 @@ def _bags(folder: Path, rows: list[files.Event]) -> None:
         (stored,) = (f for f in (folder / name).iterdir() if f.suffix in (".db3", ".mcap"))
         shutil.copy(stored, folder / f"packets{stored.suffix}")
     shutil.rmtree(folder / "sqlite")  # read alone; of the other, metadata.yaml is mutated as well
-    writer = rosbag2.Writer(folder / "zstd", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
-    writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
-    _fill(writer, "dvs_msgs/msg/EventArray", _arrays(rows, 2), rihs01=digest)
+    for mode in (rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionMode.FILE):
+        storage = rosbag2.StoragePlugin.MCAP
+        writer = rosbag2.Writer(folder / f"zstd_{mode.name}", version=9, storage_plugin=storage)
+        writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+        _fill(writer, "dvs_msgs/msg/EventArray", _arrays(rows, 2), rihs01=digest)
 
 
 def _arrays(rows: list[files.Event], ros: int) -> list[bytes]:
@@ -473,7 +481,9 @@ def main() -> int:
     args = parser.parse_args()
     if args.keep is not None:
         args.keep.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
+    # files in memory, where the system has a folder of it: each is written once and read twice
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    with tempfile.TemporaryDirectory(dir=memory) as folder:
         seeds, work = Path(folder) / "seeds", Path(folder) / "input"
         seeds.mkdir()
         maker = os.fork()  # what writes the seeds starts threads, which a fork would not survive

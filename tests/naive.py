@@ -312,10 +312,16 @@ def own_mean_code(count: int, mean: int, bits: int, full_scale: int) -> int:
     return min(max(octaves, -half), half - 1) + half
 
 
-def running_means(levels: Sequence[int], mean: int) -> list[int]:
-    """Mean of one counter's logarithms before each window, and after the last."""
-    total, means = 256 * mean, []
-    for w, level in enumerate([*levels, 0]):
+def running_means(
+    levels: Sequence[int], mean: int, begin: tuple[int, int] | None = None
+) -> list[int]:
+    """Mean of one counter's logarithms before each window, and after the last.
+
+    It begins at `mean` with window 0, or with a total of 65,536 an octave and a later window.
+    """
+    total, first = begin or (256 * mean, 0)
+    means = []
+    for w, level in enumerate([*levels, 0], first):
         means.append((total + 128) // 256)
         total += (256 * level - total) // 2 ** min(int(math.log2(16 + w)), 8)
     return means
@@ -329,35 +335,47 @@ def place_filter(
     restart: int,
     exclusion: int,
     activity: int,
+    begin: tuple[list[int], int, int, int] | None = None,
+    jumps: Sequence[tuple[int, int]] = (),
+    along: Sequence[int] = (),
+    travelled: Sequence[int | None] = (),
 ) -> list[tuple[list[int], int, int, int]]:
-    """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j."""
+    """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
+
+    It goes on from `begin`: metrics, scale (0: none yet), place and trust of a window before.
+    """
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
-    metric, scale, last, trust, told = [0] * len(distances[0]), None, None, 0, []
+    metric, scale, last, trust = begin or ([0] * len(distances[0]), 0, None, 0)
+    told = []
     for j, d in enumerate(distances):
         mean = sum(d) // len(d)
         spread = max(sum(abs(x - mean) for x in d) // len(d), 1)
         pause = events[j] == 0 or 16 * 256 * events[j] < activity
         steps = {0: 0, 1: 0, 2: 4} if pause else prices
-        least = min(metric)
+        least, way = min(metric), travelled[j] if travelled else None
+        ways = ways_of_steps(len(d), steps, jumps) if way is None else (
+            ways_of_odometry(along, way, jumps)
+        )  # fmt: skip
         predicted = [
-            min(
-                [4 * restart]
-                + [metric[k - i] - least + c for i, c in steps.items() if 0 <= k - i < len(d)]
-            )
+            min([4 * restart] + [metric[i] - least + c for i, to, c in ways if to == k])
             for k in range(len(d))
         ]
-        if j == 0:
+        if j == 0 and begin is None:
             predicted = [0] * len(d)
         own = 65536 // spread
-        scaled = own if scale is None else scale  # by the spread of the window before
+        scaled = scale or own  # by the spread of the window before, up to 2**16
         evidence = [0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d]
         metric = [min(p + e, 1023) for p, e in zip(predicted, evidence, strict=True)]
         scale = scale if pause else own
         activity += (256 * min(events[j], 2**23 - 1) - activity) // 64
         best, second, _ = best_and_second(metric, exclusion)
         margin = metric[second] - metric[best] if second >= 0 else 1023
-        follows = last is not None and -len(back) <= best - last < max(len(forward), 3)
+        if way is None:  # a step that is longer than any follows from nothing
+            ways = ways_of_steps(
+                len(d), dict.fromkeys(range(-len(back), max(len(forward), 3)), 0), jumps
+            )
+        follows = any((i, to) == (last, best) and c < 4 * restart for i, to, c in ways)
         trust = trust if follows else 0
         risen = trust + (16 * margin - trust) // 4
         if best == last:  # the same view again says nothing new
@@ -365,6 +383,114 @@ def place_filter(
         trust, last = risen, best
         told.append((metric, best, second, trust))
     return told
+
+
+def smoothed_filter(
+    distances: Matrix,
+    events: Sequence[int],
+    forward: Sequence[int],
+    back: Sequence[int],
+    restart: int,
+    activity: int,
+    jumps: Sequence[tuple[int, int]],
+    along: Sequence[int],
+    travelled: Sequence[int | None],
+) -> tuple[list[list[int]], list[set[tuple[int, int]]]]:
+    """Forward metric of each window plus the price of the cheapest way on from each place.
+
+    And the pairs of places that may follow each other up to each window.
+    """
+    k, scale, evidence, ways = len(distances[0]), None, [], []
+    prices = {i: 4 * price for i, price in enumerate(forward)}
+    prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
+    given, usual = (forward, back, restart, 0, activity, jumps, along, travelled), activity
+    metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
+    for d, count, way in zip(distances, events, travelled, strict=True):
+        own = 65536 // max(sum(abs(x - sum(d) // k) for x in d) // k, 1)
+        pause = count == 0 or 16 * 256 * count < usual
+        scaled = own if scale is None else scale
+        evidence.append([0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d])
+        scale = scale if pause else own
+        usual += (256 * min(count, 2**23 - 1) - usual) // 64
+        steps = {0: 0, 1: 0, 2: 4} if pause else prices
+        ways.append(
+            ways_of_steps(k, steps, jumps) if way is None else ways_of_odometry(along, way, jumps)
+        )
+    onward, summed = [0] * k, []
+    for j in reversed(range(len(distances))):
+        summed.append([m + o for m, o in zip(metrics[j], onward, strict=True)])
+        price = [e + o for e, o in zip(evidence[j], onward, strict=True)]
+        onward = [
+            min([4 * restart] + [price[to] - min(price) + c for i, to, c in ways[j] if i == place])
+            for place in range(k)
+        ]
+    last = dict.fromkeys(range(-len(back), max(len(forward), 3)), 0)
+    follow = [
+        {
+            (i, to)
+            for i, to, c in (ways_of_steps(k, last, jumps) if way is None else ways[j])
+            if c < 4 * restart
+        }
+        for j, way in enumerate(travelled)
+    ]
+    return summed[::-1], follow
+
+
+def smoothed_trust(
+    place: Sequence[int], margin: Sequence[int], follow: Sequence[set[tuple[int, int]]]
+) -> list[int]:
+    """Mean of 16 times the margin over 9 windows, without those behind a jump."""
+    trust = []
+    for j in range(len(place)):
+        first = last = j
+        while first > max(j - 4, 0) and (place[first - 1], place[first]) in follow[first]:
+            first -= 1
+        while last < min(j + 4, len(place) - 1) and (
+            (place[last], place[last + 1]) in follow[last + 1]
+        ):
+            last += 1
+        trust.append(16 * sum(margin[first : last + 1]) // 9)
+    return trust
+
+
+def ways_of_steps(
+    places: int, prices: dict[int, int], jumps: Sequence[tuple[int, int]]
+) -> list[tuple[int, int, int]]:
+    """Place, place after one window, and price; a jump is one step, others lead up to it and on."""
+    ways = [
+        (i, i + step, price)
+        for step, price in prices.items()
+        for i in range(places)
+        if 0 <= i + step < places
+    ]
+    for a, b in jumps:
+        ways += [
+            (i, k, prices[a - i + 1 + k - b])
+            for i in range(a + 1)
+            for k in range(b, places)
+            if a - i + 1 + k - b in prices
+        ]
+    return ways
+
+
+def ways_of_odometry(
+    along: Sequence[int], travelled: int, jumps: Sequence[tuple[int, int]]
+) -> list[tuple[int, int, int]]:
+    """Place, place after a known way, and price: 2 for each mean spacing that it is off."""
+    places = len(along)
+    spacing = (along[-1] - along[0]) // (places - 1)
+    rate = 2 * 4 * 2**16 // spacing
+    ways = [
+        (i, k, abs(along[k] - along[i] - travelled) * rate // 2**16)
+        for i in range(places)
+        for k in range(places)
+    ]
+    for a, b in jumps:
+        for i in range(max(a - 7, 0), a + 1):
+            for k in range(b, min(b + 8, places)):
+                way = along[a] - along[i] + spacing + along[k] - along[b]
+                ways.append((i, k, abs(way - travelled) * rate // 2**16))
+    return ways
 
 
 def isotonic(values: Sequence[float], weights: Sequence[float]) -> list[float]:

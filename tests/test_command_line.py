@@ -23,7 +23,7 @@ from edge_vpr.archive import kind_of
 from edge_vpr.errors import MissingExtraError, did_you_mean
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import write_recording
-from edge_vpr.settings import PRESETS
+from edge_vpr.settings import PRESETS, SETTING_FIELDS
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
@@ -63,8 +63,8 @@ def refused(capsys, *words):
         ("map a.npz b.npz -o c.npz", "unexpected argument 'b.npz'"),
         ("--vresion", "no flag --vresion: did you mean --version?"),
         ("experiment speck-walk", "did you mean speck-walks?"),
-        ("map a.npz -o b.npz --tau -1s", "duration '-1s': expected a time"),
-        ("map a.npz -o b.npz --tau=-1s", "duration '-1s': expected a time"),
+        ("map a.npz -o b.npz --tau -1s", "--tau: '-1s': expected a time"),
+        ("map a.npz -o b.npz --tau=-1s", "--tau: '-1s': expected a time"),
         ("map a.npz -o b.npz -L -5", "sequence_length = -5: expected 1 or more"),
         ("map a.npz -o b.npz --pixels many", "--pixels: 'many' is not a whole number"),
         ("map a.npz -o b.npz --sigma wide", "--sigma: 'wide' is not a number"),
@@ -110,7 +110,9 @@ def test_defaults_in_the_help_are_those_of_the_preset(capsys):
         cli.main(["map", "--help"])
     shown = " ".join(capsys.readouterr().out.split())
     for name in ("pixels", "strategy", "clip", "sequence_length", "anchor", "exclusion"):
-        assert f"(default: {getattr(PRESETS['default'], name)})" in shown
+        value = getattr(PRESETS["default"], name)
+        assert f"--{name.replace('_', '-')}" in shown
+        assert f"(default: {SETTING_FIELDS[name].word(value)})" in shown
 
 
 def test_help_and_version_stand_without_a_verb(capsys):

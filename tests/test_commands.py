@@ -327,7 +327,10 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     settings = ReferenceMap.load(mapped).settings
     assert (settings.matching, settings.counter_scaling) == ("filter", "own-mean")
     whole, live = tmp_path / "whole", tmp_path / "live"
-    assert main(["match", mapped, query, "-o", str(whole), "--query-mean", "running"]) == 0
+    assert (
+        main(["match", mapped, query, "-o", str(whole), "--query-mean", "running", "--no-smooth"])
+        == 0
+    )
     arguments = ["match", mapped, query, "-o", str(live), "--online", "--every", "window"]
     assert main(arguments) == 0
     batch, online = (Matches.load(folder / "matches.npz") for folder in (whole, live))

@@ -25,7 +25,8 @@ from edge_vpr.datasets.count_pixels import CountPixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.errors import EventError, GroundTruthError, RecordingError, UsageError
-from edge_vpr.evaluation.ground_truth import from_tracks, great_circle
+from edge_vpr.evaluation.tracks import great_circle
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 
 SMALL = Sensor(6, 5)

@@ -15,14 +15,15 @@ from designs import random_stream, wrapped
 from edge_vpr_tools.arguments import estimate_arguments
 from edge_vpr_tools.arguments.estimate_request import design_and_mission
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.estimate import accuracy, counts, emulation, pareto, show, targets
+from edge_vpr_tools.estimate import accuracy, candidates, counts, emulation, pareto, targets
 from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
+from edge_vpr_tools.estimate.wording import busy
 from naive import sad
 from test_commands import drive  # noqa: F401
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, EventResult, Machine, WindowResult
 from firmware_model.build import EMULATED, build
@@ -455,18 +456,38 @@ def test_energy_has_a_source_or_is_unknown():
 
 
 def test_every_constant_that_is_used_is_printed_with_its_name(capsys):
-    """Several constants of one source are several lines."""
-    assert main(["estimate"]) == 0
+    """Several constants of one source are several lines; without --sources there is none."""
+    assert main(["estimate", "--sources"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
+    assert main(["estimate"]) == 0
+    short = " ".join(capsys.readouterr().out.split())
     for name in targets.constants():
         assert shown.count(f"modelled, {name}: ") == 1
+        assert f"modelled, {name}: " not in short
+    assert "--sources" in short
+
+
+def test_the_answer_comes_first(capsys):
+    """Whether the design fits, memory, time, energy and power, before any table."""
+    own = ["estimate", "--pixels", "83", "--places", "2000", "--target"]
+    for flags, says in (
+        (["cortex-m4"], "fits; memory "),
+        (["cortex-m4", "--fit", "16KiB"], "does not fit (over 16KiB); memory "),
+        (["cortex-m0plus", "--match-rate", "1e5"], "too slow for the mission"),
+        (["ice40up5k", "--vs", "all-pixels"], "of 30 blocks"),
+        (["ice40up5k", "--places", "200000"], "does not fit (too few block memories); memory "),
+    ):
+        assert main([*own, *flags]) == 0
+        first = " ".join(capsys.readouterr().out.partition("\u250f")[0].split())
+        assert first.startswith("83 pixels, ") and says in first
+        assert "; power " in first and "accuracy is not estimated" in first
 
 
 def test_a_target_that_may_not_keep_up_says_so():
     """At its assumed best, or at its worst, or in no case."""
-    assert show.busy(targets.Spread(1.0, 1.5, 2.0)) == "overloaded"
-    assert show.busy(targets.Spread(0.7, 0.9, 1.2)) == "90%: may be overloaded"
-    assert show.busy(targets.Spread(0.01, 0.02, 0.04)) == "2.000%"
+    assert busy(targets.Spread(1.0, 1.5, 2.0)) == "overloaded"
+    assert busy(targets.Spread(0.7, 0.9, 1.2)) == "90%: may be overloaded"
+    assert busy(targets.Spread(0.01, 0.02, 0.04)) == "2.000%"
 
 
 def test_a_route_goes_before_the_places_of_a_design(tmp_path, capsys):
@@ -543,39 +564,42 @@ def evaluated(folder, drive):  # noqa: F811
         (run / "map.npz").write_bytes((drive / "map.npz").read_bytes())
         told = {"evaluation": {"precision_at_100_recall": right, "queries": 100}}
         (run / "metrics.json").write_text(json.dumps(told))
-    return pareto.evaluated_runs(folder)
+    return candidates.evaluated_runs(folder)
 
 
 def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # noqa: F811
     """Accuracy of the run, cost of its design on the mission's route, and what limits it."""
     runs = evaluated(tmp_path, drive)
     m4, budget = targets.find("cortex-m4"), [Budget.parse("64KiB")]
-    asked = pareto.Asked(m4, budget)
-    short = pareto.candidates(runs, asked)
+    asked = candidates.Asked(m4, budget)
+    short = candidates.candidates(runs, asked)
     assert [one.accuracy for one in short] == [0.9, 0.2]
     assert not any(one.limited_by for one in short)
     assert len(pareto.frontier(short, lambda one: one.memory_bytes)) == 1
-    assert "90.0% right" in pareto.answer(short, asked, "these")
-    assert "Nothing limits it" in pareto.answer(short, asked, "these")
-    long = pareto.candidates(runs, replace(asked, places=10_000))
+    assert "90.0% right" in candidates.answer(short, asked, "these")
+    assert "Nothing limits it" in candidates.answer(short, asked, "these")
+    long = candidates.candidates(runs, replace(asked, places=10_000))
     assert {one.limited_by for one in long} == {"64KiB"}
-    assert "none of the 2 designs fits" in pareto.answer(long, asked, "these")
+    assert "none of the 2 designs fits" in candidates.answer(long, asked, "these")
     # the better one does not fit: it is what the limit costs
     better = [replace(long[0], accuracy=0.95), short[1]]
-    assert "What limits it: 64KiB; 95.0% right" in pareto.answer(better, asked, "these")
+    assert "What limits it: 64KiB; 95.0% right" in candidates.answer(better, asked, "these")
     rover = ["estimate", "--target", "cortex-m4", "--fit", "64KiB", "--route-km", "1"]
     assert main([*rover, "--pareto", str(tmp_path)]) == 0
     assert "90.0% right" in " ".join(capsys.readouterr().out.split())
     assert (tmp_path / "pareto.png").stat().st_size > 10_000
     with pytest.raises(UsageError, match="no evaluated run"):
-        pareto.evaluated_runs(tmp_path / "good" / "empty")
+        candidates.evaluated_runs(tmp_path / "good" / "empty")
+    (tmp_path / "bad" / "metrics.json").write_text('{"evaluation": {"queries": 3}}')
+    with pytest.raises(MapError, match="evaluation lacks precision_at_100_recall"):
+        candidates.evaluated_runs(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["ice40up5k", "raspberry-pi-5"])
 def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_path):  # noqa: F811
     """Two panels; where energy is unknown, the one of energy says so and draws nothing."""
     target = targets.find(name)
-    found = pareto.candidates(evaluated(tmp_path, drive), pareto.Asked(target))
+    found = candidates.candidates(evaluated(tmp_path, drive), candidates.Asked(target))
     energy, memory = pareto.draw(found, target).axes
     assert "modelled" in energy.get_xlabel() or "unknown" in energy.texts[0].get_text()
     assert bool(energy.lines) == (found[0].cost.per_match_j is not None)
@@ -713,7 +737,7 @@ def test_the_command_says_modelled_and_unknown(capsys, tmp_path, drive):  # noqa
         (["--places-per-metre", "0"], "positive"),
         (["--event-rate", "-1"], "expected a rate"),
         (["--map", "a.npz", "--design", "b.toml"], "name one"),
-        (["--target", "cortex-m4", "--calibrate", "nowhere.json"], "not a profile"),
+        (["--target", "cortex-m4", "--calibrate", "nowhere.json"], "make one by"),
     ],
 )
 def test_bad_use_is_one_line(capsys, arguments, says):

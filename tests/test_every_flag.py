@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.energy import profiling
+from edge_vpr_tools.energy.speed import Against, SparseAgainstAll, Timing
 from edge_vpr_tools.estimate import accuracy
 from edge_vpr_tools.experiments import codes_frontier
 from edge_vpr_tools.verbs import GENERAL_FLAGS, VERBS, find_verb
@@ -36,7 +37,7 @@ SETTINGS = (
 )
 FILTER = (
     "--matching filter --filter-steps 1,0,1 --filter-back 2 --filter-restart 20 "
-    "--query-mean running --precision 0.5"
+    "--query-mean running --precision 0.5 --score auto"
 )
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = (
@@ -48,6 +49,7 @@ PROFILE = (
 RUNS = [
     ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed-range 1.5 --stops 1", 0),
     ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
+    ("doctor --compile --json", 0),
     ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json", 0),
     ("info {f}/query.h5 --sensor 16x12 --topic left", 0),
     ("info {f}/frames.npz --frame-period 1/10", 0),
@@ -59,15 +61,20 @@ RUNS = [
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity --no-keep-incomplete "
      "--clip 200 --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
-     "--track {f}/track.csv --track-offset 0.1", 0),
+     "--track {f}/track.csv --track-offset 0.1 --odometry {f}/odometry.csv "
+     "--jumps {f}/jumps.csv", 0),
     (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
      "--frames-as-windows", 0),
-    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE}", 0),
+    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --no-smooth", 0),
+    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --smooth --overwrite", 0),
     (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
-    (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER}", 0),
+    (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
+     "--odometry {f}/odometry.csv", 0),
+    ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
+     "--no-smooth --odometry {f}/odometry.csv", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
     ("match {f}/map.npz {f}/query.h5 -o {f}/topic --no-figures --sensor 16x12 --topic left", 0),
     ("match {f}/frames_map.npz {f}/frames.npz -o {f}/windows --no-figures --frame-period 1/10 "
@@ -90,7 +97,9 @@ RUNS = [
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
      "--exclusion 1", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
-    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS}", 0),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
+    ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
+    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
      "--no-keep-incomplete --clip 200 --overwrite", 0),
     # 2: the viewer is an extra of 160 MB, which may not be installed
@@ -106,7 +115,7 @@ RUNS = [
      "--target cortex-m4 --vs all-pixels --fit 64KiB --json {f}/estimate.json", 0),
     ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
      "--target cortex-m0plus", 0),
-    ("estimate --design {f}/design.toml --target cortex-m4", 0),
+    ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
     ("estimate --pixels 25 --places 100 --matching filter --target cortex-m4", 0),
     ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
      "--figure {f}/pareto.png", 0),
@@ -144,7 +153,7 @@ RUNS = [
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
     # 2: calibration alone writes a table, and drives a dozen streets for it
-    ("experiment codes --data {f} --seeds 1 --table {f}/table.json", 2),
+    ("experiment codes --data {f} --seeds 1 --table {f}", 2),
     ("completion bash", 0),
     ("demo -o {f}/demo --seed 1 --overwrite", 0),
 ]  # fmt: skip
@@ -201,6 +210,8 @@ def folder(tmp_path_factory):
     (folder / "settings.toml").write_text("sigma = 2.0\n")
     (folder / "hot.txt").write_text("1, 1\n")
     (folder / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    (folder / "odometry.csv").write_text("time_s,speed_mps\n-1,5\n3,9\n")
+    (folder / "jumps.csv").write_text("from,to\n3,0\n")
     (folder / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
     np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))
@@ -231,7 +242,9 @@ def scores(pair, seeds, variants):
 @pytest.fixture
 def small_loads(monkeypatch):
     """Short streets, few designs, and no timing: what those give is the matter of other tests."""
-    monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: {})
+    against = Against("a query", 1, 2, 3, *[Timing(1.0, 1.0, 1.0)] * 3)
+    timed = SparseAgainstAll(against, against, against)
+    monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: timed)
     monkeypatch.setattr(accuracy, "PIXELS", (5,))
     monkeypatch.setattr("edge_vpr_tools.commands.golden.standard_suites", lambda *unused: {})
     monkeypatch.setattr(codes_frontier, "pairs", lambda data: map(_Pair, "abcdef"))

@@ -19,7 +19,8 @@ from test_stream_protocols import plain_evpr
 
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.stream.protocols import open_decoder
-from edge_vpr.stream.protocols.evpr import HEADER, EvprEncoder
+from edge_vpr.stream.protocols.evpr_encoder import EvprEncoder
+from edge_vpr.stream.protocols.evpr_frames import HEADER
 from edge_vpr.stream.timestamp_filter import VOUCHED_SILENCE_US
 from firmware_model.build import EMULATED, HOST, SOURCES, WARNINGS, build
 from firmware_model.emulator import Emulator

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import naive
@@ -14,10 +15,12 @@ from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import make_events
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.pipeline import coded_map, describe_query
+from edge_vpr.pipeline import coded_map, describe_query, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -165,6 +168,87 @@ def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, pi
         assert theirs.tolist() == ours.tolist()
 
 
+def random_odometry(rng, until):
+    """Readings at odd times, with windows without any, and a robot that also rolls back."""
+    times = np.sort(rng.choice(until, int(rng.integers(1, 40)), replace=False))
+    return Odometry(times, np.cumsum(rng.integers(-200, 900, times.size)))
+
+
+def with_ways(rng, reference):
+    """A map with a way to each place, and a jump where it has two places."""
+    places = len(reference)
+    pairs = np.array([[places - 1, 0]], dtype=np.int32)[: places - 1]
+    return replace(
+        reference, jumps=pairs, odometer_mm=np.cumsum(rng.integers(1, 999, places)).astype(np.int64)
+    )
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    window=st.sampled_from(["time", "count"]),
+    code=st.sampled_from(CODES),
+    pieces=st.integers(1, 5),
+)
+@settings(max_examples=40)
+def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
+    seed, window, code, pieces
+):
+    rng = np.random.default_rng(seed)
+    reference = with_ways(
+        rng, random_map(rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, **code)
+    )
+    events = random_events(rng, 800, SENSOR, 2_000)
+    odometry = random_odometry(rng, 2_000)
+    queries = describe_query(reference, Drive(events, SENSOR))
+    batch = match_query(reference, queries, odometry)
+    localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
+    fed = OdometryFeed(localiser, odometry)
+    rows = [row for piece in cut_up(rng, events, pieces) for row in fed.update(piece)]
+    live = np.concatenate(rows)[: len(batch)]
+    assert batch.place.tolist() == live["place"].tolist()
+    assert batch.distance_sum.tolist() == live["distance_sum"].tolist()
+    assert batch.trust.tolist() == live["trust"].tolist()
+
+
+def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tmp_path):
+    rng = np.random.default_rng(8)
+    reference = with_ways(rng, random_map(rng, 20, 9, tau_us=100, events_per_pixel=1.0))
+    events = random_events(rng, 900, SENSOR, 2_000)
+    odometry = random_odometry(rng, 2_000)
+    whole = np.concatenate(OdometryFeed(Localiser(reference), odometry).update(events))
+    fed = OdometryFeed(Localiser(reference), odometry)
+    parts = [row for piece in cut_up(rng, events, 9) for row in fed.update(piece)]
+    assert without_ratio(np.concatenate(parts)) == without_ratio(whole)
+    for cut in (1, 333, 600):
+        first = Localiser(reference)
+        begin = OdometryFeed(first, odometry).update(events[:cut])
+        first.save(tmp_path / "state.npz")
+        later = odometry.time_us > events["t"][cut - 1]
+        rest = OdometryFeed(
+            Localiser.load(tmp_path / "state.npz"),
+            Odometry(odometry.time_us[later], odometry.distance_mm[later]),
+        ).update(events[cut:])
+        assert without_ratio(np.concatenate([*begin, *rest])) == without_ratio(whole)
+
+
+def test_a_reading_without_a_use_is_refused():
+    rng = np.random.default_rng(9)
+    bare = random_map(rng, 5, 9, tau_us=100)
+    with pytest.raises(UsageError, match="map does not say how far its places"):
+        Localiser(bare).read_odometer(0, 1.0)
+    still = replace(bare, odometer_mm=np.zeros(5, dtype=np.int64))
+    with pytest.raises(UsageError, match="did not move by its odometry"):
+        Localiser(still).read_odometer(0, 1.0)
+    moving = with_ways(rng, bare)
+    with pytest.raises(UsageError, match="odometer at nan m"):
+        Localiser(moving).read_odometer(0, float("nan"))
+    by_sequence = replace(bare.settings, matching="sequence", sequence_length=1)
+    with pytest.raises(UsageError, match="odometry is for the place filter"):
+        Localiser(replace(bare, settings=by_sequence)).read_odometer(0, 1.0)
+    with pytest.raises(UsageError, match="a map with jumps is for the place filter"):
+        Localiser(replace(moving, settings=by_sequence))
+
+
 @pytest.mark.parametrize("code", CODES)
 @pytest.mark.parametrize("window", ["time", "count"])
 def test_a_saved_state_goes_on_as_if_it_had_not_been_saved(tmp_path, code, window):
@@ -232,3 +316,11 @@ def test_ticks_that_are_skipped_give_no_match():
     localiser.skip_ticks(int(later["t"][0]))
     assert localiser.next_match_us == int(later["t"][0]) // 10 * 10
     assert 90 < localiser.update(later).size < 110
+
+
+def test_own_mean_codes_are_not_compared_with_counts_by_sequences_event_by_event():
+    """A map of such codes matched as if they were counts, without a word."""
+    with pytest.raises(
+        UsageError, match=r"own-mean codes follow the mean .* set matching to filter"
+    ):
+        Localiser(random_map(np.random.default_rng(0), 9, 9, matching="sequence", **CODES[2]))

@@ -12,7 +12,8 @@ from designs import random_stream, wrapped
 
 from firmware_model import Design, DesignError, Event, Memories, ToolError
 from firmware_model.build import EMULATED, HOST, SOURCES, build
-from firmware_model.emulator import Emulator, run_host
+from firmware_model.emulator import Emulator
+from firmware_model.host_program import run_host
 from firmware_model.image import Word, image, ram_bytes
 from firmware_model.instructions import FILTER, TABLE, Instructions, compiler, measure, table
 from firmware_model.vectors import Case, from_binary, in_order, records, standard_suites, to_binary

@@ -17,7 +17,7 @@ from edge_vpr_tools.cli import main
 from streams import random_events
 
 from edge_vpr.events import Sensor
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import describe_query
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
@@ -39,6 +39,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
+from firmware_model.vectors.manifest import FieldPlace
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
 
@@ -52,15 +53,14 @@ def vectors(tmp_path_factory):
 
 
 def each_case(folder):
-    for suite in load_manifest(folder)["suites"]:
-        for case in suite["cases"]:
-            yield f"{suite['name']}/{case['name']}", case, folder / suite["name"] / case["name"]
+    for name, case in load_manifest(folder).cases():
+        yield name, case, folder / name
 
 
 def correct_results(folder):
     """What a perfect device returns, a list of records."""
     for _, case, place in each_case(folder):
-        yield "case", (case["number"],)
+        yield "case", (case.number,)
         yield from from_binary((place / "expected.bin").read_bytes())
 
 
@@ -109,12 +109,34 @@ def test_the_manifest_names_every_file_and_its_hash(vectors):
     """No file beside those of the manifest; each as long as it says, with its SHA-256."""
     named = {vectors / "manifest.json", vectors / "design.toml"}
     for _, case, place in each_case(vectors):
-        for name, told in case["files"].items():
+        for name, told in case.files.items():
             data = (place / name).read_bytes()
-            assert (len(data), hashlib.sha256(data).hexdigest()) == (told["bytes"], told["sha256"])
+            assert (len(data), hashlib.sha256(data).hexdigest()) == (told.bytes, told.sha256)
             named.add(place / name)
     assert named == {path for path in vectors.rglob("*") if path.is_file()}
     assert check_files(vectors) == len(named) - 2
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda found: found.pop("suites"), "suites is missing"),
+        (lambda found: found["suites"][0].pop("name"), "name is missing"),
+        (lambda found: found["suites"].append(3), "a suite is a int"),
+        (lambda found: found["suites"][0]["cases"][0].update(number="1"), "number is a str"),
+        (lambda found: found["suites"][0]["cases"][0]["files"].update(x=[]), "a file is a list"),
+        (lambda found: found["design"].update(pixels=-1), "pixels = -1"),
+        (lambda found: found.update(schema=99), "has schema 99"),
+    ],
+)
+def test_a_damaged_manifest_is_one_line(vectors, tmp_path, damage, says):
+    """Which names what is wrong, and what to do."""
+    found = json.loads((vectors / "manifest.json").read_text())
+    assert load_manifest(vectors).to_json() == found
+    damage(found)
+    (tmp_path / "manifest.json").write_text(json.dumps(found))
+    with pytest.raises(VectorError, match=f"{says}.*make the vectors anew"):
+        load_manifest(tmp_path)
 
 
 def test_a_changed_file_is_found(vectors, tmp_path):
@@ -131,8 +153,8 @@ def test_a_changed_file_is_found(vectors, tmp_path):
         check_files(tmp_path / "copy")
 
 
-def unpack(word: int, fields: list[dict]) -> dict[str, int]:
-    return {f["field"]: word >> f["lowest_bit"] & ((1 << f["bits"]) - 1) for f in fields}
+def unpack(word: int, fields: tuple[FieldPlace, ...]) -> dict[str, int]:
+    return {f.field: word >> f.lowest_bit & ((1 << f.bits) - 1) for f in fields}
 
 
 def test_all_forms_of_a_memory_hold_the_same(vectors):
@@ -141,7 +163,7 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
         arrays = np.load(place / "case.npz")
         words = {
             stem: [int(line, 16) for line in (place / f"{stem}.mem").read_text().split()]
-            for stem in case["words"]
+            for stem in case.words
         }
         for stem in ("displacement", "lookup", "codes", "code_tables", "places"):
             coe = (place / f"{stem}.coe").read_text().split("vector=")[1]
@@ -150,15 +172,13 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
             pairs = [line.rstrip(";").split(" : ") for line in mif]
             assert [int(a, 16) for a, _ in pairs] == list(range(len(words[stem])))
             assert [int(w, 16) for _, w in pairs] == words[stem]
-        taken = {
-            stem: [unpack(word, case["words"][stem]) for word in words[stem]] for stem in words
-        }
+        taken = {stem: [unpack(word, case.words[stem]) for word in words[stem]] for stem in words}
         assert [e["t"] for e in taken["events"]] == arrays["t"].tolist(), name
         assert [(e["x"], e["y"], e["on"]) for e in taken["events"]] == list(
             zip(*(arrays[column].tolist() for column in ("x", "y", "on")), strict=True)
         )
         assert [e["owner"] for e in taken["lookup"]] == arrays["owner"].tolist()
-        lanes, slots = case["design"]["lanes"], arrays["places"].shape[1]
+        lanes, slots = case.design.lanes, arrays["places"].shape[1]
         for stem, rows in (("places", "places"), ("expected_windows", "expected_windows")):
             flat = [word[f"lane_{i}"] for word in taken[stem] for i in range(lanes)]
             table = np.array(flat).reshape(len(arrays[rows]), -1)
@@ -238,7 +258,7 @@ def test_correct_results_pass(vectors, tmp_path):
     cases = len(list(each_case(vectors)))
     assert verdict.differences == [] and verdict.cases == verdict.known == cases
     assert verdict.compared["event"] > 10_000 and verdict.compared["match"] > 100
-    names = {case["number"]: name for name, case, _ in each_case(vectors)}
+    names = {case.number: name for name, case, _ in each_case(vectors)}
     with (tmp_path / "r.csv").open("w") as file:
         for kind, values in records:
             told = [names[values[0]]] if kind == "case" else values
@@ -435,5 +455,5 @@ def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, sha
         for name, case, place in each_case(tmp_path / "vectors"):
             if name.startswith(("random", "recording")):
                 flash, events = ((place / f"{n}.bin").read_bytes() for n in ("image", "events"))
-                found = emulator.replay(flash, events, case["start"], 1 << 20)
+                found = emulator.replay(flash, events, case.start, 1 << 20)
                 assert found == (place / "expected.bin").read_bytes(), (target.name, name)

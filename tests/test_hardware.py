@@ -33,7 +33,6 @@ from firmware_model.vectors import (
     write_suites,
 )
 from firmware_model.vectors.random_designs import random_adaptive_design, random_design
-from firmware_model.vectors.suite import files_of
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
 DESIGN = Design(
@@ -77,7 +76,7 @@ def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
     """Memories and registers start undefined; both sides wait in four clocks of ten."""
     outcome = replay.hold(vectors, seed=5, stall=40, resets=1)
     assert outcome.differences == []
-    assert outcome.cases == len(load_manifest(vectors)["suites"][0]["cases"]) > 30
+    assert outcome.cases == len(load_manifest(vectors).suites[0].cases) > 30
     assert min(outcome.equal.values()) > 200
 
 
@@ -316,7 +315,7 @@ def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsy
     assert main([*command, "--rtl"]) == 0
     capsys.readouterr()
     written = {str(p.relative_to(tmp_path / "v")) for p in (tmp_path / "v").rglob("*.*")}
-    assert written == set(files_of(load_manifest(tmp_path / "v")))
+    assert written == set(load_manifest(tmp_path / "v").files())
     assert {f"rtl/{name}" for name in sources.SIMULATED} <= written
     assert check_files(tmp_path / "v") > 0
 

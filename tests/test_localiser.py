@@ -15,7 +15,7 @@ from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import describe
@@ -323,7 +323,7 @@ def test_drift_would_be_noticed():
     reference = map_of(np.random.default_rng(0).integers(0, 4, (50, 5)), tau_us=100)
     localiser = Localiser(reference)
     localiser.update(EVERYWHERE)
-    localiser._s.sums[3] += 1
+    localiser._state.windows.s.sums[3] += 1
     with pytest.raises(EdgeVprError, match="have drifted"):
         localiser.verify()
 

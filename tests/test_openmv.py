@@ -10,7 +10,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from edge_vpr_tools.commands.ports import KNOWN, guess
+from edge_vpr_tools.device.serial_ports import KNOWN, guess
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import Drive, random_events

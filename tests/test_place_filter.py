@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
 from edge_vpr.descriptors.pauses import find_pauses, mean_activity
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching import filtered_drive
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, StepPrices
+from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 
 prices = st.builds(
@@ -31,19 +35,27 @@ prices = st.builds(
     priced=prices,
     exclusion=st.integers(0, 4),
     usual=st.sampled_from([0, 256 * 100, 256 * 3000]),
+    jumps=st.integers(0, 3),
+    spacing=st.sampled_from([0, 1, 7, 1_000, MOST_MM // 100]),
 )
 def test_metrics_answers_and_trust_equal_the_oracle(
-    seed, places, windows, largest, priced, exclusion, usual
+    seed, places, windows, largest, priced, exclusion, usual, jumps, spacing
 ):
     rng = np.random.default_rng(seed)
     distances = rng.integers(0, largest + 1, (windows, places))
     events = rng.choice([0, 3, 90, 200], windows)
-    found = PlaceFilter(places, priced, exclusion, usual)
+    pairs = random_jumps(rng, places, jumps)
+    along, travelled = random_ways(rng, places, windows, spacing)
+    found = PlaceFilter(places, priced, exclusion, usual, jumps=pairs, along_mm=along)
     told = naive.place_filter(
         distances.tolist(), events.tolist(), priced.forward, priced.back, priced.restart,
-        exclusion, usual,
+        exclusion, usual, pairs.tolist(), [] if along is None else along.tolist(), travelled,
     )  # fmt: skip
-    for row, count, (metric, best, second, trust) in zip(distances, events, told, strict=True):
+    for row, count, way, (metric, best, second, trust) in zip(
+        distances, events, travelled, told, strict=True
+    ):
+        if way is not None:
+            found.travel(way)
         before = found.answer(row, int(count))
         answer = found.advance(row, int(count))
         assert before == answer  # asking changes nothing, and tells what advancing will
@@ -51,6 +63,105 @@ def test_metrics_answers_and_trust_equal_the_oracle(
         assert (answer.place, answer.second, answer.trust) == (best, second, trust)
         assert answer.ties == metric.count(metric[best]) - 1
         assert max(metric) <= METRIC_TOP
+
+
+def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
+    distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
+    found = PlaceFilter(4, StepPrices())
+    told = naive.place_filter(distances.tolist(), [50] * 3, (1, 0, 1), (), 16, 3, 0)
+    for row, (metric, best, _, trust) in zip(distances, told, strict=True):
+        answer = found.advance(row, 50)
+        assert found.metric.tolist() == metric
+        assert (answer.place, answer.trust) == (best, trust)
+    assert len(set(told[1][0])) > 1  # evidence counted, though the window before had none
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    places=st.integers(1, 20),
+    windows=st.integers(1, 8),
+    priced=prices,
+    jumps=st.integers(0, 3),
+    spacing=st.sampled_from([0, 7, 1_000]),
+)
+@settings(max_examples=50)
+def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
+    seed, places, windows, priced, jumps, spacing
+):
+    rng = np.random.default_rng(seed)
+    reference, queries = (rng.integers(0, 9, (n, 3)) for n in (places, windows))
+    events = rng.choice([0, 3, 90, 200], windows)
+    pairs = random_jumps(rng, places, jumps)
+    along, travelled = random_ways(rng, places, windows, spacing)
+    odometry = None if along is None else readings(travelled)
+    if odometry is not None:
+        travelled = [None, *np.diff(odometry.distance_mm).tolist()]
+    chosen = Settings(
+        matching="filter", pixels=3, smooth=True, filter_steps=priced.forward,
+        filter_back=priced.back, filter_restart=priced.restart, exclusion=1,
+    )  # fmt: skip
+    counted = replace(descriptors(queries), selected=events)
+    found = match_descriptors(
+        descriptors(reference), counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
+    )
+    distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
+    usual = mean_activity(descriptors(reference).activity)
+    told, follow = naive.smoothed_filter(
+        distances, events.tolist(), priced.forward, priced.back, priced.restart, usual,
+        pairs.tolist(), [] if along is None else along.tolist(), travelled,
+    )  # fmt: skip
+    margins = []
+    for j, metric in enumerate(told):
+        best, second, ties = naive.best_and_second(metric, 1)
+        assert (found.place[j], found.second[j], found.ties[j]) == (best, second, ties)
+        assert found.distance_sum[j] == metric[best]
+        margins.append(metric[second] - metric[best] if second >= 0 else METRIC_TOP)
+        nearest = sorted(range(places), key=lambda k: (metric[k], k))
+        assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
+    assert found.trust.tolist() == naive.smoothed_trust(found.place.tolist(), margins, follow)
+
+
+def readings(travelled):
+    """An odometer read once in each window of a millisecond."""
+    way = np.cumsum([0, *(step or 0 for step in travelled[1:])])
+    times = np.arange(len(travelled)) * 1_000 + 500
+    return Odometry(times, way.astype(np.int64))
+
+
+@pytest.mark.parametrize(("smooth", "first"), [(False, 5), (True, 25)])
+def test_the_windows_after_decide_with(smooth, first):
+    """Places 5 and 25 look alike: which of them it was is known when the drive goes on."""
+    rng = np.random.default_rng(6)
+    reference = rng.integers(0, 100, (40, 12))
+    reference[5] = reference[25]
+    reference[5, 0] -= 1
+    queries = reference[25:35].copy()
+    queries[0] = reference[5]
+    chosen = Settings(matching="filter", pixels=12, smooth=smooth)
+    found = match_descriptors(descriptors(reference), descriptors(queries), chosen)
+    assert found.place.tolist() == [first, *range(26, 35)]
+
+
+def test_a_drive_too_long_to_be_smoothed_is_refused(monkeypatch):
+    monkeypatch.setattr(filtered_drive, "MOST_BYTES", 100)
+    chosen = Settings(matching="filter", pixels=3, smooth=True)
+    places = descriptors(np.ones((6, 3), dtype=np.int64))
+    with pytest.raises(UsageError, match="match with --no-smooth, or split the drive"):
+        match_descriptors(places, places, chosen)
+
+
+def random_jumps(rng, places, number):
+    pairs = rng.integers(0, places, (number, 2)).astype(np.int32)
+    return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
+def random_ways(rng, places, windows, spacing):
+    """Ways to places that are about `spacing` mm apart, and a query's; None where not known."""
+    along = np.cumsum(rng.integers(0, 2 * spacing + 1, places))
+    if places < 2 or along[-1] - along[0] < places - 1:
+        return None, [None] * windows
+    travelled = rng.integers(-spacing, 4 * spacing, windows).tolist()
+    return along, [way if rng.random() < 0.7 else None for way in travelled]
 
 
 def drive_through(places: int, path: list[int], rng, noise: int = 2) -> np.ndarray:
@@ -144,7 +255,8 @@ def test_prices_follow_the_kind_of_window_unless_they_are_given():
 def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     rng = np.random.default_rng(seed)
     reference, query = rng.integers(0, 8, (places, 6)), rng.integers(0, 8, (queries, 6))
-    found = match_descriptors(descriptors(reference), descriptors(query), PRESETS["default"])
+    chosen = replace(PRESETS["default"], smooth=False)
+    found = match_descriptors(descriptors(reference), descriptors(query), chosen)
     matrix = naive.distance_matrix(query.tolist(), reference.tolist())
     told = naive.place_filter(
         matrix, query.sum(axis=1).tolist(), (1, 0, 1), (), 16, 3,

@@ -12,21 +12,25 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from edge_vpr_tools.arguments.estimate_request import calibrated
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.energy import profiling
 from edge_vpr_tools.energy.conditions import Conditions, void_because
+from edge_vpr_tools.energy.energy_record import NotMeasured
 from edge_vpr_tools.energy.intervals import interval, interval_of_times, paired_energy
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
-from edge_vpr_tools.energy.sampling import Sampler, Trace, Window, align, read_csv
+from edge_vpr_tools.energy.meter_trace import align, read_csv
+from edge_vpr_tools.energy.profile_record import Profile
+from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
 from edge_vpr_tools.energy.sensors import pmic
 from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.energy.sensors.search import find_sensors
 from edge_vpr_tools.energy.sensors.sensor import About, Sensor, SensorError
+from edge_vpr_tools.estimate.calibration import calibrated
+from edge_vpr_tools.output.json_records import from_json, to_json
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError
@@ -294,8 +298,8 @@ def test_the_interval_covers_the_truth_in_90_to_99_of_a_hundred_runs(pairs, shap
         a_match_s = [(w.end_s - w.start_s) / w.matches for w in windows if w.load]
         found = interval((load - idle) * a_match_s)
         if run == 0:  # which is what is told
-            told = analyse(trace, windows, METER, 1.0)["marginal_j_per_match_interval"]
-            assert told == [found.low, found.high]
+            told = analyse(trace, windows, METER, 1.0).figures
+            assert told.marginal_j_per_match_interval == (found.low, found.high)
         covered += found.low <= JOULES <= found.high
     assert 450 <= covered <= 495
 
@@ -306,17 +310,17 @@ def test_what_is_not_there_is_not_resolved():
     resolved = 0
     for _ in range(200):
         windows, time_s, watts = synthetic(rng, delta=0.0)
-        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
-        resolved += found["resolved"]
-        if not found["resolved"]:
-            assert found["marginal_j_per_match"] is None and found["matches_per_joule"] is None
+        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0).figures
+        resolved += found.resolved
+        if not found.resolved:
+            assert found.marginal_j_per_match is None and found.matches_per_joule is None
     assert resolved <= 10
     told = []
     for _ in range(40):
         windows, time_s, watts = synthetic(rng, noise=3.0, delta=0.5)
-        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
-        if not found["resolved"] and found["pairs_needed"] is not None:
-            told.append(found["pairs_needed"])
+        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0).figures
+        if not found.resolved and found.pairs_needed is not None:
+            told.append(found.pairs_needed)
     assert told and min(told) > 7
 
 
@@ -326,7 +330,7 @@ def test_repeated_readings_do_not_narrow_the_interval():
     for repeats in (1, 6):
         windows, time_s, watts = synthetic(np.random.default_rng(3), repeats=repeats)
         one = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
-        low, high = one["marginal_j_per_match_interval"]
+        low, high = one.figures.marginal_j_per_match_interval
         found.append(high - low)
     assert found[1] == pytest.approx(found[0], rel=0.2)
 
@@ -354,10 +358,10 @@ def test_an_interval_of_times_is_above_zero():
 def test_three_figures_belong_together():
     """At the mission's rate: the board at rest over the rate, and the marginal energy on top."""
     windows, time_s, watts = synthetic(np.random.default_rng(5), noise=0.001, drift=0.0)
-    found = analyse(Trace.of_power(time_s, watts), windows, METER, 2.0)
-    assert found["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.02)
-    assert found["saturated_j_per_match"] == pytest.approx(2.5 / 100, rel=0.02)
-    assert found["mission_j_per_match"] == pytest.approx(2.0 / 2 + JOULES, rel=0.02)
+    found = analyse(Trace.of_power(time_s, watts), windows, METER, 2.0).figures
+    assert found.marginal_j_per_match == pytest.approx(JOULES, rel=0.02)
+    assert found.saturated_j_per_match == pytest.approx(2.5 / 100, rel=0.02)
+    assert found.mission_j_per_match == pytest.approx(2.0 / 2 + JOULES, rel=0.02)
 
 
 def test_turns_alternate_so_that_a_steady_drift_cancels():
@@ -395,10 +399,10 @@ def test_a_measurement_finds_what_the_load_takes():
         return round(1000 * seconds)
 
     found = measure(Board(), Plan(5, 0.1, quick=True), load, 1.0)
-    assert found["resolved"] and found["quick"]
-    assert found["marginal_j_per_match"] == pytest.approx(2e-3, rel=0.25)
-    assert found["idle_w"] == pytest.approx(1.0, rel=0.25)
-    assert 0 <= found["sampler_cpu_share"] < 0.9
+    assert found.resolved and found.quick
+    assert found.figures.marginal_j_per_match == pytest.approx(2e-3, rel=0.25)
+    assert found.figures.idle_w == pytest.approx(1.0, rel=0.25)
+    assert 0 <= found.sampler_cpu_share < 0.9
 
 
 def test_throttling_voids_a_run(tmp_path):
@@ -461,7 +465,7 @@ def profile(load, tmp_path_factory):
 @pytest.fixture
 def timed_before(profile, monkeypatch):
     """Few pixels against all are timed once: what that gives is another test's."""
-    found = json.loads((profile / "profile.json").read_text())["sparse_against_all"]
+    found = Profile.load_file(profile / "profile.json").sparse_against_all
     monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: found)
 
 
@@ -594,7 +598,7 @@ def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, c
 
 def test_what_is_missing_is_found_before_minutes_of_measuring(load, tmp_path, capsys, monkeypatch):
     """Ground truth that cannot be read, a tolerance that is not given, another camera's map."""
-    monkeypatch.setattr(profiling, "_measured", lambda *unused: pytest.fail("measured"))
+    monkeypatch.setattr(profiling, "measure_throughput", lambda *unused: pytest.fail("measured"))
     to = ["-o", str(tmp_path / "out")]
     (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
     for flags, says in (
@@ -672,8 +676,10 @@ def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
     """By hand: 2 mJ in 1 ms of processor time at 1 GHz are 2,000 pJ a cycle."""
     found = json.loads((profile / "profile.json").read_text())
     found["conditions"]["loaded"]["frequency_hz"] = 1e9
-    found["energy"] = {
-        "measured": True, "resolved": True, "cpu_s_per_match": 1e-3,
+    windows, time_s, watts = synthetic(np.random.default_rng(5))
+    energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER, 1.0))
+    found["energy"] = energy | {
+        "cpu_s_per_match": 1e-3,
         "marginal_j_per_match": 2e-3, "marginal_j_per_match_interval": [1e-3, 3e-3],
     }  # fmt: skip
     path, out = tmp_path / "profile.json", tmp_path / "estimate.json"
@@ -686,6 +692,67 @@ def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
     told = json.loads(out.read_text())["targets"]["Raspberry Pi 5"]
     cycles, energy = told["cycles"]["match"], told["energy_j"]["match"]
     assert energy["central"] == pytest.approx(2e-9 * cycles["central"])
+
+
+def test_a_profile_is_read_back_as_it_was_written(profile):
+    """Without a sensor, with one, and void; each field of the record is one of the file."""
+    values = json.loads((profile / "profile.json").read_text())
+    found = Profile.load_file(profile / "profile.json")
+    windows, time_s, watts = synthetic(np.random.default_rng(5))
+    energy = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+    assert to_json(found) == values
+    for one in (energy, energy.void(), energy.brief()):
+        written = json.loads(json.dumps(to_json(replace(found, energy=one))))
+        assert from_json(Profile, written).energy == one
+
+
+def test_a_profile_of_an_older_version_is_still_read(profile):
+    """Designs without `measured`, meters without a sampler's share, fields that nobody knows."""
+    values = json.loads((profile / "profile.json").read_text())
+    windows, time_s, watts = synthetic(np.random.default_rng(5))
+    energy = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+    brief = to_json(energy.brief())
+    for name in ("measured", "quick"):
+        del brief[name]
+    design = {
+        "name": "10 px", "pixels": 10, "counter_bits": 8, "bytes_per_place": 10, "places": 9,
+        "precision_at_100_recall": 0.5, "queries": 9, "cpu_s_per_match": 1e-3,
+        "cpu_s_per_match_interval": [1e-3, 2e-3],
+    }  # fmt: skip
+    failed = {"resolved": False, "not_measured_because": ["gone"]}
+    values["designs"] = [design | {"energy": one} for one in (None, brief, failed)]
+    found = from_json(Profile, values | {"unknown": 1})
+    assert [one.energy for one in found.designs] == [None, energy.brief(), NotMeasured(("gone",))]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"throughput": 3}, "throughput holds a int: expected names and values"),
+        ({"quick": 1}, "quick is 1: expected true or false"),
+        ({"load": {"recording": "a", "every": "window"}}, "load lacks packet"),
+        ({"designs": [None]}, "designs[0] holds a NoneType"),
+        ({"map": {"places": True}}, "map.places is True: expected an integer"),
+        ({"energy": {"measured": True}}, "energy lacks"),
+        ({"energy": {"not_measured_because": "?"}}, "energy lacks"),
+        ({"schema": 2}, "not a profile that this edge-vpr reads"),
+        ({"conditions": []}, "conditions holds a list"),
+    ],
+)
+def test_a_damaged_profile_is_one_line_that_names_the_field(
+    profile, tmp_path, capsys, change, says
+):
+    """Whichever command reads it."""
+    path = tmp_path / "profile.json"
+    path.write_text(json.dumps(json.loads((profile / "profile.json").read_text()) | change))
+    for command in (
+        ["profile", "compare", str(path), str(path)],
+        ["profile", "trace", str(path), "meter.csv"],
+        ["estimate", "--target", "raspberry-pi-5", "--calibrate", str(path)],
+    ):
+        assert main(command) == 2
+        lines = capsys.readouterr().err.strip().splitlines()
+        assert len(lines) == 1 and says in lines[0] and str(path) in lines[0]
 
 
 def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):

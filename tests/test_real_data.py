@@ -21,8 +21,9 @@ from edge_vpr.confidence import default_confidence
 from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.errors import MapError
 from edge_vpr.evaluation.calibration import reliability
-from edge_vpr.evaluation.ground_truth import from_tracks, load_nmea
 from edge_vpr.evaluation.rejection import judge_rejection
+from edge_vpr.evaluation.track_files import load_nmea
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import map_traverse, match_traverse
@@ -138,18 +139,25 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
         match_traverse(small, PublishedWindows(indoor, period=Fraction(1, 2)))
 
 
-def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(shared_data):
+@pytest.mark.parametrize(
+    ("smooth", "right", "precision", "recall"),
+    [(False, 0.94, 0.99, 0.4), (True, 0.98, 0.97, 0.8)],
+)
+def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(
+    shared_data, smooth, right, precision, recall
+):
     pair = next(
         pair for pair in codes_frontier.pairs(shared_data) if pair.name == "Brisbane, 49 px"
     )
     (case,) = trust.cases(pair, 1)
+    case = calibration.with_settings(case, smooth=smooth)
     matches = case.match()
     known = case.truth.known[matches.query]
     correct = case.truth.correct[matches.place, matches.query][known]
     error = reliability(matches.probability[known], correct).expected_calibration_error
-    assert error < 0.05
+    assert error < 0.05 and correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(case, 220, 330))
-    found = judge_rejection(*cut, cut.trust >= default_confidence().least_trust(0.99))
+    found = judge_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))
     assert found.found_at_99_precision > 0.8 and found.off_map_auroc > 0.9
-    assert found.precision > 0.99 and found.recall > 0.4
+    assert found.precision > precision and found.recall > recall

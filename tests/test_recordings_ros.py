@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import sqlite3
 import struct
+import tempfile
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import decompression, open_recording
+from edge_vpr.recordings import decompression, open_recording, rosbag_expansion
 from edge_vpr.recordings.event_packet import Cursor, read_event_array, read_preamble
 from edge_vpr.recordings.libcaer_cmp import LibcaerCmpDecoder
 
@@ -284,6 +286,62 @@ def test_a_compressed_chunk_of_a_bag_has_a_limit(tmp_path, monkeypatch):
                 writer.write(topic, 10**18 + i, data)
         with pytest.raises(RecordingError, match="expands to more than 1,000 bytes"):
             absolute(tmp_path / f"{name}.bag")
+
+
+def write_compressed(path, mode, plugin="SQLITE3", messages=None):
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[plugin])
+    writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+    with writer:
+        topic = writer.add_connection(
+            "/e", "dvs_msgs/msg/EventArray", msgdef="uint8 x\n", rihs01="RIHS01_" + "0" * 64
+        )
+        for i, data in enumerate(arrays(EVENTS, 2) if messages is None else messages):
+            writer.write(topic, 10**18 + i, data)
+
+
+@pytest.mark.parametrize("plugin", ["MCAP", "SQLITE3"])
+@pytest.mark.parametrize("mode", ["MESSAGE", "FILE"])
+def test_a_compressed_ros2_bag_is_read_and_leaves_nothing_behind(
+    mode, plugin, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    write_compressed(tmp_path / "a", mode, plugin)
+    for chunk in (7, 1 << 16):
+        events, recording = absolute(tmp_path / "a", chunk_events=chunk)
+        assert events.tolist() == EVENTS
+        assert len(list((tmp_path / "temporary").iterdir())) == (mode == "FILE")
+        del recording
+        gc.collect()
+        assert not list((tmp_path / "temporary").iterdir())
+
+
+def test_a_compressed_ros2_bag_expands_to_no_more_than_its_limit(tmp_path, monkeypatch):
+    """Zeros, of which 8 MB are 300 bytes: in one message, and in one file."""
+    monkeypatch.setattr(decompression, "LIMIT_BYTES", 1 << 20)
+    monkeypatch.setattr(rosbag_expansion, "LEAST_BYTES", 1 << 20)
+    for mode, words in (("MESSAGE", "expands to more than"), ("FILE", "expands to more than")):
+        write_compressed(tmp_path / mode, mode, messages=[bytes(8 << 20)])
+        with pytest.raises(RecordingError, match=words) as raised:
+            absolute(tmp_path / mode)
+        assert mode in str(raised.value)
+
+
+@pytest.mark.parametrize("damage", ["cut off", "other bytes", "none of it"])
+def test_a_damaged_compressed_bag_is_one_line_that_names_the_file(damage, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    write_compressed(tmp_path / "a", "FILE")
+    (file,) = (tmp_path / "a").glob("*.zstd")
+    data = file.read_bytes()
+    changed = {"cut off": data[:-20], "other bytes": data[:40] + b"~" * 40 + data[80:]}
+    file.write_bytes(changed.get(damage, b""))
+    with pytest.raises(RecordingError, match=r"a(/a\.db3\.zstd cannot be expanded| is cut off)"):
+        absolute(tmp_path / "a")
+    gc.collect()
+    assert not list((tmp_path / "temporary").iterdir())
 
 
 # --- real bags --------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 from edge_vpr_tools.arguments.setting_flags import add_map_flags, map_settings
 
 from edge_vpr.errors import UsageError
-from edge_vpr.settings import PRESETS, Settings, resolve_settings
+from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings, resolve_settings
 
 
 def test_flags_lie_over_the_file_and_the_file_over_the_preset(tmp_path):
@@ -47,14 +47,14 @@ def test_settings_come_back_from_plain_values():
         ({"anchor": "start"}, "choose from middle, end"),
         ({"counter_code": "cubic"}, "choose from none, linear, sqrt, log"),
         ({"counter_scaling": "mine"}, "choose from shared, per-pixel"),
-        ({"counter_code": "log", "counter_bits": 17}, "17 bits: expected 1 to 16"),
-        ({"counter_bits": 0}, "counter_bits = 0: expected 1 or more"),
+        ({"counter_code": "log", "counter_bits": 17}, "counter_bits = 17: expected 1 to 16"),
+        ({"counter_bits": 0}, "counter_bits = 0: expected 1 to 16"),
         ({"counter_code": "log", "counter_full_scale": 65536}, "expected 1 to 65535"),
         ({"clip": 65536}, "expected 1 to 65535"),
-        ({"clip": 10, "counter_code": "log"}, "set clip to 0"),
+        ({"clip": 10, "counter_code": "log"}, "set clip to none"),
         (
             {"counter_code": "log", "counter_scaling": "per-pixel", "counter_full_scale": 9},
-            "set it to 0",
+            "set it to auto",
         ),
         ({"events_per_pixel": 0.001}, "windows without events"),
     ],
@@ -87,3 +87,124 @@ def test_the_flags_of_a_counter_code_reach_the_settings():
     assert (found.counter_code, found.counter_bits) == ("log", 4)
     assert (found.counter_full_scale, found.counter_scaling) == (63, "shared")
     assert map_settings(parser.parse_args([])) == PRESETS["default"]
+
+
+ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
+    "pixels": "7",
+    "strategy": "random",
+    "sigma": "2.5",
+    "seed": "4",
+    "window": "count",
+    "tau": "250ms",
+    "events_per_pixel": "auto",
+    "clip": "9",
+    "counter_code": "linear",
+    "counter_bits": "5",
+    "counter_full_scale": "31",
+    "counter_scaling": "shared",
+    "query_mean": "running",
+    "hot_pixels": "keep",
+    "bursts": "keep",
+    "matching": "sequence",
+    "filter_steps": "2,0,2",
+    "filter_back": "3,4",
+    "filter_restart": "20",
+    "sequence_length": "2",
+    "anchor": "middle",
+    "exclusion": "1",
+    "score": "ratio",
+    "precision": "0.9",
+}
+#: flags of two words, and what stands in a file where the default is the other
+SWITCHES = {"polarity": True, "keep_incomplete": True, "smooth": False}
+
+
+def by_flags(*words):
+    parser = argparse.ArgumentParser()
+    add_map_flags(parser)
+    return map_settings(parser.parse_args(list(words)))
+
+
+def by_file(folder, text):
+    path = folder / "settings.toml"
+    path.write_text(text)
+    return resolve_settings(config=path)
+
+
+def test_every_setting_is_tried():
+    assert {*ALL_FLAGS, *SWITCHES} == {field.key for field in SETTING_FIELDS.values()}
+
+
+@pytest.mark.parametrize("key", ALL_FLAGS)
+def test_a_file_takes_the_words_of_the_flag(tmp_path, key):
+    word, field = ALL_FLAGS[key], next(f for f in SETTING_FIELDS.values() if f.key == key)
+    in_toml = word if word.replace(".", "").isdigit() else f'"{word}"'
+    found = by_flags(f"--{key.replace('_', '-')}", word)
+    assert found != PRESETS["default"]
+    assert by_file(tmp_path, f"{key} = {in_toml}\n") == found
+    assert field.word(getattr(found, field.name)) == word
+
+
+@pytest.mark.parametrize("key", SWITCHES)
+def test_a_switch_is_true_in_a_file(tmp_path, key):
+    on = SWITCHES[key]
+    found = by_flags(f"--{'' if on else 'no-'}{key.replace('_', '-')}")
+    assert found != PRESETS["default"]
+    assert by_file(tmp_path, f"{key} = {str(on).lower()}\n") == found
+
+
+@pytest.mark.parametrize(
+    ("old", "flags"),
+    [
+        ("tau_us = 500_000", "--tau 500ms"),
+        ("remove_hot_pixels = false", "--hot-pixels keep"),
+        ("remove_bursts = false", "--bursts keep"),
+        ('preset = "seed-code"\nclip = 0', "--preset seed-code --clip none"),
+        ("counter_full_scale = 0", "--counter-full-scale auto"),
+        ('window = "count"\nevents_per_pixel = 0', "--window count --events-per-pixel auto"),
+        ('window = "count"\nevents_per_pixel = 0.0', "--window count --events-per-pixel 0"),
+        ("precision = 0.0", "--precision none"),
+        ("filter_back = []", "--filter-back none"),
+    ],
+)
+def test_old_files_keep_their_meaning(tmp_path, old, flags):
+    assert by_file(tmp_path, old) == by_flags(*flags.split())
+
+
+def test_settings_of_an_old_map_keep_their_meaning():
+    old = Settings().to_dict() | {"clip": 0, "counter_full_scale": 0, "precision": 0.0}
+    assert Settings.from_dict(old) == Settings()
+
+
+@pytest.mark.parametrize("name", ["clip", "counter_full_scale", "events_per_pixel", "precision"])
+def test_none_and_not_zero_stands_for_what_is_absent(name):
+    assert getattr(Settings(**{name: None}), name) is None
+    with pytest.raises(UsageError, match=f"{name} = 0: expected"):
+        Settings(**{name: 0})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('tau = "1s"\ntau_us = 1', "both tau and tau_us"),
+        ('tau = "soon"', "tau = 'soon': expected a time such as 1s"),
+        ("tau = true", "tau_us = True is of type bool"),
+        ('clip = "some"', "clip = 'some': expected a whole number or none"),
+        ('bursts = "maybe"', "bursts = 'maybe': expected remove or keep"),
+        ('filter_steps = "1,x"', "expected 1 to 16 prices"),
+        ("filter_steps = []", "expected 1 to 16 prices"),
+    ],
+)
+def test_a_wrong_word_in_a_file_is_named_with_those_that_are_right(tmp_path, text, message):
+    with pytest.raises(UsageError, match=message):
+        by_file(tmp_path, text)
+
+
+def test_the_events_of_a_window_are_not_known_before_the_reference():
+    with pytest.raises(UsageError, match="map the reference first"):
+        _ = Settings(window="count", events_per_pixel=None).events_per_window
+
+
+def test_the_docstring_has_every_attribute():
+    doc = Settings.__doc__
+    assert all(f"    {name} : " in doc for name in SETTING_FIELDS)

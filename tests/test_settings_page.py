@@ -1,4 +1,4 @@
-"""docs/settings.md is what the settings and their flags make of it."""
+"""docs/settings.md is made from the settings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from edge_vpr_tools.arguments.settings_page import page
 
-from edge_vpr.settings import Settings
+from edge_vpr.settings import SETTING_FIELDS, Settings
 
 PAGE = Path(__file__).parents[1] / "docs/settings.md"
 
@@ -19,5 +19,6 @@ def test_the_page_is_current():
 
 def test_every_setting_has_a_row_with_a_meaning():
     rows = [line for line in page().splitlines() if line.startswith("| `")]
-    assert [row.split("`")[1] for row in rows] == [field.name for field in fields(Settings)]
+    keys = [SETTING_FIELDS[field.name].key for field in fields(Settings)]
+    assert [row.split("`")[1] for row in rows] == keys
     assert all(len(row.split("|")[-2].strip()) > 10 for row in rows)

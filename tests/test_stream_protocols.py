@@ -31,7 +31,7 @@ from edge_vpr.stream.protocols import (
 )
 from edge_vpr.stream.protocols.aer import read_layout
 from edge_vpr.stream.protocols.cobs import stuff
-from edge_vpr.stream.protocols.evpr import HEADER, MAX_FRAME, MAX_STUFFED
+from edge_vpr.stream.protocols.evpr_frames import HEADER, MAX_FRAME, MAX_STUFFED
 from edge_vpr.stream.protocols.openmv_checksums import crc
 
 SENSOR = Sensor(128, 128)

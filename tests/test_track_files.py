@@ -9,11 +9,12 @@ import pytest
 from archive_mutants import checksum
 
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation.ground_truth import from_tracks, load_matrix
 from edge_vpr.evaluation.text_files import read_text
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.track_fit import overlap
 from edge_vpr.evaluation.tracks import Track
+from edge_vpr.evaluation.truth_from_matrix import load_matrix
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 
 S = 1_000_000
 GPX = """<?xml version="1.0" encoding="{encoding}"?>

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import DescriptorStream, FixedCount, FixedTime, collect, join
+from edge_vpr.descriptors.windows import FixedCount, FixedTime, collect, join
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
-from fixedpoint.codes import CounterCode
 
 SENSOR = Sensor(7, 5)
 PIXELS = [(0, 0), (6, 4), (3, 2), (1, 0)]
@@ -81,14 +81,6 @@ def test_counts_are_stored_in_the_narrowest_dtype_that_holds_them(largest, dtype
     found = DescriptorStream(PIXEL_MAP, FixedTime(10)).update(events)
     assert found.counts.dtype == dtype
     assert found.counts[0, 0] == largest
-
-
-def test_clipped_counts_stop_at_the_clip_and_the_next_window_starts_from_zero():
-    events = make_events(t=[0, 1, 2, 12, 25], x=[0] * 5, y=[0] * 5)
-    found = DescriptorStream(PIXEL_MAP, FixedTime(10), code=CounterCode.saturating(2)).update(
-        events
-    )
-    assert found.counts[:, 0].tolist() == [2, 1]
 
 
 def test_a_clock_that_jumps_by_years_is_an_error_and_not_a_flood_of_windows():

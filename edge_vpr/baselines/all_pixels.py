@@ -21,7 +21,7 @@ def map_all_pixels(
     recording : EventSource
     settings : Settings
         `pixels` and `strategy` are replaced; a fixed-count window holds `events_per_pixel` events
-        for each pixel of the sensor, or by 0 as many as a window of tau holds on average.
+        for each pixel of the sensor, or by None as many as a window of tau holds on average.
     hot : ndarray of bool, shape (height, width)
 
     Returns
@@ -31,7 +31,7 @@ def map_all_pixels(
     y, x = np.nonzero(~hot)
     everything = PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))
     settings = settings.replaced({"pixels": len(everything), "strategy": "top"}, "all pixels")
-    if settings.window == "count" and settings.events_per_pixel == 0:
+    if settings.window == "count" and settings.events_per_pixel is None:
         by_time = describe(
             recording, everything, settings.uncoded.replaced({"window": "time"}, "all pixels")
         )

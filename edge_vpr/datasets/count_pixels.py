@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.counters import count_events
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import DescriptorStream, Window
+from edge_vpr.descriptors.windows import Window
 from edge_vpr.errors import EventError
 from edge_vpr.events import EVENT_DTYPE, Events, check_events
 

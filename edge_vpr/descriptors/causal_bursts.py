@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US
+from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
 _STATE = np.dtype([("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8")])

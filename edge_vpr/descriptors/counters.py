@@ -1,8 +1,6 @@
-"""Event counters: each event touches the counter of its own pixel, and only selected ones have one.
+"""Event counters of selected pixels, or of every pixel.
 
-The kernels take the coordinates as columns, in chunks of any size, contiguous or as fields of a
-structured event array. A table of the sensor gives each pixel's slot, or -1 where nothing counts:
-almost every event ends there, so that sixteen look-ups share one branch.
+Coordinates are columns, in chunks of any size, contiguous or as fields of a structured event array.
 """
 
 from __future__ import annotations
@@ -11,122 +9,20 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.descriptors.counter_kernels import (
+    OFF_COUNTS,
+    OFF_SENSOR,
+    count_pixels,
+    count_slots,
+    select_slots,
+)
 from edge_vpr.errors import EventError, UsageError
 
 Column = npt.NDArray[Any]
 Counts = npt.NDArray[np.signedinteger[Any]]
 
-# Coordinates are checked a block at a time, in a loop that vectorises, and the block is then still
-# in a near cache: the check costs a tenth, and no event can reach memory outside the table. Fields
-# of a structured array are first copied to contiguous columns: faster than to stride twice.
-_BLOCK = 16384
-_GROUP = 16
 _NO_LIMIT = np.iinfo(np.int64).max
-# what the kernels return in place of a number of events
-_OFF_SENSOR = -1
-_OFF_COUNTS = -2
-
-
-@njit(cache=True, nogil=True)
-def _below(column: Any, limit: int) -> bool:
-    highest = np.uint16(0)
-    for i in range(column.size):
-        highest = np.uint16(max(highest, column[i]))
-    return bool(highest < limit)
-
-
-@njit(cache=True, nogil=True)
-def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
-    """Step over groups of events of which none lies at a selected pixel."""
-    while start + _GROUP <= x.size:
-        # loops over slices vectorise and unroll: no index can be negative
-        xs, ys = x[start : start + _GROUP], y[start : start + _GROUP]
-        # the slots' common sign bit is set only if all of them are -1
-        common = np.int64(-1)
-        for i in range(_GROUP):
-            common &= table[np.uint64(ys[i]) * row + np.uint64(xs[i])]
-        if common >= 0:
-            break
-        start += _GROUP
-    return start
-
-
-@njit(cache=True, nogil=True)
-def _scan(table: Any, width: int, x: Any, y: Any, first: int, index: Any, slots: Any) -> int:
-    """Note which events of the block from event `first` on lie at selected pixels; their number."""
-    xs = np.ascontiguousarray(x[first : first + _BLOCK])
-    ys = np.ascontiguousarray(y[first : first + _BLOCK])
-    if not (_below(xs, width) and _below(ys, table.size // width)):
-        return _OFF_SENSOR
-    row = np.uint64(width)
-    found = start = 0
-    while start < xs.size:
-        start = _skip(table, row, xs, ys, start)
-        end = min(start + _GROUP, xs.size)
-        for i in range(start, end):
-            slot = table[np.uint64(ys[i]) * row + np.uint64(xs[i])]
-            if slot >= 0:
-                index[found], slots[found] = first + i, slot
-                found += 1
-        start = end
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _count(
-    table: Any, width: int, x: Any, y: Any, p: Any, counts: Any, slots_end: int, budget: int
-) -> tuple[int, int]:
-    """Count until the budget is spent; the OFF counts start at `slots_end`."""
-    block = min(x.size, _BLOCK)
-    index, slots = np.empty(block, np.int64), np.empty(block, np.int32)
-    counted = 0
-    for first in range(0, x.size, _BLOCK):
-        found = _scan(table, width, x, y, first, index, slots)
-        if found < 0:
-            return _OFF_SENSOR, counted
-        for i in range(found):
-            slot = np.int64(slots[i])
-            if slot >= slots_end:
-                return _OFF_COUNTS, counted
-            if p is not None and not p[index[i]]:
-                slot += slots_end
-            counts[slot] += 1
-            counted += 1
-            if counted == budget:
-                return index[i] + 1, counted
-    return x.size, counted
-
-
-@njit(cache=True, nogil=True)
-def _select(
-    table: Any, width: int, x: Any, y: Any, p: Any, slots_end: int, index: Any, slots: Any
-) -> int:
-    """List the events at selected pixels; the slots of OFF events start at `slots_end`."""
-    selected = 0
-    for first in range(0, x.size, _BLOCK):
-        found = _scan(table, width, x, y, first, index[selected:], slots[selected:])
-        if found < 0:
-            return _OFF_SENSOR
-        if p is not None:
-            for i in range(selected, selected + found):
-                slots[i] += 0 if p[index[i]] else slots_end
-        selected += found
-    return selected
-
-
-@njit(cache=True, nogil=True)
-def _frame(x: Any, y: Any, flat: Any, width: int) -> int:
-    height, row = flat.size // width, np.uint64(width)
-    for first in range(0, x.size, _BLOCK):
-        xs = np.ascontiguousarray(x[first : first + _BLOCK])
-        ys = np.ascontiguousarray(y[first : first + _BLOCK])
-        if not (_below(xs, width) and _below(ys, height)):
-            return _OFF_SENSOR
-        for i in range(xs.size):
-            flat[np.uint64(ys[i]) * row + np.uint64(xs[i])] += 1
-    return x.size
 
 
 def count_events(
@@ -210,12 +106,12 @@ def count_until(
         return 0, 0
     height, width = table.shape
     slots_end = counts.size if p is None else counts.size // 2
-    consumed, counted = _count(
+    consumed, counted = count_slots(
         table.reshape(-1), width, x, y, p, counts, slots_end, min(budget, _NO_LIMIT)
     )
-    if consumed == _OFF_SENSOR:
+    if consumed == OFF_SENSOR:
         raise _off_sensor(x, y, width, height)
-    if consumed == _OFF_COUNTS:
+    if consumed == OFF_COUNTS:
         raise UsageError(
             f"table names slot {table.max()} and there are counters for {slots_end} slots: "
             f"give counters for {table.max() + 1}"
@@ -250,8 +146,8 @@ def select_events(
     height, width = table.shape
     slots_end = 0 if p is None else int(table.max()) + 1
     index, slots = np.empty(x.size, dtype=np.int64), np.empty(x.size, dtype=np.int32)
-    selected = _select(table.reshape(-1), width, x, y, p, slots_end, index, slots)
-    if selected == _OFF_SENSOR:
+    selected = select_slots(table.reshape(-1), width, x, y, p, slots_end, index, slots)
+    if selected == OFF_SENSOR:
         raise _off_sensor(x, y, width, height)
     return index[:selected], slots[:selected]
 
@@ -277,7 +173,7 @@ def count_frame(x: Column, y: Column, frame: Counts) -> None:
     _check_writeable(frame, "count image")
     _check_columns(x, y, None)
     height, width = frame.shape
-    if _frame(x, y, frame.reshape(-1), width) == _OFF_SENSOR:
+    if count_pixels(x, y, frame.reshape(-1), width) == OFF_SENSOR:
         raise _off_sensor(x, y, width, height)
 
 

@@ -1,20 +1,17 @@
-"""Where a window ends: the one place that decides which events make one descriptor."""
+"""Windows and the descriptors of their events."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counters import count_events, count_frame, count_until
 from edge_vpr.descriptors.descriptor_checks import check_descriptors
-from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
-from edge_vpr.events import TIME_LIMIT_US, Events
-from fixedpoint.codes import CounterCode, PixelCodes
+from edge_vpr.events import TIME_LIMIT_US
 
 #: more windows than this in one recording, or ticks in one jump of time, are a fault: of a clock
 #: that jumps, or of a window that was asked for in the wrong unit
@@ -77,7 +74,6 @@ class WindowCounts(NamedTuple):
     Attributes
     ----------
     counts : ndarray of int64, shape (J,) or with polarity (2 J,)
-        Or what they are coded as.
     start_us, end_us : int
     events : int
         At any pixel.
@@ -87,12 +83,6 @@ class WindowCounts(NamedTuple):
     start_us: int
     end_us: int
     events: int
-
-    def coded(self, code: CounterCode | PixelCodes | None) -> WindowCounts:
-        """Put codes in place of the counts; None leaves them."""
-        if code is None:
-            return self
-        return self._replace(counts=code.encode(self.counts).astype(np.int64))
 
 
 @dataclass(frozen=True)
@@ -120,6 +110,9 @@ class Descriptors:
 
     def __len__(self) -> int:
         return len(self.start_us)
+
+    def __repr__(self) -> str:
+        return f"Descriptors({len(self)} windows of {self.counts.shape[-1]} counters)"
 
     @property
     def activity(self) -> npt.NDArray[np.int64]:
@@ -175,149 +168,6 @@ def narrow(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.unsignedinteger]:
         if largest <= np.iinfo(dtype).max:
             return counts.astype(dtype)
     return counts.astype(np.uint64)
-
-
-class DescriptorStream:
-    """Turns a stream of events into descriptors, however the stream is cut into chunks.
-
-    Parameters
-    ----------
-    pixel_map : PixelMap
-    window : FixedTime or FixedCount
-    polarity : bool
-        Count ON and OFF events apart.
-    code : CounterCode or PixelCodes, optional
-        What a descriptor holds in place of the counts; clipping is a `CounterCode.saturating`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from edge_vpr.events import Sensor, make_events
-    >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
-    >>> stream = DescriptorStream(two, FixedTime(tau_us=10))
-    >>> stream.update(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0])).counts
-    array([[2, 1]], dtype=uint8)
-    """
-
-    def __init__(
-        self,
-        pixel_map: PixelMap,
-        window: Window,
-        *,
-        polarity: bool = False,
-        code: CounterCode | PixelCodes | None = None,
-    ) -> None:
-        self._table = pixel_map.table()
-        self._window = window
-        self._polarity = polarity
-        self._code = code
-        # where every pixel is its own slot, the counters are an image and need no table
-        dense = not polarity and pixel_map == PixelMap.all_of(pixel_map.sensor)
-        self._image_shape = self._table.shape if dense else None
-        self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
-        self._counted = 0  # of a fixed-count window's budget
-        self._events = 0  # of the open window, at any pixel
-        self._start = 0
-        self._last = 0
-
-    def update(self, events: Events) -> Descriptors:
-        """Feed the next events.
-
-        Parameters
-        ----------
-        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
-            In time order and on the sensor, after all those before (see `check_events`).
-
-        Returns
-        -------
-        Descriptors
-            Of the windows that these events completed; may be none.
-
-        Raises
-        ------
-        UsageError
-            If the recording lasts more than a million windows.
-        """
-        return collect(self.windows(events), self._counts.size)
-
-    def windows(self, events: Events) -> Iterator[WindowCounts]:
-        """Feed the next events and take one completed window at a time, as `update` does at once.
-
-        Yields
-        ------
-        WindowCounts
-        """
-        if events.size == 0:
-            return
-        if isinstance(self._window, FixedTime):
-            yield from self._fixed_time(events, self._window.tau_us)
-        else:
-            yield from self._fixed_count(events, self._window.events)
-        self._last = int(events["t"][-1])
-
-    def finish(self) -> Descriptors:
-        """Take the incomplete last window, if any event fell into it."""
-        return collect(self.last(), self._counts.size)
-
-    def last(self) -> Iterator[WindowCounts]:
-        """Take the incomplete last window as `windows` does, if any event fell into it."""
-        if self._events:
-            # a fixed-time window is open at its end
-            end = self._last + 1 if isinstance(self._window, FixedTime) else self._last
-            yield self._take(self._start, end)
-
-    def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
-        t = events["t"]
-        windows = (int(t[-1]) - self._start) // tau
-        if int(t[-1]) // tau > MAX_WINDOWS:
-            raise UsageError(
-                f"time runs to {t[-1]} us, over more than {MAX_WINDOWS} windows of {tau} us: "
-                "check the recording's clock, or take longer windows"
-            )
-        ends = self._start + tau * np.arange(1, windows + 1)
-        cut = 0
-        for end, upto in zip(ends.tolist(), np.searchsorted(t, ends).tolist(), strict=True):
-            self._count(events[cut:upto])
-            yield self._take(end - tau, end)
-            self._start, cut = end, upto
-        self._count(events[cut:])
-
-    def _fixed_count(self, events: Events, budget: int) -> Iterator[WindowCounts]:
-        t, x, y = events["t"], events["x"], events["y"]
-        p = events["p"] if self._polarity else None
-        cut = 0
-        while cut < events.size:
-            if not self._events:
-                self._start = int(t[cut])
-            consumed, counted = count_until(
-                self._table,
-                x[cut:],
-                y[cut:],
-                self._counts,
-                budget - self._counted,
-                None if p is None else p[cut:],
-            )
-            cut += consumed
-            self._events += consumed
-            self._counted += counted
-            if self._counted == budget:
-                yield self._take(self._start, int(t[cut - 1]))
-
-    def _count(self, events: Events) -> None:
-        if events.size:
-            if self._image_shape is not None:
-                count_frame(events["x"], events["y"], self._counts.reshape(self._image_shape))
-            else:
-                p = events["p"] if self._polarity else None
-                count_events(self._table, events["x"], events["y"], self._counts, p)
-            self._events += events.size
-
-    def _take(self, start: int, end: int) -> WindowCounts:
-        """Hand the finished window over and clear the counters."""
-        taken = WindowCounts(self._counts, start, end, self._events).coded(self._code)
-        self._counts = np.zeros_like(self._counts)
-        self._counted = self._events = 0
-        return taken
 
 
 def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:

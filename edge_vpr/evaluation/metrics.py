@@ -13,9 +13,9 @@ from edge_vpr.evaluation.calibration import Reliability, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.rejection import Rejection, judge_rejection
 from edge_vpr.matching.matches import Matches
+from edge_vpr.settings.choices import Score
 
 RecallDenominator = Literal["rejected-correct", "all-with-place"]
-Score = Literal["distance", "ratio", "margin", "trust"]
 #: scores of which more is surer
 _RISING = ("margin", "trust")
 RECALL_AT = (1, 5, 10, 25)
@@ -38,6 +38,9 @@ class PrecisionRecall:
     tp: npt.NDArray[np.int64]
     fp: npt.NDArray[np.int64]
     fn: npt.NDArray[np.int64]
+
+    def __repr__(self) -> str:
+        return f"PrecisionRecall({len(self.threshold)} thresholds)"
 
     @property
     def precision(self) -> npt.NDArray[np.float64]:
@@ -217,8 +220,8 @@ def evaluate(
     truth : GroundTruth
         Over all K places of the map and all query windows.
     score : {"distance", "ratio", "margin", "trust"}, optional
-        What the threshold of the precision-recall curve is on. By default the trust of the place
-        filter, and the distance of sequences, as in the paper.
+        What the threshold of the precision-recall curve is on. By default what the settings say,
+        else the trust of the place filter, and the ratio of sequences.
     recall_denominator, thresholds
         See `precision_recall`.
 
@@ -244,7 +247,8 @@ def evaluate(
             "the truth is known for none of the matched queries: check that it covers their time"
         )
     if score is None:
-        score = "trust" if matches.settings.matching == "filter" else "distance"
+        chosen = matches.settings.score
+        score = chosen or ("trust" if matches.settings.matching == "filter" else "ratio")
     if score not in get_args(Score):
         raise UsageError(f"score {score!r} is unknown: choose from {', '.join(get_args(Score))}")
     correct = truth.correct[matches.place, matches.query] & evaluated
@@ -279,7 +283,7 @@ def evaluate(
             matches.trust[evaluated],
             correct[evaluated],
             has_place[evaluated],
-            ~matches.lost[evaluated] if matches.settings.precision else None,
+            ~matches.lost[evaluated] if matches.settings.precision is not None else None,
         ),
         reliability=reliability(matches.probability[rated], correct[rated])
         if rated.any()

@@ -10,23 +10,15 @@ import numpy.typing as npt
 
 from edge_vpr.archive import damaged, read_archive, write_archive
 from edge_vpr.array_checks import check_array, check_range, whole_number
-from edge_vpr.confidence import Confidence, Judge, default_confidence
-from edge_vpr.descriptors.pauses import mean_activity
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.matching.distances import ReferenceIndex, best_matches
+from edge_vpr.matching.candidates import CANDIDATES
 from edge_vpr.matching.matches_csv import write_csv
-from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, StepPrices
-from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
+from edge_vpr.matching.runner_up import ratio_to_second
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 KIND = "set of matches"
-#: so many of the nearest places are kept for Recall@N
-CANDIDATES = 25
-#: distances held at once while matching, so that memory does not grow with the traverse
-_BLOCK_DISTANCES = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +74,12 @@ class Matches:
         return len(self.query)
 
     def __repr__(self) -> str:
+        by = "place filter"
+        if self.settings.matching == "sequence":
+            by = f"L = {self.settings.sequence_length}"
         return (
-            f"Matches({len(self)} queries, {self.places_in_map} places, "
-            f"L = {self.settings.sequence_length}, {np.count_nonzero(self.ties)} tied)"
+            f"Matches({len(self)} queries, {self.places_in_map} places, {by}, "
+            f"{np.count_nonzero(self.ties)} tied)"
         )
 
     @property
@@ -108,10 +103,7 @@ class Matches:
 
         1 where both are zero, NaN where there is no second.
         """
-        ratio = np.full(len(self), np.nan)
-        np.divide(self.distance_sum, self.second_sum, out=ratio, where=self.second_sum > 0)
-        ratio[self.second_sum == 0] = 1.0
-        return ratio
+        return ratio_to_second(self.distance_sum, self.second_sum)
 
     @classmethod
     def of_rows(cls, rows: npt.NDArray[np.void], settings: Settings, places_in_map: int) -> Matches:
@@ -231,143 +223,3 @@ def check_matches(matches: Matches) -> None:
         raise MapError(f"query of {n} matches: expected one match or more, in order")
     if ((matches.second < 0) != (matches.second_sum < 0)).any():
         raise MapError("second and second_sum differ on where there is a second best place")
-
-
-def match_descriptors(
-    places: Descriptors,
-    queries: Descriptors,
-    settings: Settings,
-    confidence: Confidence | None = None,
-) -> Matches:
-    """Match every query window, by sequences of L windows or by the place filter.
-
-    Parameters
-    ----------
-    places : Descriptors
-        Reference, K of them.
-    queries : Descriptors
-        Q of them, counted at the same pixels.
-    settings : Settings
-        `matching` and its settings, `exclusion` and `precision` are used.
-    confidence : Confidence, optional
-        Table of probabilities; by default the shipped one for the place filter, and none for
-        sequences.
-
-    Returns
-    -------
-    Matches
-        Of all Q windows by the filter. By sequences, of Q - L + 1: those that a whole sequence is
-        centred on (or ends with).
-
-    Raises
-    ------
-    MapError
-        If the descriptors differ in length.
-    UsageError
-        If L is longer than a traverse, or the table does not promise the wanted precision.
-    """
-    if confidence is None and settings.matching == "filter":
-        confidence = default_confidence()
-    judge = Judge(confidence, settings.precision)
-    if places.counts.shape[1] != queries.counts.shape[1]:
-        raise MapError(
-            f"reference descriptors have {places.counts.shape[1]} counts and the query's "
-            f"{queries.counts.shape[1]}: describe both with the same map"
-        )
-    if settings.matching == "filter":
-        return _match_by_filter(places, queries, settings, judge)
-    length, exclusion = settings.sequence_length, settings.exclusion
-    check_length(length, len(places), len(queries))
-    offset = anchor_offset(length, settings.anchor)
-    index = ReferenceIndex(places.counts)
-    n = len(queries) - length + 1
-    block = max(1, _BLOCK_DISTANCES // len(places))
-    parts = [
-        _match_block(index, queries.counts[j : min(j + block, n) + length - 1], length, exclusion)
-        for j in range(0, n, block)
-    ]
-    best, best_sum, second, second_sum, ties, candidates = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
-    query = np.arange(n, dtype=np.int64) + offset
-    trust = np.where(second < 0, 0, second_sum - best_sum)
-    probability, lost = judge.judge(trust)
-    return Matches(
-        settings=settings,
-        places_in_map=len(places),
-        query=query,
-        time_us=queries.centre_us[query],
-        place=best + offset,
-        distance_sum=best_sum,
-        second=np.where(second < 0, -1, second + offset),
-        second_sum=second_sum,
-        ties=ties,
-        candidates=np.where(candidates < 0, -1, candidates + offset),
-        trust=trust,
-        probability=probability,
-        lost=lost,
-    )
-
-
-def _match_by_filter(
-    places: Descriptors, queries: Descriptors, settings: Settings, judge: Judge
-) -> Matches:
-    index, n = ReferenceIndex(places.counts), len(queries)
-    place_filter = PlaceFilter(
-        len(places),
-        StepPrices.of(settings),
-        settings.exclusion,
-        mean_activity(places.activity),
-    )
-    columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
-    events = queries.activity.tolist()
-    block = max(1, _BLOCK_DISTANCES // len(places))
-    nearest = []
-    for first in range(0, n, block):
-        distances = np.ascontiguousarray(index.matrix(queries.counts[first : first + block]).T)
-        metrics = np.empty(distances.shape, dtype=np.int32)
-        for i, row in enumerate(distances):
-            columns[first + i] = place_filter.advance(row, events[first + i])
-            metrics[i] = place_filter.metric
-        nearest.append(_nearest(metrics.T))
-    candidates = np.concatenate(nearest)
-    place, metric, second, second_metric, ties, trust = columns.T
-    probability, lost = judge.judge(trust)
-    return Matches(
-        settings=settings,
-        places_in_map=len(places),
-        query=np.arange(n, dtype=np.int64),
-        time_us=queries.centre_us,
-        place=place,
-        distance_sum=metric,
-        second=second,
-        second_sum=second_metric,
-        ties=ties,
-        candidates=candidates,
-        trust=trust,
-        probability=probability,
-        lost=lost,
-    )
-
-
-def _match_block(
-    index: ReferenceIndex, counts: npt.NDArray[np.unsignedinteger], length: int, exclusion: int
-) -> tuple[npt.NDArray[np.int64], ...]:
-    sums = sequence_sums(index.matrix(counts), length)
-    best, second, ties = best_matches(sums, exclusion)
-    column = np.arange(sums.shape[1])
-    best_sum = sums[best, column].astype(np.int64)
-    second_sum = np.where(second < 0, -1, sums[second, column]).astype(np.int64)
-    return best, best_sum, second, second_sum, ties, _nearest(sums)
-
-
-def _nearest(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
-    """Nearest places of each column, shape (columns, CANDIDATES)."""
-    places = sums.shape[0]
-    # distance and place in one integer: its order is by distance, then by the lower place
-    keys = sums.astype(np.int64) * places + np.arange(places)[:, None]
-    if places > CANDIDATES:
-        keys = np.partition(keys, CANDIDATES - 1, axis=0)[:CANDIDATES]
-    nearest = np.full((sums.shape[1], CANDIDATES), -1, dtype=np.int64)
-    nearest[:, : len(keys)] = np.sort(keys, axis=0).T % places
-    return nearest

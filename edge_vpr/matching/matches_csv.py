@@ -39,7 +39,7 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
     located = None
     if route is not None:
         located = route.locate(matches.place, matches.settings.exclusion)
-    rejects = matches.settings.precision > 0
+    rejects = matches.settings.precision is not None
     with replacing(path) as temporary, temporary.open("w", newline="") as file:
         table = csv.writer(file)
         where = () if route is None else (*route.coordinates, *ALONG)

@@ -7,7 +7,6 @@ way to be there now. A window adds evidence to it, and prices the step from the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,81 +15,18 @@ from numba import njit
 
 from edge_vpr.descriptors.pauses import Activity
 from edge_vpr.errors import UsageError
-from edge_vpr.settings import Settings
+from edge_vpr.matching.moves import FRACTION_BITS, METRIC_TOP, Metrics, Moves, StepPrices
 
-Metrics = npt.NDArray[np.int32]
+__all__ = ["METRIC_TOP", "FilterMatch", "PlaceFilter", "StepPrices"]
 
-#: fraction bits of metrics, evidence and prices
-FRACTION_BITS = 2
-#: largest metric: 10 bits
-METRIC_TOP = (1 << 10) - 1
 #: largest evidence: 8 bits
 EVIDENCE_TOP = (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread
 RECIPROCAL_BITS = 16
-#: prices of a step of 0, 1, 2 ... places while nothing moves
-PAUSE_STEPS = (0, 0, 1)
-_PAUSE_PRICES = np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS
 #: trust moves by 1/4 of the difference in a window, in units of 1/16 of a margin
 TRUST_SHIFT, TRUST_BITS = 2, 4
 #: where the place stays the same, trust falls by 1/16 a window
 STANDING_SHIFT = 4
-
-
-@dataclass(frozen=True)
-class StepPrices:
-    """What it costs to get from place to place in one window.
-
-    Parameters
-    ----------
-    forward : tuple of int
-        Price of a step of 0, 1, 2 ... places.
-    back : tuple of int
-        Price of a step of -1, -2 ... places; empty if the route is never driven backwards.
-    restart : int
-        Price of getting anywhere else: the robot was carried, or the filter is wrong.
-
-    Raises
-    ------
-    UsageError
-        If a price does not fit the metric, or there is none.
-    """
-
-    forward: tuple[int, ...] = (1, 0, 1)
-    back: tuple[int, ...] = ()
-    restart: int = 16
-
-    def __post_init__(self) -> None:
-        most = (METRIC_TOP >> FRACTION_BITS) - 1
-        prices = (*self.forward, *self.back, self.restart)
-        if not self.forward or min(prices) < 0 or max(prices) > most:
-            raise UsageError(
-                f"filter prices {self.forward} forward, {self.back} back and {self.restart} for a "
-                f"restart: expected 0 to {most}, and at least one step forward"
-            )
-
-    @classmethod
-    def of(cls, settings: Settings) -> StepPrices:
-        """Return the prices that the settings ask for; by default those of the kind of window."""
-        forward = settings.filter_steps
-        if forward is None:
-            forward = (1, 0, 1) if settings.window == "time" else (1, 0, 0, 1)
-        return cls(forward, settings.filter_back, settings.filter_restart)
-
-    @property
-    def first(self) -> int:
-        """Smallest step, in places: 0, or below."""
-        return -len(self.back)
-
-    @property
-    def last(self) -> int:
-        """Largest step, in places, after which an answer follows from the one before."""
-        return max(len(self.forward), len(PAUSE_STEPS)) - 1
-
-    @property
-    def scaled(self) -> npt.NDArray[np.int32]:
-        """Prices from the smallest step to the largest, with fraction bits."""
-        return np.array([*reversed(self.back), *self.forward], dtype=np.int32) << FRACTION_BITS
 
 
 class FilterMatch(NamedTuple):
@@ -133,16 +69,22 @@ class PlaceFilter:
     activity : int
         Events that a window of the reference has at the selected pixels on average, in units of
         1/256 event; 0 if windows never pause.
+    jumps, along_mm : ndarray, optional
+        Of the map, see `Moves`.
 
     Attributes
     ----------
+    moves : Moves
     metric : ndarray of int32, shape (K,)
         Of 10 bits, 2 of them fraction bits.
     prediction, paused : ndarray of int32, shape (K,)
         Price of being at each place one window later, without its evidence; while the camera
         stands, `paused`.
+    follows : ndarray of bool, shape (K,)
+        Which places follow from the latest answer, so that its trust is kept.
     reciprocal : int
-        ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first.
+        ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first,
+        and after a spread above 2**16: then the window's own does.
     activity : Activity
         How many events a window usually has.
     place, trust : int
@@ -150,16 +92,22 @@ class PlaceFilter:
     """
 
     def __init__(
-        self, places: int, prices: StepPrices, exclusion: int = 3, activity: int = 0
+        self,
+        places: int,
+        prices: StepPrices,
+        exclusion: int = 3,
+        activity: int = 0,
+        *,
+        jumps: npt.NDArray[np.int32] | None = None,
+        along_mm: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        if places < 1:
-            raise UsageError(f"a map of {places} places: expected at least 1")
-        self.prices, self.exclusion = prices, exclusion
-        self._steps = prices.scaled
+        self.moves = Moves(places, prices, jumps, along_mm)
+        self.exclusion = exclusion
         self.activity = Activity(activity)
         self.metric = np.zeros(places, dtype=np.int32)
         self.prediction = np.zeros(places, dtype=np.int32)
         self.paused = np.zeros(places, dtype=np.int32)
+        self.follows = np.zeros(places, dtype=np.bool_)
         self.reciprocal = 0
         self.place, self.trust = -1, 0
 
@@ -204,10 +152,29 @@ class PlaceFilter:
         if place >= 0:
             self._predict()
 
+    def travel(self, travelled_mm: int) -> None:
+        """Predict by odometry, in place of steps, until the window is over.
+
+        Parameters
+        ----------
+        travelled_mm : int
+            Millimetres from the end of the window before to now, or to the end of this one; below
+            0 backwards.
+
+        Raises
+        ------
+        UsageError
+            If the map does not say how far its places are from each other.
+        """
+        prediction = self.moves.by_distance(self.metric, travelled_mm)
+        if self.place >= 0:
+            self.prediction = self.paused = prediction
+            self.follows = self.moves.following(self.place, travelled_mm)
+
     def _predict(self) -> None:
-        restart = self.prices.restart << FRACTION_BITS
-        self.prediction = predict(self.metric, self._steps, self.prices.first, restart)
-        self.paused = predict(self.metric, _PAUSE_PRICES, 0, restart)
+        self.prediction = self.moves.by_steps(self.metric)
+        self.paused = self.moves.while_paused(self.metric)
+        self.follows = self.moves.following(self.place, None)
 
     def _with_evidence(self, distances: npt.NDArray[np.integer], events: int) -> Metrics:
         if distances.shape != self.metric.shape:
@@ -221,18 +188,46 @@ class PlaceFilter:
         add_evidence(self.prediction, distances, reciprocal, metric)
         return metric
 
+    def evidence(self, distances: npt.NDArray[np.integer], events: int) -> Metrics:
+        """Return what a window adds to the metric of each place, of 8 bits, shape (K,).
+
+        Parameters
+        ----------
+        distances : ndarray of int, shape (K,)
+        events : int
+            At the selected pixels in the window.
+        """
+        evidence = np.zeros_like(self.metric)
+        if not self.activity.pauses(events):
+            reciprocal = self.reciprocal or reciprocal_of_spread(distances)
+            add_evidence(np.zeros_like(evidence), distances, reciprocal, evidence)
+        return evidence
+
     def _answer(self, metric: Metrics) -> FilterMatch:
-        place, second, ties = least_and_second(metric, self.exclusion)
-        least = int(metric[place])
-        second_metric = int(metric[second]) if second >= 0 else -1
-        margin = second_metric - least if second >= 0 else METRIC_TOP
-        steps = self.prices.first, self.prices.last
-        trust = trust_after(self.trust, self.place, place, steps, margin)
-        return FilterMatch(place, least, second, second_metric, ties, trust)
+        found = match_of(metric, self.exclusion)
+        kept = self.trust if self.follows[found.place] else 0
+        margin = found.trust >> TRUST_BITS
+        return found._replace(trust=trust_after(kept, found.place == self.place, margin))
+
+
+def match_of(metric: Metrics, exclusion: int) -> FilterMatch:
+    """Return the match of these metrics; its trust is the margin, in units of 1/16 of a metric.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+    exclusion : int
+        The second best is more than this many places away.
+    """
+    place, second, ties = least_and_second(metric, exclusion)
+    least = int(metric[place])
+    second_metric = int(metric[second]) if second >= 0 else -1
+    margin = second_metric - least if second >= 0 else METRIC_TOP
+    return FilterMatch(place, least, second, second_metric, ties, margin << TRUST_BITS)
 
 
 @njit(cache=True, nogil=True)
-def trust_after(trust: int, before: int, place: int, steps: tuple[int, int], margin: int) -> int:
+def trust_after(kept: int, stands: bool, margin: int) -> int:
     """Return the trust after a window, in units of 1/16 of a metric.
 
     A robot that stands sees one view again and again, which may be that of another place where
@@ -240,20 +235,17 @@ def trust_after(trust: int, before: int, place: int, steps: tuple[int, int], mar
 
     Parameters
     ----------
-    trust, before : int
-        Trust and place of the window before; the place is -1 before the first.
-    place : int
-        Of this window.
-    steps : tuple of int
-        Smallest and largest step, in places, by which an answer follows from the one before.
+    kept : int
+        Trust of the window before; 0 where this match does not follow from that one.
+    stands : bool
+        Whether the place is that of the window before.
     margin : int
         Second metric less the least.
     """
-    step = place - before
-    kept = np.int64(trust if before >= 0 and steps[0] <= step <= steps[1] else 0)
-    raised = kept + (((np.int64(margin) << TRUST_BITS) - kept) >> TRUST_SHIFT)
-    if before >= 0 and step == 0:
-        raised = min(raised, kept - (kept >> STANDING_SHIFT))
+    before = np.int64(kept)
+    raised = before + (((np.int64(margin) << TRUST_BITS) - before) >> TRUST_SHIFT)
+    if stands:
+        raised = min(raised, before - (before >> STANDING_SHIFT))
     return int(raised)
 
 
@@ -304,33 +296,6 @@ def add_evidence(
         difference = np.int32(min(np.int64(distances[k]) - least, most))
         evidence = np.int32((difference * np.int32(reciprocal)) >> shift)
         metric[k] = min(prediction[k] + min(evidence, EVIDENCE_TOP), METRIC_TOP)
-
-
-@njit(cache=True, nogil=True)
-def predict(metric: Metrics, prices: Metrics, first: int, restart: int) -> Metrics:
-    """Return the cheapest price of each place one window later.
-
-    Parameters
-    ----------
-    metric : ndarray of int32, shape (K,)
-    prices : ndarray of int32, shape (steps,)
-        Of a step of ``first``, ``first + 1`` ... places.
-    first : int
-    restart : int
-
-    Returns
-    -------
-    ndarray of int32, shape (K,)
-        ``min(min_i (M[k - i] + price[i]), min M + restart) - min M``.
-    """
-    least = metric.min()
-    prediction = np.full(metric.size, restart, dtype=metric.dtype)
-    for i in range(prices.size):
-        step = first + i
-        # the price of this step to every place that it leads to
-        for k in range(max(step, 0), min(metric.size, metric.size + step)):
-            prediction[k] = min(prediction[k], metric[k - step] - least + prices[i])
-    return prediction
 
 
 @njit(cache=True, nogil=True)

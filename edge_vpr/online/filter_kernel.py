@@ -9,15 +9,15 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.descriptors.pauses import ACTIVITY_BITS, PAUSE_SHIFT
+from edge_vpr.matching.moves import METRIC_TOP
 from edge_vpr.matching.place_filter import (
-    METRIC_TOP,
     add_evidence,
     least_and_second,
     reciprocal_of_spread,
     trust_after,
 )
 from edge_vpr.online.kernel import DONE, MATCHES_FULL, RING_FULL
-from edge_vpr.online.state import advance, push, settle
+from edge_vpr.online.state_kernels import advance, push, settle
 
 #: What the kernel knows besides the window and the metrics: when a match is asked for (every so
 #: many events, at ticks of an interval, only if the place changes); the filter's numbers.
@@ -33,8 +33,6 @@ CONTROL = np.dtype(
         ("reciprocal", np.int64),
         ("place", np.int64),
         ("trust", np.int64),
-        ("first_step", np.int64),
-        ("last_step", np.int64),
     ]
 )
 
@@ -46,12 +44,15 @@ class Predicted(NamedTuple):
     ----------
     moving, paused : ndarray of int32, shape (K,)
         `PlaceFilter.prediction` and `PlaceFilter.paused`.
+    follows : ndarray of bool, shape (K,)
+        `PlaceFilter.follows`.
     metric : ndarray of int32, shape (K,)
         Scratch.
     """
 
     moving: npt.NDArray[np.int32]
     paused: npt.NDArray[np.int32]
+    follows: npt.NDArray[np.bool_]
     metric: npt.NDArray[np.int32]
 
 
@@ -134,8 +135,8 @@ def _answer(s, predicted, c, span, row):  # type: ignore[no-untyped-def]
     c.place_told = best
     second_metric = np.int64(metric[second]) if second >= 0 else np.int64(-1)
     margin = second_metric - metric[best] if second >= 0 else np.int64(METRIC_TOP)
-    steps = c.first_step, c.last_step
+    kept = c.trust if predicted.follows[best] else np.int64(0)
     row[0], row[1], row[2], row[3], row[4] = span[0], best, metric[best], second, second_metric
     row[5], row[6] = events, span[1]
-    row[7] = trust_after(c.trust, c.place, best, steps, int(margin))
+    row[7] = trust_after(int(kept), bool(best == c.place), int(margin))
     return 1

@@ -10,10 +10,13 @@ from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.place_filter import PlaceFilter, StepPrices
+from edge_vpr.odometry import Odometer
 from edge_vpr.online.filter_kernel import CONTROL, Predicted, follow_filtered
 from edge_vpr.online.kernel import DONE, RING_FULL
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.online.state import Sliding, advance, compared, grown, settle
+from edge_vpr.online.state import Sliding, grown
+from edge_vpr.online.state_distances import compared
+from edge_vpr.online.state_kernels import advance, settle
 from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import RunningMean
 
@@ -34,14 +37,17 @@ class FilterRun:
     place_filter : PlaceFilter
     mean : RunningMean or None
         Of own-mean codes.
+    odometer : Odometer
     """
 
     def __init__(self, reference: ReferenceMap, schedule: MatchSchedule) -> None:
         settings = reference.settings
-        prices = StepPrices.of(settings)
         self.place_filter = PlaceFilter(
-            len(reference), prices, settings.exclusion, mean_activity(reference.places.activity)
-        )
+            len(reference), StepPrices.of(settings), settings.exclusion,
+            mean_activity(reference.places.activity),
+            jumps=reference.jumps, along_mm=reference.along_mm,
+        )  # fmt: skip
+        self.odometer = Odometer()
         self._code = reference.own_mean_code
         self.mean = None
         if self._code is not None and reference.mean is not None:
@@ -53,7 +59,6 @@ class FilterRun:
         control.change = schedule.change
         control.next_tick, control.place_told = schedule.interval_us, -1
         control.exclusion = settings.exclusion
-        control.first_step, control.last_step = prices.first, prices.last
         self._out = np.empty((_MATCHES_AT_ONCE, 8), dtype=np.int64)
         self._windows = 0  # finished
 
@@ -71,8 +76,26 @@ class FilterRun:
         if self.mean is None or self._code is None:
             return s
         tables = self._code.tables(self.mean.mean)
-        s = s._replace(code=tables, row=np.arange(len(tables), dtype=s.row.dtype))
+        s.counters["table"] = np.arange(len(tables))
+        s = s._replace(code=tables)
         return compared(s, self._index)
+
+    def read_odometer(self, distance_mm: int) -> None:
+        """Take a reading; until the window is over, places are predicted by the way since.
+
+        Raises
+        ------
+        UsageError
+            If the map does not say how far its places are from each other.
+        """
+        self.place_filter.moves.check_odometry()
+        self.odometer.read(distance_mm)
+        self._travel()
+
+    def _travel(self) -> None:
+        travelled = self.odometer.travelled_mm
+        if travelled is not None:
+            self.place_filter.travel(travelled)
 
     def run(
         self,
@@ -130,7 +153,9 @@ class FilterRun:
         rows: list[npt.NDArray[np.int64]],
     ) -> Sliding:
         found = self.place_filter
-        predicted = Predicted(found.prediction, found.paused, np.empty_like(found.metric))
+        predicted = Predicted(
+            found.prediction, found.paused, found.follows, np.empty_like(found.metric)
+        )
         control = self._control[0]
         control.usual, control.reciprocal = found.activity.usual, found.reciprocal
         control.place, control.trust = found.place, found.trust
@@ -154,6 +179,7 @@ class FilterRun:
         paused = found.activity.pauses(events)
         # what all distances have in common changes neither the evidence nor its spread
         found.advance(s.sums[: len(found)], events)
+        self.odometer.end_window()
         if self.mean is None or self._code is None or paused:
             return s
         self.mean.update(self._code.level(counts))
@@ -163,12 +189,12 @@ class FilterRun:
         """Pass over windows without events, up to `until`, once they change nothing any more."""
         found = self.place_filter
         while s.bound[0] == s.bound[1] and (self._windows + 2) * s.tau <= until:
+            read = self.odometer.fresh
             before = (found.place, found.trust, found.activity.usual)
             metric = found.metric
             self._finish_window(s)
-            if before == (found.place, found.trust, found.activity.usual) and np.array_equal(
-                metric, found.metric
-            ):
+            same = before == (found.place, found.trust, found.activity.usual)
+            if same and not read and np.array_equal(metric, found.metric):
                 self._windows = until // s.tau - 1
 
     def to_arrays(self) -> Arrays:
@@ -184,6 +210,10 @@ class FilterRun:
                 [self._control[0].next_tick, self._control[0].place_told], dtype=np.int64
             ),
         }
+        meter = self.odometer
+        if meter.fresh or meter.anchored:
+            state = [meter.latest, meter.anchor, meter.fresh, meter.anchored]
+            arrays["filter_odometer"] = np.array(state, dtype=np.int64)
         if self.mean is not None:
             arrays["filter_mean"] = self.mean.total
             arrays["filter_mean_windows"] = np.array([self.mean.windows], dtype=np.int64)
@@ -195,6 +225,12 @@ class FilterRun:
         reciprocal, usual, place, trust, self._windows = arrays["filter_state"].tolist()
         found.resume(arrays["filter_metric"], reciprocal, usual, place, trust)
         self._control[0].next_tick, self._control[0].place_told = arrays["filter_schedule"].tolist()
+        if "filter_odometer" in arrays:
+            found.moves.check_odometry()
+            meter = self.odometer
+            meter.latest, meter.anchor, fresh, anchored = arrays["filter_odometer"].tolist()
+            meter.fresh, meter.anchored = bool(fresh), bool(anchored)
+            self._travel()
         if self.mean is not None:
             check_array(arrays["filter_mean"], "filter_mean", (np.int32,), self.mean.total.shape)
             check_range(arrays["filter_mean"], "filter_mean", 0, np.iinfo(np.int32).max)

@@ -13,7 +13,9 @@ from edge_vpr.array_checks import check_array, check_range, whole_number
 from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.matching.place_filter import METRIC_TOP, RECIPROCAL_BITS, TRUST_BITS
+from edge_vpr.matching.moves import METRIC_TOP
+from edge_vpr.matching.place_filter import RECIPROCAL_BITS, TRUST_BITS
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.schedule import MatchSchedule
 
 #: Counters of all windows of a sequence: 128 MB as the kernels hold them.
@@ -85,7 +87,7 @@ def check_state(
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        ``slot`` and ``time`` of the events in the windows, ``bound`` and ``policy``.
+        ``slot`` and ``time`` of the events in the windows, ``bound``; of sequences ``policy``.
     meta : mapping
         With ``now_us`` and ``floor_us``.
     counters, length, ends : int
@@ -122,9 +124,9 @@ def check_state(
             f"bound is {bound.tolist()} and the {n} events in the windows make it "
             f"{expected.tolist()}"
         )
-    check_array(arrays["policy"], "policy", (np.int64,), (2,))
     if filtered:  # whose schedule is its own
         return Clock(now_us, floor_us)
+    check_array(arrays["policy"], "policy", (np.int64,), (2,))
     tick, place = arrays["policy"].tolist()
     _check_schedule(tick, place, ends, every, floor_us)
     return Clock(now_us, floor_us)
@@ -181,6 +183,10 @@ def check_filter_state(
     check_array(arrays["filter_schedule"], "filter_schedule", (np.int64,), (2,))
     tick, told = arrays["filter_schedule"].tolist()
     _check_schedule(tick, told, places, every, floor_us)
+    if "filter_odometer" in arrays:
+        check_array(arrays["filter_odometer"], "filter_odometer", (np.int64,), (4,))
+        check_range(arrays["filter_odometer"][:2], "filter_odometer", -MOST_MM, MOST_MM)
+        check_range(arrays["filter_odometer"][2:], "filter_odometer", 0, 1)
     if "filter_mean" in arrays:
         check_array(arrays["filter_mean_windows"], "filter_mean_windows", (np.int64,), (1,))
         check_range(arrays["filter_mean_windows"], "filter_mean_windows", 0, max(windows, 0))

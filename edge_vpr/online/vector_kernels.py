@@ -81,16 +81,16 @@ def _least_lane(builder, vector):
 
 
 @intrinsic
-def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expiries, start, stop):
+def _vector_step(typing_context, sums, columns, steps, arrivals, expiries, start, stop):
     """Apply the first `arrivals` and the last `expiries` steps, and find the least sum."""
-    signature = sums.dtype(sums, columns, offsets, levels, arrivals, expiries, start, stop)
+    signature = sums.dtype(sums, columns, steps, arrivals, expiries, start, stop)
 
     def codegen(context, builder, signature, arguments):
-        sums_a, columns_a, offsets_a, levels_a = (
+        sums_a, columns_a, steps_a = (
             context.make_array(signature.args[i])(context, builder, arguments[i]).data
-            for i in range(4)
+            for i in range(3)
         )
-        arrivals, expiries, start, stop = arguments[4:]
+        arrivals, expiries, start, stop = arguments[3:]
         end = ir.Constant(_I64, MAX_STEPS)
         count_type = ir.IntType(columns.dtype.bitwidth)
         sum_vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
@@ -102,14 +102,15 @@ def _vector_step(typing_context, sums, columns, offsets, levels, arrivals, expir
         def one_vector(place, least):
             def add_above(sign):
                 def one_step(o, total):
-                    offset = builder.load(builder.gep(offsets_a, [o]))
+                    offset = builder.load(builder.gep(steps_a, [o]))
                     counts = _load(
                         builder,
                         columns_a,
                         builder.add(offset, place),
                         ir.VectorType(count_type, LANES),
                     )
-                    level = _splat(builder, builder.load(builder.gep(levels_a, [o])))
+                    level = builder.load(builder.gep(steps_a, [builder.add(o, end)]))
+                    level = _splat(builder, builder.trunc(level, count_type))
                     # all ones, that is -1, where the map's count is above the level
                     above = builder.sext(builder.icmp_unsigned(">", counts, level), byte_vector)
                     return builder.add(total, above) if sign > 0 else builder.sub(total, above)
@@ -174,11 +175,12 @@ def _vector_find(typing_context, sums, start, value):
 
 if config.DISABLE_JIT:
 
-    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):
+    def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
         """Apply +-1 steps to ``sums[start:stop]`` and find the least, as the kernel below does."""
         for o in (*range(arrivals), *range(MAX_STEPS - expiries, MAX_STEPS)):
-            column = columns[offsets[o] + start : offsets[o] + stop]
-            change = np.where(column > levels[o], -1, 1) * (1 if o < arrivals else -1)
+            offset, level = steps[:, o]
+            column = columns[offset + start : offset + stop]
+            change = np.where(column > level, -1, 1) * (1 if o < arrivals else -1)
             sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as it must
         return sums[start:stop].min()
 
@@ -191,20 +193,19 @@ if config.DISABLE_JIT:
 else:
 
     @njit(cache=True, nogil=True, inline="always")
-    def change_sums(sums, columns, offsets, levels, arrivals, expiries, start, stop):
+    def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
         """Apply +-1 steps to ``sums[start:stop]``, and find the least of them.
 
         Spare elements after `stop` change too, like places of their own; they must be larger.
 
         Parameters
         ----------
-        sums : ndarray of uint16 or uint32, shape (places + LANES,)
+        sums : ndarray of uint16 or uint32, shape (places + LANES + blocks,)
         columns : ndarray of uint8 or uint16
             Map, one pixel's places after another, ending with LANES spare elements.
-        offsets : ndarray of int64, shape (MAX_STEPS,)
-            Where in `columns` the count lies that belongs to ``sums[0]``, for each step.
-        levels : ndarray of the map's dtype, shape (MAX_STEPS,)
-            The smaller of the two counts that the step goes between.
+        steps : ndarray of int64, shape (2, MAX_STEPS)
+            For each step, where in `columns` the count lies that belongs to ``sums[0]``, and the
+            smaller of the two counts that the step goes between.
         arrivals, expiries : int
             The first `arrivals` steps go up, the last `expiries` go down; together at most
             MAX_STEPS.
@@ -215,7 +216,7 @@ else:
         -------
         least
         """
-        return _vector_step(sums, columns, offsets, levels, arrivals, expiries, start, stop)
+        return _vector_step(sums, columns, steps, arrivals, expiries, start, stop)
 
     @njit(cache=True, nogil=True, inline="always")
     def _least(sums, start, stop):
@@ -238,15 +239,13 @@ else:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def least_in(sums, block_least, count, start, stop):
+def least_in(sums, count, start, stop):
     """Find the smallest of ``sums[start:stop]``, the first of equals.
 
     Parameters
     ----------
-    sums : ndarray of uint16 or uint32, shape (count + LANES,)
-    block_least : ndarray of the same dtype, shape (blocks,)
-        Smallest of each BLOCK of sums, the last of them cut at `count`, as `update_blocks` keeps
-        them.
+    sums : ndarray of uint16 or uint32, shape (count + LANES + blocks,)
+        Last the smallest of each BLOCK of the first `count` sums, as `update_blocks` keeps them.
     count, start, stop : int
         ``start < stop <= count``.
 
@@ -259,17 +258,21 @@ def least_in(sums, block_least, count, start, stop):
     for block in range(start // BLOCK, (stop - 1) // BLOCK + 1):
         first, end = block * BLOCK, min((block + 1) * BLOCK, count)
         whole = start <= first and end <= stop
-        least = block_least[block] if whole else _least(sums, max(start, first), min(stop, end))
+        least = (
+            sums[count + LANES + block]
+            if whole
+            else _least(sums, max(start, first), min(stop, end))
+        )
         if best_block < 0 or least < best:
             best_block, best = block, least
     return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
 
 
 @njit(cache=True, nogil=True, inline="always")
-def update_blocks(sums, block_least, columns, offsets, levels, arrivals, expiries, count):
-    """Apply steps to all places, keeping the smallest of each block."""
+def update_blocks(sums, columns, steps, arrivals, expiries, count):
+    """Apply steps to the first `count` sums, and keep the smallest of each block behind them."""
     for start in range(0, count, BLOCK):
         stop = min(start + BLOCK, count)
-        block_least[start // BLOCK] = change_sums(
-            sums, columns, offsets, levels, arrivals, expiries, start, stop
+        sums[count + LANES + start // BLOCK] = change_sums(
+            sums, columns, steps, arrivals, expiries, start, stop
         )

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import bz2
+import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
-from typing import Any
+from typing import Any, BinaryIO
 
 from edge_vpr.errors import MissingExtraError
 
 #: Most bytes that one packet, chunk or message of a recording may expand to.
 LIMIT_BYTES = 1 << 26
+#: Bytes that are read, and expanded, at a time.
+PIECE_BYTES = 1 << 20
 
 
 class DecompressionError(ValueError):
@@ -27,8 +30,10 @@ def lz4(what: str, extra: str) -> Callable[[bytes], bytes]:
     return lambda data: expand(frame.LZ4FrameDecompressor, data, (RuntimeError, EOFError))
 
 
-def zstd(what: str, extra: str) -> Callable[[bytes], bytes]:
-    """Return a function that decompresses Zstandard frames; `what` needs them."""
+def zstd_decompressor(
+    what: str, extra: str
+) -> tuple[Callable[[], Any], tuple[type[Exception], ...]]:
+    """Return what makes a decompressor of Zstandard, and what that raises; `what` needs it."""
     try:
         if sys.version_info >= (3, 14):
             from compression import zstd
@@ -36,7 +41,13 @@ def zstd(what: str, extra: str) -> Callable[[bytes], bytes]:
             from backports import zstd
     except ImportError as error:
         raise MissingExtraError(f"{what}, ZSTD", "backports.zstd", extra) from error
-    return lambda data: expand(zstd.ZstdDecompressor, data, (zstd.ZstdError, EOFError))
+    return zstd.ZstdDecompressor, (zstd.ZstdError, EOFError)
+
+
+def zstd(what: str, extra: str) -> Callable[[bytes], bytes]:
+    """Return a function that decompresses Zstandard frames; `what` needs them."""
+    decompressor, errors = zstd_decompressor(what, extra)
+    return lambda data: expand(decompressor, data, errors)
 
 
 def bzip2(data: bytes) -> bytes:
@@ -68,21 +79,50 @@ def expand(
         If the data is damaged, cut off, or expands to more than `limit`.
     """
     limit = LIMIT_BYTES if limit is None else limit
-    parts, size = [], 0
-    rest = bytes(data)
+    return b"".join(expand_file(new, io.BytesIO(data), errors, limit))
+
+
+def expand_file(
+    new: Callable[[], Any], file: BinaryIO, errors: tuple[type[Exception], ...], limit: int
+) -> Iterator[bytes]:
+    """Decompress the frames of a file piece by piece, and stop at the limit.
+
+    Parameters
+    ----------
+    new, errors, limit
+        As of :func:`expand`.
+    file : binary file
+        Read to its end.
+
+    Yields
+    ------
+    bytes
+        At most :data:`PIECE_BYTES`.
+
+    Raises
+    ------
+    DecompressionError
+        As of :func:`expand`; what was yielded before is right.
+    """
+    size = 0
+    rest = file.read(PIECE_BYTES)
     while rest:
         frame = new()
         while not frame.eof:
+            if frame.needs_input and not rest:
+                rest = file.read(PIECE_BYTES)
+                if not rest:
+                    raise DecompressionError("the compressed data is cut off")
             try:
-                part = frame.decompress(rest, max_length=limit + 1 - size)
+                part = frame.decompress(rest, max_length=min(PIECE_BYTES, limit + 1 - size))
             except errors as error:
                 raise DecompressionError(str(error)) from error
             rest = b""  # the decompressor keeps what it has not used
             size += len(part)
-            parts.append(part)
             if size > limit:
                 raise DecompressionError(f"it expands to more than {limit:,} bytes")
-            if not part and not frame.eof:
-                raise DecompressionError("the compressed data is cut off")
-        rest = frame.unused_data or b""
-    return b"".join(parts)
+            if part:
+                yield part
+            elif not (frame.eof or frame.needs_input):
+                raise DecompressionError("the compressed data gives nothing")
+        rest = frame.unused_data or file.read(PIECE_BYTES)

@@ -14,159 +14,22 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.evt_words import evt2_event_words, evt2_time_words
+from edge_vpr.recordings.evt_kernels import STATE, decode_evt2, decode_evt3, decode_evt21
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.prophesee import header_lines, read_header
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
 Words = npt.NDArray[Any]
 
-# The state between two calls: time base, its last raw value, row, vector's first column, its
-# polarity, low bits of the time, and how many events came before the first time word.
-_BASE, _HIGH, _Y, _X, _P, _LOW, _UNDATED, _STATE = range(8)
-
-
-@njit(cache=True, nogil=True)
-def _advance(state, high, bits):  # type: ignore[no-untyped-def]
-    """Take a new value of the wrapping counter of high time bits; the counter never wraps.
-
-    The nearer way round decides between a wrap and a step back, which stays one.
-    """
-    if state[_HIGH] < 0:
-        state[_BASE] = high
-    else:
-        half = 1 << (bits - 1)
-        state[_BASE] += ((high - state[_HIGH] + half) & ((1 << bits) - 1)) - half
-    state[_HIGH] = high
-
-
-@njit(cache=True, nogil=True)
-def _decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """32-bit words: 4 bits type, 6 bits time, 11 bits column, 11 bits row."""
-    n = 0
-    for word32 in words:
-        word = np.int64(word32)
-        kind = word >> 28
-        if kind < 2:
-            if state[_HIGH] < 0:
-                state[_UNDATED] += 1
-                continue
-            t[n] = (state[_BASE] << 6) | ((word >> 22) & 63)
-            x[n] = (word >> 11) & 2047
-            y[n] = word & 2047
-            p[n] = kind == 1
-            n += 1
-        elif kind == 8:
-            _advance(state, word & 0xFFFFFFF, 28)
-    return n
-
-
-@njit(cache=True, nogil=True)
-def _decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """64-bit words: 4 bits type, 6 time, 11 column, 11 row, 32 bits one for each next column."""
-    n = 0
-    for word64 in words:
-        top = np.int64(word64 >> np.uint64(32))
-        kind = top >> 28
-        if kind < 2:
-            valid = np.int64(word64 & np.uint64(0xFFFFFFFF))
-            first = (top >> 11) & 2047
-            time = (state[_BASE] << 6) | ((top >> 22) & 63)
-            while valid:
-                bit = valid & -valid
-                if state[_HIGH] < 0:
-                    state[_UNDATED] += 1
-                else:
-                    t[n] = time
-                    column = first
-                    while bit > 1:
-                        bit >>= 1
-                        column += 1
-                    x[n] = column
-                    y[n] = top & 2047
-                    p[n] = kind == 1
-                    n += 1
-                valid &= valid - 1
-        elif kind == 8:
-            _advance(state, top & 0xFFFFFFF, 28)
-    return n
-
-
-@njit(cache=True, nogil=True)
-def _decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """16-bit words that each change a part of the state, or are events.
-
-    A new value of the high time bits sets the low ones to 0: the sensor's next low word follows.
-    Parts of the state that no word has told yet are -1.
-    """
-    n = 0
-    base, low, row, first, polarity = (
-        state[_BASE],
-        state[_LOW],
-        state[_Y],
-        state[_X],
-        state[_P],
-    )
-    time = (base << 12) | low
-    dated = state[_HIGH] >= 0 and low >= 0
-    for word16 in words:
-        word = np.int64(word16)
-        kind = word >> 12
-        if kind == 2:  # one event
-            if dated and row >= 0:
-                t[n] = time
-                x[n] = word & 2047
-                y[n] = row
-                p[n] = word & 2048 != 0
-                n += 1
-            else:
-                state[_UNDATED] += 1
-        elif kind == 6:  # low time bits
-            low = word & 4095
-            time = (base << 12) | low
-            dated = state[_HIGH] >= 0
-        elif kind == 0:  # row
-            row = word & 2047
-        elif kind == 4 or kind == 5:  # 12 or 8 columns, one bit each
-            width = 12 if kind == 4 else 8
-            valid = word & ((1 << width) - 1)
-            column = first
-            while valid:
-                if valid & 1:
-                    if dated and row >= 0 and first >= 0:
-                        t[n] = time
-                        x[n] = column
-                        y[n] = row
-                        p[n] = polarity != 0
-                        n += 1
-                    else:
-                        state[_UNDATED] += 1
-                valid >>= 1
-                column += 1
-            # beyond the last column it stays there
-            first = min(first + width, 2048) if first >= 0 else first
-        elif kind == 8:  # high time bits
-            high = word & 4095
-            if high != state[_HIGH]:
-                _advance(state, high, 12)
-                base, low = state[_BASE], min(low, 0)
-                time = base << 12
-        elif kind == 3:  # first column of the vectors that follow
-            first = word & 2047
-            polarity = word & 2048
-    state[_LOW], state[_Y], state[_X], state[_P] = low, row, first, polarity
-    return n
-
-
 #: Word type, most events a word, decoder.
 _DECODERS: dict[str, tuple[np.dtype[Any], int, Callable[..., int]]] = {
-    "evt2": (np.dtype("<u4"), 1, _decode_evt2),
-    "evt21": (np.dtype("<u8"), 32, _decode_evt21),
-    "evt3": (np.dtype("<u2"), 12, _decode_evt3),
+    "evt2": (np.dtype("<u4"), 1, decode_evt2),
+    "evt21": (np.dtype("<u8"), 32, decode_evt21),
+    "evt3": (np.dtype("<u2"), 12, decode_evt3),
 }
 
 
@@ -193,8 +56,9 @@ class Decoder:
         dtype, self._per_word, self._kernel = _DECODERS[encoding]
         self.dtype = dtype.newbyteorder(">") if endianness == "big" else dtype
         self._swap = endianness == "legacy" and encoding == "evt21"
-        self._state = np.zeros(_STATE, np.int64)
-        self._state[[_HIGH, _LOW, _Y, _X]] = -1
+        unknown = {"high": -1, "low": -1, "row": -1, "first": -1}
+        values = tuple(unknown.get(name, 0) for name in STATE.names or ())
+        self._state = np.array([values], dtype=STATE).view(np.recarray)
         self._reserve(capacity)
 
     def _reserve(self, words: int) -> None:
@@ -206,7 +70,7 @@ class Decoder:
     @property
     def undated(self) -> int:
         """Events before the first time word."""
-        return int(self._state[_UNDATED])
+        return int(self._state[0].undated)
 
     def decode(self, words: Words) -> Columns:
         """Decode; the columns are valid until the next call."""

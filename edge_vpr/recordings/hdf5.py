@@ -14,6 +14,7 @@ from typing import Any
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Sensor
 from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.hdf5_chunks import CheckedDataset
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
@@ -107,8 +108,13 @@ class Hdf5Source(Source):
                 return item
         return None
 
-    def _check(self, dataset: Any) -> None:
+    def _check(self, dataset: Any) -> CheckedDataset:
         """Refuse data outside the file, and claims that the file is too small for.
+
+        Returns
+        -------
+        CheckedDataset
+            By which it is to be read.
 
         Raises
         ------
@@ -134,19 +140,19 @@ class Hdf5Source(Source):
                 f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
                 "not closed when it was written, or is damaged; copy or record it again"
             )
+        return CheckedDataset(dataset, name)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with self._open(self.path) as file:
             place = file[self._place]
-            for dataset in self._datasets(place):
-                self._check(dataset)
+            checked = {name: self._check(item) for name, item in self._datasets(place).items()}
             total = self._rows(place)
             for begin in range(0, total, self.options.chunk_events):
                 rows = slice(begin, min(begin + self.options.chunk_events, total))
                 self.position = rows.stop / total
                 try:
-                    columns = self._slice(place, rows)
+                    columns = self._slice(checked, rows)
                 except OSError as error:
                     raise RecordingError(
                         f"{self.path} cannot be read at event {begin:,} ({error}): it is damaged, "
@@ -165,10 +171,11 @@ class Hdf5Source(Source):
                 return int(offset[()])
         return 0
 
-    def _datasets(self, place: Any) -> list[Any]:
+    def _datasets(self, place: Any) -> dict[str, Any]:
+        """Return the data set of each column, or the one of all columns as ""."""
         if isinstance(place, self._h5py.Dataset):
-            return [place]
-        return [place[field] for field in self._fields.values()]
+            return {"": place}
+        return {name: place[field] for name, field in self._fields.items()}
 
     def _rows(self, place: Any) -> int:
         if isinstance(place, self._h5py.Dataset):
@@ -182,13 +189,13 @@ class Hdf5Source(Source):
             )
         return int(next(iter(lengths.values())))
 
-    def _slice(self, place: Any, rows: slice) -> dict[str, Any]:
-        if isinstance(place, self._h5py.Dataset):
-            block = place[rows]
-            if block.dtype.names is None:
-                return {name: block[:, column] for name, column in self._fields.items()}
-            return {name: block[field] for name, field in self._fields.items()}
-        return {name: place[field][rows] for name, field in self._fields.items()}
+    def _slice(self, checked: dict[str, CheckedDataset], rows: slice) -> dict[str, Any]:
+        if "" not in checked:
+            return {name: dataset.read(rows) for name, dataset in checked.items()}
+        block = checked[""].read(rows)
+        if block.dtype.names is None:
+            return {name: block[:, column] for name, column in self._fields.items()}
+        return {name: block[field] for name, field in self._fields.items()}
 
 
 def _sensor(file: Any, place: Any) -> Sensor | None:

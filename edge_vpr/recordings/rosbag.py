@@ -21,6 +21,7 @@ from edge_vpr.recordings.event_packet import (
     read_preamble,
 )
 from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.rosbag_expansion import expand_bag
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
 #: Message types of one structure an event, and of packets of a camera's own words.
@@ -64,6 +65,8 @@ class BagSource(Source):
         self._place = _place(path) if ros == 2 else path
         self.path = path
         try:
+            if ros == 2 and self._place.is_dir():
+                self._place = expand_bag(self._place, self)
             with self._open() as reader:
                 connection = _choose(reader.connections, options.topic, path)
                 self._topic = connection.topic

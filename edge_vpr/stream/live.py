@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.bursts import BurstFilter
 from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
-from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
-from edge_vpr.events import EVENT_DTYPE, Events, join_events
+from edge_vpr.events import EVENT_DTYPE, Events, join_events, make_events
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -251,9 +251,9 @@ class LiveLocaliser:
             self._since += sum(self._selected(piece) for piece in pieces if piece.size)
         settings = self._settings
         if settings.window == "time":
-            span = settings.sequence_length * settings.tau_us
+            span = settings.windows_per_match * settings.tau_us
             return whole_us < 0 or before_us - whole_us < span
-        return since < settings.sequence_length * settings.events_per_window
+        return since < settings.windows_per_match * settings.events_per_window
 
     def _selected(self, events: Events) -> int:
         """Count the events at the selected pixels."""
@@ -275,4 +275,14 @@ def _rehearse(
     for some in (events[:1], events[1:2], events[2:]):
         bursts.update(some)
         localiser.update(some)
-    localiser.advance(int(events["t"][-1]) + 1)
+    # the end of a window that is no pause runs code of its own, and the second needs the first
+    settings, last_us = reference.settings, int(events["t"][-1])
+    n = int(reference.places.activity.max())
+    if settings.window == "count":
+        n = max(n, settings.events_per_window)
+    pixel = reference.pixel_map
+    x, y = np.repeat(pixel.x[:1], n), np.repeat(pixel.y[:1], n)
+    for _ in range(2):
+        localiser.update(make_events(np.full(n, last_us), x, y))
+        last_us += settings.tau_us
+        localiser.advance(last_us)

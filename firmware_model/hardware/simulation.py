@@ -13,8 +13,9 @@ from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import sources
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.vectors.case import Record
-from firmware_model.vectors.suite import RTL_FOLDER
-from firmware_model.vectors.verify import load_manifest, read_results
+from firmware_model.vectors.folder import load_manifest
+from firmware_model.vectors.manifest import RTL_FOLDER
+from firmware_model.vectors.verify import read_results
 
 COMPILER, RUNTIME = "iverilog", "vvp"
 
@@ -143,29 +144,27 @@ def replay_vectors(
         As of `replay`.
     """
     manifest = load_manifest(vectors)
-    if not manifest.get("rtl"):
+    if not manifest.rtl:
         raise VectorError(f"{vectors} has no hardware sources: make it by edge-vpr golden --rtl")
     programs: dict[str, Path] = {}
-    for suite in manifest["suites"]:
-        for case in suite["cases"]:
-            name = f"{suite['name']}/{case['name']}"
-            package = vectors / name / f"{PACKAGE}.sv"
-            parameters = package.read_text(encoding="ascii")
-            if parameters not in programs:
-                programs[parameters] = work / f"design_{len(programs)}.vvp"
-                compile_bench(package, programs[parameters], vectors / RTL_FOLDER)
-            yield (
+    for name, case in manifest.cases():
+        package = vectors / name / f"{PACKAGE}.sv"
+        parameters = package.read_text(encoding="ascii")
+        if parameters not in programs:
+            programs[parameters] = work / f"design_{len(programs)}.vvp"
+            compile_bench(package, programs[parameters], vectors / RTL_FOLDER)
+        yield (
+            name,
+            replay(
+                programs[parameters],
+                vectors / name,
                 name,
-                replay(
-                    programs[parameters],
-                    vectors / name,
-                    name,
-                    work / "results.csv",
-                    seed=seed + case["number"],
-                    stall=stall,
-                    resets=resets,
-                ),
-            )
+                work / "results.csv",
+                seed=seed + case.number,
+                stall=stall,
+                resets=resets,
+            ),
+        )
 
 
 def _run(command: Sequence[str], folder: Path | None = None, seconds: float | None = None) -> str:

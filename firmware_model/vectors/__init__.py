@@ -5,20 +5,17 @@ from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, coverage
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.filter_coverage import FILTER_CORNERS
+from firmware_model.vectors.folder import check_files, load_manifest
+from firmware_model.vectors.manifest import Manifest
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
-from firmware_model.vectors.verify import (
-    Verdict,
-    check_files,
-    load_manifest,
-    read_results,
-    verify,
-)
+from firmware_model.vectors.verify import Verdict, read_results, verify
 
 __all__ = [
     "CORNERS",
     "FILTER_CORNERS",
     "Case",
+    "Manifest",
     "Verdict",
     "check_files",
     "corner_cases",

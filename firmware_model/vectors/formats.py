@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from firmware_model.vectors.manifest import FieldPlace
+
 
 class Packing(NamedTuple):
     """A word of several fields, the first in the least significant bits.
@@ -42,13 +44,13 @@ class Packing(NamedTuple):
             at += bits
         return packed
 
-    def to_json(self) -> list[dict[str, Any]]:
-        """Name and place of each field."""
+    def places(self) -> tuple[FieldPlace, ...]:
+        """Return the name and place of each field."""
         found, at = [], 0
         for name, bits in self.fields:
-            found.append({"field": name, "lowest_bit": at, "bits": bits})
+            found.append(FieldPlace(name, at, bits))
             at += bits
-        return found
+        return tuple(found)
 
 
 class Table(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,9 +40,10 @@ def _case(name: str, design: Design, rng: np.random.Generator) -> Case:
     start = int(rng.integers(0, 1 << min(design.timestamp_bits, 62)))
     events = _stream(design, pixels, start, rng)
     blank = replace(design, places=design.length)
-    learnt = _learnt(design, rng)
+    mean, activity = _learnt(design, rng)
+    no_places = [[0] * design.slots] * design.length
     model = DescriptorModel(
-        Memories(blank, pixels, [[0] * design.slots] * design.length, tables, **learnt), start
+        Memories(blank, pixels, no_places, tables, mean=mean, activity=activity), start
     )
     results = [result for event in events for result in model.take(event)]
     seen = [result.codes for result in results if isinstance(result, WindowResult)]
@@ -52,20 +53,26 @@ def _case(name: str, design: Design, rng: np.random.Generator) -> Case:
         if rng.random() < 0.8:
             noise = rng.integers(-1, 2, design.slots) * (rng.random(design.slots) < 0.2)
             places[k] = np.clip(np.array(seen[k % len(seen)]) + noise, 0, design.code_max)
-    memories = Memories(design, pixels, places.tolist(), tables, **learnt)
+    memories = Memories(design, pixels, places.tolist(), tables, mean=mean, activity=activity)
     return Case(name, memories, tuple(events), start)
 
 
-def _learnt(design: Design, rng: np.random.Generator) -> dict[str, Any]:
-    """Draw where running means and the usual activity start."""
-    found: dict[str, Any] = {}
+class _Learnt(NamedTuple):
+    """Where running means and the usual activity start."""
+
+    mean: list[int] | None
+    activity: int
+
+
+def _learnt(design: Design, rng: np.random.Generator) -> _Learnt:
+    mean, activity = None, 0
     if design.own_mean:
         most = min(design.entry_max, 4 * 256)
-        found["mean"] = rng.integers(0, most + 1, design.slots).tolist()
+        mean = rng.integers(0, most + 1, design.slots).tolist()
     if design.own_mean or design.filters:
         # about a window's events, so that some of the windows pause
-        found["activity"] = int(rng.integers(0, 512 * (EVENTS // 30)))
-    return found
+        activity = int(rng.integers(0, 512 * (EVENTS // 30)))
+    return _Learnt(mean, activity)
 
 
 def _stream(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,20 +17,23 @@ from firmware_model.errors import DesignError, VectorError
 from firmware_model.hardware.parameters import PACKAGE, package
 from firmware_model.hardware.sources import SIMULATED, copy_sources
 from firmware_model.image import image
-from firmware_model.machine import Trace
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import Case, in_order, records, to_binary
+from firmware_model.vectors.case_files import arrays, csv_files, word_tables
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, coverage
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.filter_coverage import FILTER_CORNERS
-from firmware_model.vectors.formats import Packing, Table
-from firmware_model.vectors.memory_words import MEMORIES, descriptor_words, memory_words
+from firmware_model.vectors.manifest import (
+    MANIFEST,
+    RTL_FOLDER,
+    CaseEntry,
+    FileEntry,
+    Manifest,
+    SuiteEntry,
+)
+from firmware_model.vectors.memory_words import MEMORIES
 from firmware_model.vectors.random_cases import random_cases
-
-SCHEMA = 1
-MANIFEST = "manifest.json"
-RTL_FOLDER = "rtl"
 
 Suites = Mapping[str, Sequence[Case]]
 
@@ -59,7 +62,7 @@ def standard_suites(design: Design, seed: int) -> dict[str, list[Case]]:
 
 def write_suites(
     folder: str | Path, design: Design, suites: Suites, seed: int, *, rtl: bool = False
-) -> dict[str, Any]:
+) -> Manifest:
     """Write suites of cases, and a manifest of all files.
 
     The same design, suites and seed make the same bytes, by the same version.
@@ -77,8 +80,7 @@ def write_suites(
 
     Returns
     -------
-    dict
-        The manifest.
+    Manifest
 
     Raises
     ------
@@ -99,51 +101,37 @@ def write_suites(
             number += 1
         total: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))
         for entry in described:
-            total.update(entry["coverage"])
-        written.append({"name": suite, "coverage": dict(total), "cases": described})
-    manifest = {
-        "schema": SCHEMA,
-        "kind": "golden vectors",
-        "versions": {"edge-vpr": version("edge-vpr")},
-        "seed": seed,
-        "byte_order": "little",
-        "packing": "the first field, and lane 0, in the least significant bits",
-        "none": "0xFFFFFFFF in records and CSV",
-        "corners": CORNERS | FILTER_CORNERS,
-        "design": design.to_dict(),
-        "rtl": copy_sources(folder / RTL_FOLDER, SIMULATED) if rtl else [],
-        "suites": written,
-    }
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+            total.update(entry.coverage)
+        written.append(SuiteEntry(suite, dict(total), tuple(described)))
+    manifest = Manifest(
+        versions={"edge-vpr": version("edge-vpr")},
+        seed=seed,
+        corners=CORNERS | FILTER_CORNERS,
+        design=design,
+        rtl=tuple(copy_sources(folder / RTL_FOLDER, SIMULATED)) if rtl else (),
+        suites=tuple(written),
+    )
+    (folder / MANIFEST).write_text(
+        json.dumps(manifest.to_json(), indent=1) + "\n", encoding="utf-8"
+    )
     return manifest
 
 
-def files_of(manifest: Mapping[str, Any]) -> list[str]:
-    """List the files that a manifest describes, and itself, as paths below its folder."""
-    sources = [f"{RTL_FOLDER}/{name}" for name in manifest.get("rtl", [])]
-    return [MANIFEST, "design.toml", *sources] + [
-        f"{suite['name']}/{case['name']}/{name}"
-        for suite in manifest["suites"]
-        for case in suite["cases"]
-        for name in case["files"]
-    ]
-
-
-def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) -> dict[str, Any]:
+def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) -> CaseEntry:
     place = folder / suite / case.name
     place.mkdir(parents=True)
     done = case.trace()
-    packed = _tables(case, done)
+    packed = word_tables(case, done)
     files: dict[str, str | bytes] = {"design.toml": case.design.to_toml()}
     for name, (_, table) in packed.items():
         files[f"{name}.mem"] = formats.readmemh(table)
     for name in MEMORIES:
         files[f"{name}.coe"] = formats.coe(packed[name][1])
         files[f"{name}.mif"] = formats.mif(packed[name][1])
-    files |= _csv_files(case, done)
+    files |= csv_files(case, done)
     if rtl:
         files[f"{PACKAGE}.sv"] = package(case.design)
-    files["case.npz"] = formats.npz(_arrays(case, done))
+    files["case.npz"] = formats.npz(arrays(case, done))
     expected = to_binary(records(in_order(done)))
     files["expected.bin"] = expected
     try:
@@ -155,131 +143,28 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         files |= {"image.bin": flash, "events.bin": events}
         files["image.hex"] = formats.intel_hex(flash)
         files["case.h"] = formats.case_header(case.name, case.start, flash, events, expected)
-    hashes = {}
+    entries = {}
     for name, content in files.items():
         data = content.encode("ascii") if isinstance(content, str) else content
         (place / name).write_bytes(data)
-        hashes[name] = {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        entry = FileEntry(len(data), hashlib.sha256(data).hexdigest())
         stem, _, suffix = name.rpartition(".")
         if stem in packed and suffix in ("mem", "coe", "mif"):
-            hashes[name] |= {"words": len(packed[stem][1].words), "bits": packed[stem][1].bits}
-    return {
-        "name": case.name,
-        "number": number,
-        "start": case.start,
-        "activity": case.memories.activity,
-        "events": len(done.events),
-        "windows": len(done.windows),
-        "matches": len(done.matches),
-        "design": case.design.to_dict(),
-        "widths": {name: form.width for name, form in case.design.formats.items()},
-        "reference_firmware": firmware,
-        "words": {name: packing.to_json() for name, (packing, _) in packed.items()},
-        "coverage": coverage(case),
-        "files": hashes,
-    }
-
-
-def _tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
-    """Everything that is told by words, and what a word of it holds."""
-    design = case.design
-    bits = {name: form.width for name, form in design.formats.items()}
-    time_bits = 32 if design.timestamp_bits <= 32 else 64
-    event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
-    seen = (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"]))
-    match = (
-        ("window", 32),
-        ("place", bits["place"]),
-        ("sum", bits["sum"]),
-        ("has_second", 1),
-        ("second", bits["place"]),
-        ("second_sum", bits["sum"]),
-        ("ties", bits["place"]),
-        ("accepted", 1),
-        *([("trust", bits["trust"])] if design.filters else []),
+            table = packed[stem][1]
+            entry = replace(entry, words=len(table.words), bits=table.bits)
+        entries[name] = entry
+    return CaseEntry(
+        name=case.name,
+        number=number,
+        start=case.start,
+        activity=case.memories.activity,
+        events=len(done.events),
+        windows=len(done.windows),
+        matches=len(done.matches),
+        design=case.design,
+        widths={name: form.width for name, form in case.design.formats.items()},
+        reference_firmware=firmware,
+        words={name: packing.places() for name, (packing, _) in packed.items()},
+        coverage=coverage(case),
+        files=entries,
     )
-    rows: dict[str, tuple[tuple[tuple[str, int], ...], Iterable[Sequence[int]]]] = {
-        "start": ((("t", time_bits),), [(case.start % (1 << design.timestamp_bits),)]),
-        "events": (event, case.events),
-        "expected_events": (
-            seen,
-            [(r.slot is not None, r.slot or 0, r.counted) for r in done.events],
-        ),
-        "expected_matches": (
-            match,
-            [
-                (
-                    *(m.window, m.place, m.sum, m.second is not None),
-                    *(m.second or 0, m.second_sum or 0, m.ties, m.accepted),
-                    *(() if m.trust is None else (m.trust,)),
-                )
-                for m in done.matches
-            ],
-        ),
-    }
-    if design.filters or design.own_mean:
-        rows["activity"] = ((("activity", bits["activity"]),), [(case.memories.activity,)])
-    packed = memory_words(case.memories)
-    for name, (fields, values) in rows.items():
-        packing = Packing(fields)
-        integers = (tuple(map(int, row)) for row in values)
-        packed[name] = packing, formats.pack(packing, integers)
-    windows = tuple(window.codes for window in done.windows)
-    packed["expected_windows"] = descriptor_words(case.memories, windows)
-    return packed
-
-
-_EVENT = ("event", "slot", "count")
-_MATCH = ("window", "place", "sum", "second", "second_sum", "ties", "accepted")
-
-
-def _match_columns(design: Design) -> tuple[str, ...]:
-    return (*_MATCH, "trust") if design.filters else _MATCH
-
-
-def _csv_files(case: Case, done: Trace) -> dict[str, str]:
-    slots = range(case.design.slots)
-    numbered: dict[str, list[tuple[int, ...]]] = {"event": [], "window": [], "match": []}
-    for kind, values in records(in_order(done)):
-        numbered[kind].append(values)
-    window = ("window", "events", *(f"slot_{slot}" for slot in slots))
-    return {
-        "events.csv": formats.csv(("t", "x", "y", "on"), [tuple(map(int, e)) for e in case.events]),
-        "pixels.csv": formats.csv(("x", "y"), case.memories.pixels),
-        "places.csv": formats.csv([f"slot_{slot}" for slot in slots], case.memories.places),
-        "expected_events.csv": formats.csv(_EVENT, numbered["event"]),
-        "expected_windows.csv": formats.csv(window, numbered["window"]),
-        "expected_matches.csv": formats.csv(_match_columns(case.design), numbered["match"]),
-    }
-
-
-def _arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
-    """Arrays by name; -1 in place of what there is none of."""
-    lookup, design = case.memories.lookup(), case.design
-    t, x, y, on = zip(*case.events, strict=True) if case.events else ((),) * 4
-    columns = len(_match_columns(design))
-    matches = [[-1 if v is None else int(v) for v in match[:columns]] for match in done.matches]
-    windows = [window.codes for window in done.windows]
-    ended = [window.events for window in done.windows]
-    shape = (-1, design.slots)
-    return {
-        "t": np.array(t, dtype="<u8"),
-        "x": np.array(x, dtype="<u2"),
-        "y": np.array(y, dtype="<u2"),
-        "on": np.array(on, dtype="?"),
-        "start": np.array(case.start, dtype="<u8"),
-        "pixels": np.array(case.memories.pixels, dtype="<u2"),
-        "displacement": np.array(lookup.displacement, dtype="<u4"),
-        "owner": np.array(lookup.owner, dtype="<u4"),
-        "slot": np.array(lookup.slot, dtype="<u4"),
-        "codes": np.array(case.memories.codes, dtype="<u2"),
-        "code_tables": np.array(case.memories.tables, dtype="u1"),
-        "places": np.array(case.memories.places, dtype="<u2"),
-        "expected_slot": np.array([-1 if r.slot is None else r.slot for r in done.events], "<i4"),
-        "expected_count": np.array([r.counted for r in done.events], dtype="<u4"),
-        "expected_window_events": np.array(ended, dtype="<u4"),
-        "expected_windows": np.array(windows, dtype="<u2").reshape(shape),
-        "expected_matches": np.array(matches, dtype="<i8").reshape(-1, columns),
-        "means": np.array(case.memories.mean, dtype="<u2"),
-        "activity": np.array(case.memories.activity, dtype="<u4"),
-    }

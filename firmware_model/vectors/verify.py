@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from firmware_model.errors import VectorError
 from firmware_model.vectors.case import KINDS, NONE, Record, from_binary
-from firmware_model.vectors.suite import MANIFEST, SCHEMA
+from firmware_model.vectors.folder import load_manifest, read_case_file
 
 COMPARED = ("event", "window", "match")
 _FIELDS = {
@@ -39,55 +36,6 @@ class Verdict:
     compared: dict[str, int]
     cases: int
     known: int
-
-
-def load_manifest(folder: str | Path) -> dict[str, Any]:
-    """Read a manifest.
-
-    Raises
-    ------
-    VectorError
-        If there is none, or it is of another schema.
-    """
-    path = Path(folder) / MANIFEST
-    try:
-        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise VectorError(f"cannot read {path}: {error}: name a folder of vectors") from error
-    if manifest.get("schema") != SCHEMA:
-        raise VectorError(
-            f"{path} has schema {manifest.get('schema')!r} and this version reads {SCHEMA}: make "
-            "the vectors anew"
-        )
-    return manifest
-
-
-def check_files(folder: str | Path) -> int:
-    """Hold every file of the vectors to its hash; give their number.
-
-    Raises
-    ------
-    VectorError
-        If one is missing or was changed.
-    """
-    number = 0
-    for suite in load_manifest(folder)["suites"]:
-        for case in suite["cases"]:
-            for name in case["files"]:
-                _read(Path(folder), suite["name"], case, name)
-                number += 1
-    return number
-
-
-def _read(folder: Path, suite: str, case: dict[str, Any], name: str) -> bytes:
-    path = folder / suite / case["name"] / name
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise VectorError(f"cannot read {path}: {error.strerror}: make the vectors anew") from error
-    if hashlib.sha256(data).hexdigest() != case["files"][name]["sha256"]:
-        raise VectorError(f"{path} was changed since it was made: make the vectors anew")
-    return data
 
 
 def read_results(path: str | Path) -> list[Record]:
@@ -158,12 +106,8 @@ def verify(
         If a record belongs to no case, or no case was returned.
     """
     folder = Path(folder)
-    cases = {
-        f"{suite['name']}/{entry['name']}": (suite["name"], entry)
-        for suite in load_manifest(folder)["suites"]
-        for entry in suite["cases"]
-    }
-    returned = _by_case(results, {e["number"]: name for name, (_, e) in cases.items()}, case)
+    cases = dict(load_manifest(folder).cases())
+    returned = _by_case(results, {one.number: name for name, one in cases.items()}, case)
     compared = dict.fromkeys(kinds, 0)
     differences = []
     for name, found in returned.items():
@@ -172,9 +116,9 @@ def verify(
                 f"results of a case {name!r}, which the vectors have not: they have for example "
                 f"{next(iter(cases))!r}"
             )
-        suite, entry = cases[name]
-        expected = list(from_binary(_read(folder, suite, entry, "expected.bin")))
-        pixels = _pixels(_read(folder, suite, entry, "pixels.csv"))
+        entry = cases[name]
+        expected = list(from_binary(read_case_file(folder, name, entry, "expected.bin")))
+        pixels = _pixels(read_case_file(folder, name, entry, "pixels.csv"))
         difference = _compare(expected, found, kinds, pixels, compared)
         if difference:
             differences.append(f"{name}: {difference}")

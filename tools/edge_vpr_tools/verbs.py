@@ -35,6 +35,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "profile trace": "add the joules of an external meter's trace to a profile",
     },
     "this program": {
+        "doctor": "check this machine: libraries, kernels, ports, sensors, and what is missing",
         "experiment": "repeat the experiments whose figures the documentation quotes",
         "completion": "print the completion script of a shell",
     },

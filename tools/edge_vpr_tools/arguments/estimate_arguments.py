@@ -133,4 +133,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--figure", metavar="FILE.png",
         help="where accuracy against cost is drawn (DIR/pareto.png); needs one --target",
     )  # fmt: skip
+    asked.add_argument(
+        "--sources", action="store_true",
+        help="print what is assumed, and the source of each constant",
+    )  # fmt: skip
     asked.add_argument("--json", metavar="FILE", help="write everything as JSON too")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -12,13 +11,60 @@ from typing import Any
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import duration_us
 from edge_vpr_tools.arguments.estimate_arguments import DESIGN_FLAGS, EVENTS_PER_S, PLACES
-from edge_vpr_tools.arguments.setting_flags import duration_us
+from edge_vpr_tools.arguments.estimate_drives import tried_designs
+from edge_vpr_tools.estimate.calibration import calibrated
+from edge_vpr_tools.estimate.comparison import Side
 from edge_vpr_tools.estimate.counts import EveryPixel
+from edge_vpr_tools.estimate.estimation import Other, Question
+from edge_vpr_tools.estimate.fit import Budget
 from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
-from edge_vpr_tools.estimate.targets import Constant, Spread
+from edge_vpr_tools.estimate.targets import find, names
+from edge_vpr_tools.runs.schedule import read_every
 from firmware_model.design import Design
+from firmware_model.errors import DesignError
+
+
+def question_of(args: argparse.Namespace) -> Question:
+    """Build the question that the command line asks; designs are tried on drives if it says so.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong, or a file cannot be used.
+    """
+    targets = tuple(find(name) for name in args.target or names())
+    evaluated = args.pareto is not None or args.accuracy_on is not None
+    alone = len(targets) == 1
+    if not evaluated and args.figure is not None:
+        raise UsageError("--figure draws evaluated designs: name --pareto or --accuracy-on too")
+    if args.accuracy_on is None and args.ground_truth is not None:
+        raise UsageError("--ground-truth is of two drives: name them by --accuracy-on")
+    if not alone and (args.figure is not None or (args.fit and not evaluated)):
+        raise UsageError("--fit and --figure are held against one target: name it by --target")
+    measured = None if args.calibrate is None else calibrated(Path(args.calibrate))
+    if measured is not None and (not alone or targets[0].kind != "processor"):
+        raise UsageError("--calibrate is of one board: name its processor by --target")
+    try:
+        design, mission = design_and_mission(args)
+        other = None if args.vs is None else Other(args.vs, compared(args.vs, design, mission))
+    except DesignError as error:
+        raise UsageError(str(error)) from error
+    return Question(
+        design=design,
+        mission=mission,
+        places_per_metre=args.places_per_metre,
+        targets=targets,
+        budgets=tuple(Budget.parse(text) for text in args.fit),
+        measured=measured,
+        other=other,
+        tried=tried_designs(args, design),
+        route_places=None if args.route_km is None and args.places is None else design.places,
+        events_per_s=args.event_rate,
+        matches_per_s=args.match_rate,
+    )
 
 
 def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
@@ -104,68 +150,21 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
     )
 
 
-def compared(name: str, design: Design, mission: Mission) -> tuple[Design, Mission]:
+def compared(name: str, design: Design, mission: Mission) -> Side:
     """Give what a design is compared with, and its mission: the share of events that it counts."""
     if name == "all-pixels":
-        return EveryPixel.beside(design), replace(mission, selected_share=1.0)
+        return Side(EveryPixel.beside(design), replace(mission, selected_share=1.0))
     other = Design.load(name)
     share = min(1.0, mission.selected_share * other.pixels / design.pixels)
-    return other, replace(mission, selected_share=share)
+    return Side(other, replace(mission, selected_share=share))
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
-    """Tell how often a match is given, as `edge-vpr match --every` reads it."""
-    if every == "window":
-        if design.window == "count":
-            return selected_per_s / design.window_events
-        return 1e6 / design.tau_us
-    if every in ("event", "change"):
-        return selected_per_s
-    if every.isascii() and every.isdigit() and int(every) > 0:
-        return selected_per_s / int(every)
-    try:
-        return 1e6 / duration_us(every)
-    except UsageError:
-        raise UsageError(
-            f"--every {every!r}: expected event, a number of events, a time such as 10ms, or window"
-        ) from None
-
-
-def calibrated(profile: Path) -> Constant:
-    """Energy of a processor's cycle, of the profile of a board with a power sensor.
-
-    One point: marginal joules for each second of processor time, over the clock.
-
-    Raises
-    ------
-    UsageError
-        If the file is no profile, or its energy was not measured or not resolved.
-    """
-    try:
-        values = json.loads(profile.read_text(encoding="utf-8"))
-        energy, clock = values["energy"], values["conditions"]["loaded"]["frequency_hz"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(
-            f"{profile} is not a profile that tells energy and clock ({error!r}): make it by "
-            "edge-vpr profile"
-        ) from error
-    if not energy.get("resolved") or not clock:
-        raise UsageError(
-            f"{profile}: energy was not measured or not resolved, or the clock is not known: "
-            "profile a board with a power sensor, for longer"
-        )
-    # an external meter's windows do not tell the processor time: the throughput does
-    seconds = energy.get("cpu_s_per_match") or values["throughput"]["cpu_s_per_match"]
-    low, high = energy["marginal_j_per_match_interval"]
-    picojoules = [
-        1e12 * joules / (seconds * clock) for joules in (low, energy["marginal_j_per_match"], high)
-    ]
-    return Constant(
-        "a cycle of this board",
-        "pJ/cycle",
-        Spread(*picojoules),
-        int(values["run"]["finished_utc"][:4]),
-        values["run"]["machine"]["processor"],
-        f"calibrated on the profile {profile}",
-        "interval of the measurement; one point: another load may cost another energy a cycle",
-    )
+    """Return how often a match is given, as `edge-vpr match --every` reads it."""
+    schedule = read_every(every)
+    if schedule is None:
+        by_count = design.window == "count"
+        return selected_per_s / design.window_events if by_count else 1e6 / design.tau_us
+    if schedule.events:
+        return selected_per_s / schedule.events
+    return 1e6 / schedule.interval_us

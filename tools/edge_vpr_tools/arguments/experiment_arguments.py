@@ -24,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--figure", metavar="PNG", help="also draw the figure (codes, place-filter and trust)"
     )
     group.add_argument(
-        "--table", metavar="JSON", help="also write the table of probabilities (calibration only)"
+        "--table",
+        metavar="DIR",
+        help="folder to write the two tables of probabilities to (calibration only)",
     )
     group.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="trials with different seeds"

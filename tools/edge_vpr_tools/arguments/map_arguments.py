@@ -34,5 +34,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where time 0 of the track is in the recording, in seconds; negative if the log began "
         "earlier (default: 0)",
     )
+    track.add_argument(
+        "--odometry",
+        metavar="FILE",
+        help="odometry of this drive (CSV with time_s and distance_m or speed_mps): match "
+        "--odometry then knows how far places are from each other, without a track",
+    )
+    track.add_argument(
+        "--jumps",
+        metavar="FILE",
+        help="pairs of places (CSV with from,to) that one step may join, as where a loop closes",
+    )
     add_window_argument(add_reading_arguments(parser))
     add_map_flags(parser)

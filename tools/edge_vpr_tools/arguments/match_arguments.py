@@ -31,5 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --online, when to give a match: event (at a selected pixel), N events, a time "
         "such as 10ms, window, or change (of the best place) (default: event)",
     )
+    parser.add_argument_group("odometry").add_argument(
+        "--odometry",
+        metavar="FILE",
+        help="odometry of the query drive (CSV with time_s and distance_m or speed_mps), for a map "
+        "made with --odometry or --track",
+    )
     add_match_flags(parser.add_argument_group("matching (over the map's settings)"), "the map's")
     add_window_argument(add_reading_arguments(parser))

@@ -8,10 +8,10 @@ from typing import Any
 from edge_vpr.pipeline import check_sensor, cleaned, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import open_from
-from edge_vpr_tools.arguments.truth import load_truth
 from edge_vpr_tools.energy.designs import of_map
 from edge_vpr_tools.energy.drives import Load, simulated_load
 from edge_vpr_tools.experiments.trial import Times
+from edge_vpr_tools.runs.truth_files import load_truth
 
 
 def load_of(args: argparse.Namespace) -> Load:

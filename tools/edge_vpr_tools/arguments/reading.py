@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 
 from edge_vpr.archive import kind_of
@@ -60,11 +59,6 @@ def open_source(args: argparse.Namespace, path: str | Path) -> Recording | Publi
         period=None if args.frame_period is None else parse_period(args.frame_period),
         sensor=None if args.sensor is None else Sensor.parse(args.sensor),
     )
-
-
-def fault_counts(recording: Recording | PublishedWindows) -> dict[str, int]:
-    """Count what the newest pass over a recording dropped, by kind, for programs."""
-    return asdict(recording.faults)
 
 
 def describe_faults(recording: Recording | PublishedWindows) -> str:

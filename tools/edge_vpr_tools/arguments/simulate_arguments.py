@@ -15,7 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o", "--output", metavar="DIR", required=True,
-        help="folder to write: reference.npz, query.npz, and their tracks as .csv",
+        help="folder to write: reference.npz, query.npz, and the track and wheel odometry of each "
+        "as .csv",
     )  # fmt: skip
     output.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
     drives = parser.add_argument_group("the two drives")

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.calibration import learn_confidence, reliability
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.truth import load_evaluated
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import note, summary
+from edge_vpr_tools.runs.calibration import calibrate
 
 #: with fewer, even matches that were all right would not promise a precision of 0.99
 FEW_MATCHES = 100
@@ -36,39 +34,32 @@ def run(args: argparse.Namespace) -> None:
             raise UsageError(f"output {output} exists: name another, or replace with --overwrite")
         results.check_parent(output)
     reference, matches, truth = load_evaluated(args)
-    found = evaluate(matches, truth)
-    trust, correct = matches.trust[found.evaluated], found.correct[found.evaluated]
-    confidence = learn_confidence(trust, correct)
-    if reference.settings.of_trust != matches.settings.of_trust:
-        changed = matches.settings.to_dict()
-        kept = {name: reference.settings.to_dict()[name] for name in ("precision", "query_mean")}
-        settings = reference.settings.replaced(changed | kept, "the matches")
-        reference = replace(reference, settings=settings)
+    found = calibrate(reference, matches, truth)
+    if found.settings_changed:
         note(f"{output} has the settings that the drive was matched with, which the table is of")
-    replace(reference, confidence=confidence).save(output)
+    found.reference.save(output)
 
-    if trust.size < FEW_MATCHES:
-        note(f"{trust.size} matches are few to learn probabilities from: calibrate with more")
+    if found.matches < FEW_MATCHES:
+        note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")
     if not (folder / results.QUERIES).is_file():
         note(
             "matches event by event repeat one another, so that the probabilities are bolder than "
             "the drive allows: calibrate from matches without --online, or with --every window"
         )
-    if found.rejection.off_map == 0:
+    if found.off_map == 0:
         note(
             "every query of this drive is on the map: of drives that leave it, the probabilities "
             "will be too high"
         )
-    before = "" if found.reliability is None else (
-        f"; the table used before was off by {found.reliability.expected_calibration_error:.3f} "
-        "on average"
-    )  # fmt: skip
-    within = reliability(confidence.probability_of(trust), correct)
+    before = ""
+    if found.error_before is not None:
+        before = f"; the table used before was off by {found.error_before:.3f} on average"
+    table = found.confidence
     summary(
-        f"{output}: probabilities in {len(confidence.trust)} steps from {trust.size} matches, "
-        f"{correct.sum()} of them right{before}"
+        f"{output}: probabilities in {len(table.trust)} steps from {found.matches} matches, "
+        f"{found.right} of them right{before}"
     )
     summary(
-        f"they are from {confidence.probability[0]:.3f} to {confidence.probability[-1]:.3f}, and "
-        f"on the drive they were learnt from off by {within.expected_calibration_error:.3f}"
+        f"they are from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and "
+        f"on the drive they were learnt from off by {found.error:.3f}"
     )

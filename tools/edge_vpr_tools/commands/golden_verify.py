@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.commands.golden import design_errors
+from edge_vpr_tools.device.design_errors import design_errors
 from firmware_model.vectors import check_files, read_results, verify
 from firmware_model.vectors.verify import COMPARED
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from edge_vpr.errors import UsageError
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output, replacing_folder
-from edge_vpr_tools.commands.golden import design_errors
+from edge_vpr_tools.device.design_errors import design_errors
+from edge_vpr_tools.device.tables import blank_memories
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 from edge_vpr_tools.output.messages import note, summary
 from edge_vpr_tools.output.results import check_parent
-from firmware_model import Design, Memories
+from firmware_model import Design
 from firmware_model.hardware.project import write_project
-from firmware_model.vectors.stimulus import choose_pixels
 
 
 @design_errors()
@@ -35,9 +35,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"{output} is not an empty folder: name a new one")
     if args.map is None:
         design = Design.load(args.design)
-        blank = [[0] * design.slots] * design.places
-        tables = [slot % len(design.full_scales) for slot in range(design.slots)]
-        memories = Memories(design, choose_pixels(design), blank, tables)
+        memories = blank_memories(design)
         note("a design has no pixels: those of the tables are for tests, --map has real ones")
     else:
         reference = ReferenceMap.load(args.map)

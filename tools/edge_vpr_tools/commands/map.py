@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import load_track
-from edge_vpr.evaluation.place_positions import with_positions
-from edge_vpr.pipeline import Removed, map_traverse
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.evaluation.jump_files import load_jumps
+from edge_vpr.evaluation.odometry_files import load_odometry
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.reading import (
     describe_faults,
@@ -25,6 +24,7 @@ from edge_vpr_tools.output.messages import detail_settings, summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import check_parent
+from edge_vpr_tools.runs.mapping import map_recording
 
 
 def run(args: argparse.Namespace) -> None:
@@ -40,6 +40,8 @@ def run(args: argparse.Namespace) -> None:
     inputs = [
         args.recording,
         args.track,
+        args.odometry,
+        args.jumps,
         args.hot_pixels if listed else None,
         getattr(args, "config", None),
     ]
@@ -59,18 +61,20 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("--track-offset sets the clock of a track right: add --track")
     track = None if args.track is None else load_track(args.track).shifted(args.track_offset or 0.0)
 
-    start = time.perf_counter()
+    odometry = None if args.odometry is None else load_odometry(args.odometry)
+    if args.jumps is not None and settings.matching != "filter":
+        raise UsageError("--jumps are for the place filter: add --matching filter")
+
     detail_settings(settings.to_dict())
-    removed = Removed()
-    reference = map_traverse(tracked(recording, "mapping"), settings, hot=hot, removed=removed)
-    elapsed = time.perf_counter() - start
-    check_matchable(reference)
-    if track is not None:
-        reference = with_positions(reference, track)
+    reference, removed, elapsed = map_recording(
+        tracked(recording, "mapping"), settings, hot=hot, track=track, odometry=odometry
+    )
+    if args.jumps is not None:
+        reference = replace(reference, jumps=load_jumps(args.jumps, len(reference)))
     reference.save(output)
-    record = run_record(reference.settings.to_dict(), [args.recording])
     hot_pixels = int(reference.hot.sum())
-    write_json(run_file, record | {"removed": removed_record(removed, hot_pixels)})
+    left_out = removed_record(removed, hot_pixels)
+    write_json(run_file, run_record(reference.settings.to_dict(), [args.recording], left_out))
 
     places = reference.places
     counts = places.counts
@@ -92,20 +96,6 @@ def run(args: argparse.Namespace) -> None:
         along = reference.route.along_m
         known = along[~np.isnan(along)]
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
+    if reference.odometer_mm is not None:
+        summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
-
-
-def check_matchable(reference: ReferenceMap) -> None:
-    """Refuse a map that no drive can be matched against with its own sequence length.
-
-    Raises
-    ------
-    UsageError
-        If it has fewer places than a sequence has windows.
-    """
-    length, places = reference.settings.windows_per_match, len(reference)
-    if length > places:
-        raise UsageError(
-            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
-            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
-        )

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import time
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.matches import Matches
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.pipeline import Removed, check_sensor, cleaned
+from edge_vpr.odometry import Odometry
+from edge_vpr.pipeline import check_sensor
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.arguments.reading import describe_faults, fault_counts, open_from
-from edge_vpr_tools.arguments.schedule import parse_every
+from edge_vpr_tools.arguments.reading import describe_faults, open_from
+from edge_vpr_tools.arguments.setting_flags import check_not_smooth
 from edge_vpr_tools.output import results
-from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
+from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
-from edge_vpr_tools.output.provenance import run_record, write_json
+from edge_vpr_tools.runs.match_folder import write_match_folder
+from edge_vpr_tools.runs.online import localise, made_causal
+from edge_vpr_tools.runs.schedule import parse_every
 
 ONLINE_FIGURE = "online.png"
 
 
-def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
+def match_online(
+    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
+) -> None:
     """Feed the recording to a localiser and write what it said.
 
     Parameters
@@ -35,6 +33,8 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         Of `edge-vpr match`.
     reference : ReferenceMap
         With the settings to use.
+    odometry : Odometry or None
+        Of the query drive.
 
     Raises
     ------
@@ -45,55 +45,28 @@ def match_online(args: argparse.Namespace, reference: ReferenceMap) -> None:
         raise UsageError("--online needs events: leave --frames-as-windows out")
     if args.anchor is not None:
         raise UsageError("--online matches belong to the newest window: leave --anchor out")
-    # the mean over the whole drive is known only when it is over
-    settings = replace(reference.settings, query_mean="running")
-    output, reference = Path(args.output), replace(reference, settings=settings)
+    check_not_smooth(args.smooth)
+    output, reference = Path(args.output), made_causal(reference)
+    settings, every = reference.settings, args.every or "event"
     recording = open_from(args, args.recording)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
-    every = parse_every(args.every or "event", reference)
-    localiser = Localiser(reference, every=every)
-    found: list[npt.NDArray[np.void]] = []
-    events_fed, busy_s = 0, 0.0
-    removed = Removed()
-    for events in cleaned(tracked(recording, "localising"), settings, removed):
-        if not found:  # compiled before the clock runs
-            Localiser(reference, every=every).update(events[:1])
-        start = time.perf_counter()
-        found.append(localiser.update(events))
-        busy_s += time.perf_counter() - start
-        events_fed += events.size
-    rows = np.concatenate(found)
-    if rows.size == 0:
-        raise UsageError(
-            f"the recording ended before a sequence of {settings.windows_per_match} windows was "
-            "complete: take shorter windows or a longer drive"
-        )
-    matches = Matches.of_rows(rows, settings, len(reference))
-    duration_s = rows["t"][-1] / 1e6
-    metrics = {
-        "matches": len(matches),
-        "events": events_fed,
-        "every": args.every or "event",
-        "localising_s": busy_s,
-        "times_real_time": duration_s / busy_s,
-        "faults_dropped": fault_counts(recording),
-    }
+    schedule = parse_every(every, reference)
+    found = localise(reference, tracked(recording, "localising"), schedule, odometry)
+    matches = found.matches
+    metrics = found.metrics(every, recording.faults)
     with results.results_folder(output, args.overwrite) as folder:
-        reference.save(folder / results.MAP)
-        matches.save(folder / results.MATCHES)
-        matches.save_csv(folder / results.MATCHES_CSV, reference.route)
-        record = run_record(settings.to_dict(), [args.map, args.recording])
-        record["removed"] = removed_record(removed, int(reference.hot.sum()))
-        write_json(folder / results.RUN, record)
-        write_json(folder / results.METRICS, metrics)
+        inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
+        write_match_folder(folder, reference, matches, found.removed, metrics, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.figures import online_places
             from edge_vpr_tools.report.style import save
 
             save(online_places(matches), folder / ONLINE_FIGURE)
     summary(
-        f"{output}: {len(matches):,} matches of {events_fed:,} events over {duration_s:.1f} s"
-        f"{describe_removed(removed, settings)}{describe_faults(recording)}"
+        f"{output}: {len(matches):,} matches of {found.events:,} events over "
+        f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}"
+        f"{describe_faults(recording)}"
     )
-    summary(f"localising took {busy_s:.2f} s, {duration_s / busy_s:,.0f} times real time")
-    warn_if_much(removed, args.recording, "make the map with --bursts keep")
+    times = found.duration_s / found.busy_s
+    summary(f"localising took {found.busy_s:.2f} s, {times:,.0f} times real time")
+    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")

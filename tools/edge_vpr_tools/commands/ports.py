@@ -4,88 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import NamedTuple
-
-from serial.tools import list_ports
 
 from edge_vpr.errors import printable
-
-_USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as systemd's hwdb has it
-_OPENMV = "github.com/openmv/openmv, boards/"
-
-
-class Known(NamedTuple):
-    """What a vendor's and a product's number of USB say.
-
-    Attributes
-    ----------
-    vendor : int
-    product : int or None
-        None for any.
-    what : str
-    protocol : str
-    baud : int or None
-        None where the number of bauds makes no difference, or is the user's own choice.
-    source : str
-        Who says that this is its number; that a camera sits behind it is a guess.
-    """
-
-    vendor: int
-    product: int | None
-    what: str
-    protocol: str
-    baud: int | None
-    source: str
-
-
-KNOWN = (
-    Known(0x37C5, 0x1206, "OpenMV N6, which takes a GENX320", "openmv", 921_600,
-          f"{_OPENMV}OPENMV_N6/omv_boardconfig.mk"),
-    Known(0x37C5, 0x16E3, "OpenMV AE3", "openmv", 921_600,
-          f"{_OPENMV}OPENMV_AE3/omv_boardconfig.mk"),
-    Known(0x37C5, None, "OpenMV camera", "openmv", 921_600, f"{_OPENMV}: every board's vendor"),
-    Known(0x1209, 0xABD1, "OpenMV camera; needs firmware 5.0", "openmv", 921_600, _USB_IDS),
-    # which of these chips an eDVS carries is not written anywhere that we found; the first two
-    # can do its 12 Mbaud, the third only its older 2 Mbaud (FTDI's data sheets)
-    Known(0x0403, 0x6010, "FTDI dual bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
-    Known(0x0403, 0x6014, "FTDI bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
-    Known(0x0403, 0x6001, "FTDI bridge, perhaps an eDVS", "edvs", 2_000_000, _USB_IDS),
-    # boards that people make bridges of
-    Known(0x0483, 0x5740, "STM32 with USB, perhaps a bridge of your own", "evpr", None, _USB_IDS),
-    Known(0x0483, 0x374B, "ST-LINK/V2.1 of an STM32 board", "evpr", None, _USB_IDS),
-    Known(0x0483, 0x374E, "STLINK-V3 of an STM32 board", "evpr", None, _USB_IDS),
-)  # fmt: skip
-
-
-def guess(vendor: int | None, product: int | None) -> Known | None:
-    """Tell what the numbers of a USB device say, the exact one first."""
-    return next(
-        (row for row in KNOWN if row.vendor == vendor and row.product in (None, product)), None
-    )
+from edge_vpr_tools.device.serial_ports import attached_ports
+from edge_vpr_tools.output.json_records import to_json
 
 
 def run(args: argparse.Namespace) -> None:
     """List the ports."""
-    found = []
-    for port in sorted(list_ports.comports()):
-        known = guess(port.vid, port.pid)
-        found.append(
-            {
-                "port": port.device,
-                "description": known.what if known else port.description,
-                "usb": None if port.vid is None else f"{port.vid:04x}:{port.pid:04x}",
-                "protocol": known.protocol if known else None,
-                "baud": known.baud if known else None,
-            }
-        )
+    found = attached_ports()
     if args.json:
-        print(json.dumps(found, indent=2))
+        print(json.dumps(to_json(found), indent=2))
         return
-    for row in found:
-        how = f"--protocol {row['protocol']}" if row["protocol"] else "-"
-        how += f" --baud {row['baud']}" if row["baud"] else ""
+    for one in found:
+        how = f"--protocol {one.protocol}" if one.protocol else "-"
+        how += f" --baud {one.baud}" if one.baud else ""
         # a device says what it is called, and may say anything
-        name, what = printable(row["port"]), printable(row["description"], 80)
-        print(f"{name}  {row['usb'] or '-'}  {what}  {how}")
+        name, what = printable(one.port), printable(one.description, 80)
+        print(f"{name}  {one.usb or '-'}  {what}  {how}")
     if not found:
         print("no serial ports; edge-vpr bridge RECORDING makes a virtual one")

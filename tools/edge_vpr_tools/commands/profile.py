@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.arguments.profile_load import load_of
-from edge_vpr_tools.energy import profiling, show
-from edge_vpr_tools.energy.intervals import LEAST_PAIRS
-from edge_vpr_tools.energy.measurement import LEAST_S, Plan
+from edge_vpr_tools.energy.measurement import Plan
+from edge_vpr_tools.energy.profile_files import write_profile
+from edge_vpr_tools.energy.profile_record import PROFILE, Profile
+from edge_vpr_tools.energy.profiling import Request, profile
 from edge_vpr_tools.energy.sensors.search import choose_sensor
+from edge_vpr_tools.energy.show import show
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.interrupt import terminated_as_interrupted
 from edge_vpr_tools.output.messages import is_quiet, summary
 from edge_vpr_tools.output.provenance import write_json
-
-_LEAST_QUICK_S = 0.1
 
 
 def run(args: argparse.Namespace) -> None:
@@ -38,31 +33,8 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("--ground-truth is of a recording: name --map and --recording too")
     if args.meter and args.meter_port is not None:
         raise UsageError("--meter is for a CSV that comes later, --meter-port for now: name one")
-    least_s = _LEAST_QUICK_S if args.quick else LEAST_S
-    window_s = args.window_s
-    if window_s is None:
-        window_s = 1.0 if args.quick else LEAST_S
-    if not (args.mission_rate > 0 and window_s >= least_s and args.pairs >= LEAST_PAIRS):
-        raise UsageError(
-            f"{args.pairs} pairs of {window_s:g} s at {args.mission_rate:g} matches a second: "
-            f"expected {LEAST_PAIRS} pairs or more, {least_s:g} s or more (shorter: --quick), and "
-            "a positive rate"
-        )
-    output = Path(args.output)
-    output.absolute().parent.mkdir(parents=True, exist_ok=True)
-    inputs = [args.map, args.recording, *(args.ground_truth or ())]
-    results.check_output_folder(output, args.overwrite, inputs)
-    plan = Plan(args.pairs, window_s, args.quick)
-    with terminated_as_interrupted():
-        found = _profile(args, plan)
-        _write(args, output, found)
-    if not is_quiet():
-        show.table(found)
-    summary(f"see {output / (profiling.PROFILE if args.no_figures else results.REPORT)}")
-
-
-def _profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
-    request = profiling.Request(
+    plan = Plan.checked(args.pairs, args.window_s, args.quick)
+    request = Request(
         every=args.every,
         packet=args.packet,
         mission_rate=args.mission_rate,
@@ -70,6 +42,21 @@ def _profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
         meter=args.meter,
         root=Path(args.sysroot),
     )
+    output = Path(args.output)
+    output.absolute().parent.mkdir(parents=True, exist_ok=True)
+    inputs = [args.map, args.recording, *(args.ground_truth or ())]
+    results.check_output_folder(output, args.overwrite, inputs)
+    with terminated_as_interrupted():
+        found = _profile(args, request, plan)
+        with results.results_folder(output, args.overwrite) as folder:
+            write_json(folder / results.RUN, found.run)
+            write_profile(found, folder, report=not args.no_figures)
+    if not is_quiet():
+        show(found)
+    summary(f"see {output / (PROFILE if args.no_figures else results.REPORT)}")
+
+
+def _profile(args: argparse.Namespace, request: Request, plan: Plan) -> Profile:
     sensor, missing = choose_sensor(
         request.root,
         name=args.sensor_name,
@@ -77,34 +64,7 @@ def _profile(args: argparse.Namespace, plan: Plan) -> dict[str, Any]:
         shunt_mohm=args.shunt_mohm,
     )
     try:
-        return profiling.profile(load_of(args), request, plan, sensor, missing)
+        return profile(load_of(args), request, plan, sensor, missing)
     finally:
         if sensor is not None:
             sensor.close()
-
-
-def _write(args: argparse.Namespace, output: Path, found: dict[str, Any]) -> None:
-
-    with results.results_folder(output, args.overwrite) as folder:
-        write_json(folder / profiling.PROFILE, found)
-        write_json(folder / results.RUN, found["run"])
-        show.write_csv(found, folder / "profile.csv")
-        if not args.no_figures:
-            show.write_report(found, folder)
-
-
-@contextmanager
-def terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that nothing half written is left."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

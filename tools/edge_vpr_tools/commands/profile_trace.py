@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.energy import profiling, show
+from edge_vpr_tools.energy.profile_files import write_profile
+from edge_vpr_tools.energy.profiling import with_meter
+from edge_vpr_tools.energy.show import check_shown, show
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import is_quiet, summary
-from edge_vpr_tools.output.provenance import write_json
 
 
 def run(args: argparse.Namespace) -> None:
@@ -19,12 +20,10 @@ def run(args: argparse.Namespace) -> None:
     UsageError
         If the profile took no turns for a meter, or the trace does not hold them.
     """
-    profile = Path(args.profile)
-    found = profiling.with_meter(profile, Path(args.trace), args.mission_rate)
-    write_json(profile, found)
-    show.write_csv(found, profile.with_name("profile.csv"))
-    if not args.no_figures:
-        show.write_report(found, profile.parent)
+    path = Path(args.profile)
+    found = with_meter(path, Path(args.trace), args.mission_rate)
+    check_shown(found, path)
+    write_profile(found, path.parent, report=not args.no_figures, name=path.name)
     if not is_quiet():
-        show.table(found)
-    summary(f"see {profile.parent / results.REPORT}")
+        show(found)
+    summary(f"see {path.parent / results.REPORT}")

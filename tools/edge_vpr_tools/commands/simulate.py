@@ -6,12 +6,18 @@ import argparse
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
+
+from edge_vpr.odometry import Odometry
 from edge_vpr.recordings import write_recording
 from edge_vpr.simulate import QUERY, SimulatedRecording, simulate_pair
+from edge_vpr.simulate.odometer import wheel_odometry
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import RUN, check_output_folder, results_folder
+
+_WHEEL = 51  # random stream of the odometer
 
 
 def run(args: argparse.Namespace) -> None:
@@ -38,6 +44,8 @@ def run(args: argparse.Namespace) -> None:
                 path, tracked(recording, f"driving the {name}"), sensor=recording.sensor
             )
             write_track(folder / f"{name}_track.csv", recording)
+            wheel = wheel_odometry(recording.track, np.random.default_rng((recording.seed, _WHEEL)))
+            write_odometry(folder / f"{name}_odometry.csv", wheel)
             seconds = recording.duration_us / 1e6
             lines.append(
                 f"{output / path.name}: {written:,} events of {recording.sensor} over "
@@ -55,6 +63,16 @@ def run(args: argparse.Namespace) -> None:
         }
         write_json(folder / RUN, run_record(settings, ()))
     summary("\n".join(lines))
+
+
+def write_odometry(path: Path, odometry: Odometry) -> None:
+    """Write an odometer's readings as ``time_s,distance_m``, which map and match read."""
+    with path.open("w", encoding="utf-8") as file:
+        file.write("time_s,distance_m\n")
+        for time_us, way_mm in zip(
+            odometry.time_us.tolist(), odometry.distance_mm.tolist(), strict=True
+        ):
+            file.write(f"{time_us / 1e6:.6f},{way_mm / 1e3:.3f}\n")
 
 
 def write_track(path: Path, recording: SimulatedRecording) -> None:

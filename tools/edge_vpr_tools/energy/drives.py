@@ -51,7 +51,7 @@ def simulated_load(seed: int) -> Load:
     for name, drive in zip(("reference", "query"), pair, strict=True):
         keep_shown(drive, f"simulating the {name}")
     # N as a window of tau holds on average
-    fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": 0.0}, "profile")
+    fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": None}, "profile")
     reference = map_traverse(pair[0], fixed_n)
     events = list(cleaned(pair[1], reference.settings))
     designs = of_pair(pair[0], reference)

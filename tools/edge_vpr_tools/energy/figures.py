@@ -3,36 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from edge_vpr_tools.energy.design_trials import DesignResult
+from edge_vpr_tools.energy.energy_record import Energy, Figures, Readings
 from edge_vpr_tools.report.style import BLUE, CYCLE, GREEN, ORANGE, SKY, figure, quantity_axis
 
 _MARKERS = "os^vDPX"
 
 
-def power_trace(energy: dict[str, Any]) -> Figure:
+def power_trace(readings: Readings) -> Figure:
     """Draw power over time, idle and load windows shaded."""
     with figure() as (drawing, axes):
         labels = {True: "load", False: "idle"}
-        for window in energy["windows"]:
-            load = window["load"]
+        for window in readings.windows:
             axes.axvspan(
-                window["start_s"], window["end_s"], color=ORANGE if load else SKY, alpha=0.25,
-                lw=0, label=labels.pop(load, None),
+                window.start_s, window.end_s, color=ORANGE if window.load else SKY, alpha=0.25,
+                lw=0, label=labels.pop(window.load, None),
             )  # fmt: skip
-        axes.plot(energy["trace"]["time_s"], energy["trace"]["watts"], color=BLUE, lw=0.8)
+        axes.plot(readings.trace.time_s, readings.trace.watts, color=BLUE, lw=0.8)
         axes.set(title="Power over time", xlabel="time (s)", ylabel="power (W)")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return drawing
 
 
-def differences(energy: dict[str, Any]) -> Figure:
+def differences(readings: Readings) -> Figure:
     """Draw the difference of each pair."""
     with figure(7.5, 3.6) as (drawing, axes):
-        values = energy["differences_w"]
+        values = readings.differences_w
         axes.plot(np.arange(1, len(values) + 1), values, "o", color=BLUE, label="pair")
         axes.axhline(float(np.median(values)), color=ORANGE, label="median")
         axes.axhline(0.0, color="black", lw=0.8)
@@ -42,18 +42,18 @@ def differences(energy: dict[str, Any]) -> Figure:
     return drawing
 
 
-def against_rate(energy: dict[str, Any]) -> Figure:
+def against_rate(energy: Energy, figures: Figures) -> Figure:
     """Draw joules a match against matches a second, as far as this machine can match."""
     with figure() as (drawing, axes):
-        fastest = energy["saturated_matches_per_s"]
+        fastest = energy.saturated_matches_per_s
         rates = np.geomspace(min(0.1, fastest / 10), fastest, 200)
-        marginal = energy["marginal_j_per_match"]
+        marginal = figures.marginal_j_per_match
         axes.loglog(
-            rates, energy["idle_w"] / rates + (marginal or 0.0), color=BLUE, label="whole board"
+            rates, figures.idle_w / rates + (marginal or 0.0), color=BLUE, label="whole board"
         )
-        axes.plot(fastest, energy["saturated_j_per_match"], "o", color=BLUE, label="saturated")
-        rate = energy["mission_matches_per_s"]
-        axes.plot(rate, energy["mission_j_per_match"], "s", color=ORANGE, label="mission")
+        axes.plot(fastest, figures.saturated_j_per_match, "o", color=BLUE, label="saturated")
+        rate = energy.mission_matches_per_s
+        axes.plot(rate, figures.mission_j_per_match, "s", color=ORANGE, label="mission")
         if marginal is not None:
             axes.axhline(marginal, color=GREEN, ls="--", label="marginal")
         axes.set(
@@ -66,25 +66,21 @@ def against_rate(energy: dict[str, Any]) -> Figure:
     return drawing
 
 
-def accuracy(designs: Sequence[dict[str, Any]]) -> Figure:
+def accuracy(designs: Sequence[DesignResult]) -> Figure:
     """Draw how right each design is against what a match of it takes, measured.
 
     Against joules where they were measured and resolved, else against processor time.
     """
-    joules = [d for d in designs if (d["energy"] or {}).get("resolved")]
-    shown = joules or list(designs)
+    measured = [(one, _joules(one)) for one in designs]
+    joules = [(one, found) for one, found in measured if found is not None]
+    shown = joules or [(one, _seconds(one)) for one in designs]
     with figure(8.5, 4.8) as (drawing, axes):
-        for i, one in enumerate(shown):
-            if joules:
-                value = one["energy"]["marginal_j_per_match"]
-                low, high = one["energy"]["marginal_j_per_match_interval"]
-            else:
-                value, (low, high) = one["cpu_s_per_match"], one["cpu_s_per_match_interval"]
+        for i, (one, (value, low, high)) in enumerate(shown):
             axes.errorbar(
-                value, one["precision_at_100_recall"],
+                value, one.precision_at_100_recall,
                 xerr=[[max(value - low, 0.0)], [max(high - value, 0.0)]],
                 fmt=_MARKERS[i % len(_MARKERS)], color=CYCLE[i % len(CYCLE)], capsize=3,
-                label=one["name"],
+                label=one.name,
             )  # fmt: skip
         quantity_axis(axes.xaxis, "J" if joules else "s")
         axes.margins(x=0.15)
@@ -98,3 +94,15 @@ def accuracy(designs: Sequence[dict[str, Any]]) -> Figure:
             ylabel="P@100R",
         )
     return drawing
+
+
+def _joules(one: DesignResult) -> tuple[float, float, float] | None:
+    """Return the marginal energy of a match, or None where it is not resolved."""
+    figures = one.energy.figures if isinstance(one.energy, Energy) else None
+    if figures is None or figures.marginal_j_per_match is None:
+        return None
+    return (figures.marginal_j_per_match, *figures.marginal_j_per_match_interval)
+
+
+def _seconds(one: DesignResult) -> tuple[float, float, float]:
+    return (one.cpu_s_per_match, *one.cpu_s_per_match_interval)

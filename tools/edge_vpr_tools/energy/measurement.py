@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.energy.energy_record import Energy, Figures, PowerTrace, Readings
 from edge_vpr_tools.energy.intervals import LEAST_PAIRS, interval, paired_energy
 from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
 from edge_vpr_tools.energy.sensors.sensor import About, Sensor
@@ -19,6 +20,7 @@ Load = Callable[[float], int]
 
 #: of a window, for a figure that can be published
 LEAST_S, LEAST_SAMPLES = 10.0, 100
+_LEAST_QUICK_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,32 @@ class Plan:
     pairs: int = LEAST_PAIRS
     window_s: float = LEAST_S
     quick: bool = False
+
+    @classmethod
+    def checked(cls, pairs: int, window_s: float | None, quick: bool) -> Plan:
+        """Build a plan that gives a figure to be published, unless it is a quick one.
+
+        Parameters
+        ----------
+        pairs : int
+        window_s : float, optional
+            10 s by default, or 1 s if `quick`.
+        quick : bool
+
+        Raises
+        ------
+        UsageError
+            If there are too few pairs, or windows are too short.
+        """
+        least_s = _LEAST_QUICK_S if quick else LEAST_S
+        if window_s is None:
+            window_s = 1.0 if quick else LEAST_S
+        if not (window_s >= least_s and pairs >= LEAST_PAIRS):
+            raise UsageError(
+                f"{pairs} pairs of {window_s:g} s: expected {LEAST_PAIRS} pairs or more, and "
+                f"{least_s:g} s or more (shorter: --quick)"
+            )
+        return cls(pairs, window_s, quick)
 
     def for_period(self, period_s: float) -> Plan:
         """Lengthen the windows so that each holds a hundred native samples."""
@@ -84,7 +112,7 @@ def take_turns(
     return windows
 
 
-def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> dict[str, Any]:
+def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> Energy:
     """Measure the energy of a match.
 
     Parameters
@@ -97,8 +125,8 @@ def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> dict[str, An
 
     Returns
     -------
-    dict
-        See `analyse`; with the cost of sampling, and the trace for a figure.
+    Energy
+        See `analyse`; with the cost of sampling.
 
     Raises
     ------
@@ -114,15 +142,17 @@ def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> dict[str, An
     cpu = time.process_time() - cpu
     found = analyse(sampler.trace(), windows, sensor.about, rate)
     matches = sum(window.matches for window in windows)
-    found["cpu_s_per_match"] = (cpu - sampler.cpu_s) / max(matches, 1)
     elapsed = windows[-1].end_s - windows[0].start_s
-    found["sampler_cpu_share"] = (sampler.cpu_s + sampler.commands_s) / elapsed
-    found["quick"] = plan.quick
-    return found
+    return replace(
+        found,
+        quick=plan.quick,
+        cpu_s_per_match=(cpu - sampler.cpu_s) / max(matches, 1),
+        sampler_cpu_share=(sampler.cpu_s + sampler.commands_s) / elapsed,
+    )
 
 
-def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) -> dict[str, Any]:
-    """Say what a match costs, with intervals; marginal, saturated, and at the mission's rate.
+def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) -> Energy:
+    """Return the energy of a match with intervals: marginal, saturated, and at the mission's rate.
 
     Parameters
     ----------
@@ -136,9 +166,7 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
 
     Returns
     -------
-    dict
-        Plain values. Joules a match are None where the difference is not resolved: then
-        ``pairs_needed`` says how many pairs would, if the spread stays.
+    Energy
     """
     idle_w, load_w = paired_energy(trace, windows)
     loads = [window for window in windows if window.load]
@@ -147,49 +175,47 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
     marginal = interval((load_w - idle_w) * a_match_s)
     saturated = interval(load_w * a_match_s)
     idle = interval(idle_w)
-    low, high = marginal.with_gain(about.gain_error)
-    resolved = marginal.resolved
-    value = marginal.value
-    mission = idle_w / rate + (load_w - idle_w) * a_match_s
-    at_mission = interval(mission)
+    resolved, value = marginal.resolved, marginal.value
+    at_mission = interval(idle_w / rate + (load_w - idle_w) * a_match_s)
     start = windows[0].start_s
     samples = [trace.native_samples(w.start_s, w.end_s) for w in windows]
-    return {
-        "sensor": about.__dict__ | {},
-        "resolved": resolved,
-        "pairs": marginal.pairs,
-        "window_s": float(np.median([w.end_s - w.start_s for w in windows])),
-        "native_samples_per_window": int(np.median(samples)),
-        "marginal_j_per_match": value if resolved else None,
-        "marginal_j_per_match_interval": [marginal.low, marginal.high],
-        "marginal_j_per_match_interval_with_gain": [low, high],
-        "pairs_needed": None if resolved else marginal.pairs_needed(),
-        "saturated_matches_per_s": float(np.median(1 / a_match_s)),
-        "saturated_j_per_match": saturated.value,
-        "saturated_j_per_match_interval": [saturated.low, saturated.high],
-        "mission_matches_per_s": rate,
-        "mission_j_per_match": at_mission.value,
-        "mission_j_per_match_interval": [at_mission.low, at_mission.high],
-        "matches_per_joule": 1 / value if resolved else None,
-        "matches_per_joule_interval": [1 / marginal.high, 1 / marginal.low] if resolved else None,
-        "idle_w": idle.value,
-        "idle_w_interval": [idle.low, idle.high],
-        "load_w": float(np.median(load_w)),
-        "differences_w": (load_w - idle_w).tolist(),
-        "windows": [
-            {"load": w.load, "start_s": w.start_s - start, "end_s": w.end_s - start,
-             "matches": w.matches}
-            for w in windows
-        ],
-        "trace": _thinned(trace, start),
-    }  # fmt: skip
+    return Energy(
+        pairs=marginal.pairs,
+        window_s=float(np.median([w.end_s - w.start_s for w in windows])),
+        native_samples_per_window=int(np.median(samples)),
+        saturated_matches_per_s=float(np.median(1 / a_match_s)),
+        mission_matches_per_s=rate,
+        figures=Figures(
+            marginal_j_per_match=value if resolved else None,
+            marginal_j_per_match_interval=(marginal.low, marginal.high),
+            marginal_j_per_match_interval_with_gain=marginal.with_gain(about.gain_error),
+            pairs_needed=None if resolved else marginal.pairs_needed(),
+            saturated_j_per_match=saturated.value,
+            saturated_j_per_match_interval=(saturated.low, saturated.high),
+            mission_j_per_match=at_mission.value,
+            mission_j_per_match_interval=(at_mission.low, at_mission.high),
+            matches_per_joule=1 / value if resolved else None,
+            matches_per_joule_interval=(1 / marginal.high, 1 / marginal.low) if resolved else None,
+            idle_w=idle.value,
+            idle_w_interval=(idle.low, idle.high),
+            load_w=float(np.median(load_w)),
+        ),
+        readings=Readings(
+            sensor=about,
+            differences_w=tuple((load_w - idle_w).tolist()),
+            windows=tuple(
+                Window(w.load, w.start_s - start, w.end_s - start, w.matches) for w in windows
+            ),
+            trace=_thinned(trace, start),
+        ),
+    )
 
 
-def _thinned(trace: Trace, start: float) -> dict[str, list[float]]:
-    """At most a thousand points of power, for a figure."""
+def _thinned(trace: Trace, start: float) -> PowerTrace:
+    """Return at most a thousand points of power, for a drawing."""
     step = 1 + trace.time_s.size // 1_000
     time_s, energy = trace.time_s[::step], trace.energy_j[::step]
-    return {
-        "time_s": ((time_s[1:] + time_s[:-1]) / 2 - start).tolist(),
-        "watts": (np.diff(energy) / np.diff(time_s)).tolist(),
-    }
+    return PowerTrace(
+        tuple(((time_s[1:] + time_s[:-1]) / 2 - start).tolist()),
+        tuple((np.diff(energy) / np.diff(time_s)).tolist()),
+    )

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import asdict
+from typing import NamedTuple
+
+from edge_vpr_tools.energy.energy_record import Energy, Outcome
+from edge_vpr_tools.energy.profile_record import Profile
 
 _ENERGY = (
     "marginal_j_per_match", "saturated_j_per_match", "mission_j_per_match", "matches_per_joule",
     "idle_w",
 )  # fmt: skip
-
-
 NOT_MEASURED, NOT_RESOLVED, VOID = "not measured", "not resolved", "void: throttled"
 
 
@@ -24,39 +26,39 @@ class Number(NamedTuple):
     why: str = ""
 
 
-def numbers(found: dict[str, Any]) -> list[Number]:
+def numbers(found: Profile) -> list[Number]:
     """Gather the numbers of a profile, in a fixed order and under the same names in each."""
     return [*_numbers(found)]
 
 
-def _numbers(found: dict[str, Any]) -> Iterator[Number]:
-    for name, value in found["throughput"].items():
+def _numbers(found: Profile) -> Iterator[Number]:
+    for name, value in asdict(found.throughput).items():
         yield Number(name, value)
-    for name, against in found["sparse_against_all"].items():
-        for pixels in ("sparse", "all"):
-            yield Number(f"{name}_{pixels}_pixels", against[f"{pixels}_pixels"])
-            yield Number(
-                f"{name}_{pixels}_s_per_{against['unit'].split()[-1]}",
-                *against[f"{pixels}_s"].values(),
-            )
-        yield Number(f"{name}_times_faster", *against["times"].values())
-    void = bool(found["conditions"]["void_because"])
+    for name, against in found.sparse_against_all.parts().items():
+        sides = (
+            ("sparse", against.sparse_pixels, against.sparse_s),
+            ("all", against.all_pixels, against.all_s),
+        )
+        for pixels, count, seconds in sides:
+            yield Number(f"{name}_{pixels}_pixels", count)
+            yield Number(f"{name}_{pixels}_s_per_{against.unit.split()[-1]}", *seconds)
+        yield Number(f"{name}_times_faster", *against.times)
     for name in _ENERGY:
-        yield _of_energy(found["energy"], name, name, void)
-    for design in found["designs"]:
-        prefix = design["name"]
-        yield Number(f"{prefix}: precision_at_100_recall", design["precision_at_100_recall"])
-        yield Number(f"{prefix}: bytes_per_place", design["bytes_per_place"])
-        yield Number(
-            f"{prefix}: cpu_s_per_match", design["cpu_s_per_match"],
-            *design["cpu_s_per_match_interval"],
-        )  # fmt: skip
-        yield _of_energy(design["energy"] or {}, _ENERGY[0], f"{prefix}: {_ENERGY[0]}", void)
+        yield _of_energy(found.energy, name, name, found.void)
+    for design in found.designs:
+        prefix = design.name
+        yield Number(f"{prefix}: precision_at_100_recall", design.precision_at_100_recall)
+        yield Number(f"{prefix}: bytes_per_place", design.bytes_per_place)
+        cpu = (design.cpu_s_per_match, *design.cpu_s_per_match_interval)
+        yield Number(f"{prefix}: cpu_s_per_match", *cpu)
+        yield _of_energy(design.energy, _ENERGY[0], f"{prefix}: {_ENERGY[0]}", found.void)
 
 
-def _of_energy(energy: dict[str, Any], key: str, name: str, void: bool) -> Number:
-    value = energy.get(key)
-    if value is None:
-        why = NOT_RESOLVED if "idle_w" in energy else NOT_MEASURED
-        return Number(name, None, why=VOID if void else why)
-    return Number(name, value, *(energy.get(f"{key}_interval") or ()))
+def _of_energy(energy: Outcome | None, key: str, name: str, void: bool) -> Number:
+    figures = energy.figures if isinstance(energy, Energy) else None
+    if void or figures is None:
+        return Number(name, None, why=VOID if void else NOT_MEASURED)
+    bounded = figures.bounded()[key]
+    if bounded.value is None:
+        return Number(name, None, why=NOT_RESOLVED)
+    return Number(name, *bounded)

@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-import json
-import platform
-import resource
-import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.arguments.schedule import parse_every
+from edge_vpr.plain_values import understood
 from edge_vpr_tools.energy.conditions import Conditions, void_because
-from edge_vpr_tools.energy.designs import PIXELS, compare
+from edge_vpr_tools.energy.design_trials import compare
+from edge_vpr_tools.energy.designs import PIXELS
 from edge_vpr_tools.energy.drives import Load
+from edge_vpr_tools.energy.energy_record import NotMeasured, Outcome
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
-from edge_vpr_tools.energy.sampling import Trace, Window, align, read_csv
-from edge_vpr_tools.energy.sensors.sensor import (
-    ROOT,
-    About,
-    Missing,
-    Sensor,
-    SensorError,
-    read_text,
-)
+from edge_vpr_tools.energy.meter_trace import align, check_turns, read_csv
+from edge_vpr_tools.energy.profile_record import LoadRecord, MapSize, Moments, Profile, Provenance
+from edge_vpr_tools.energy.sampling import Trace
+from edge_vpr_tools.energy.sensors.sensor import ROOT, About, Missing, Sensor, SensorError
 from edge_vpr_tools.energy.speed import sparse_against_all
+from edge_vpr_tools.energy.throughput import measure_throughput
 from edge_vpr_tools.energy.workload import Workload
 from edge_vpr_tools.output.messages import note
 from edge_vpr_tools.output.provenance import run_record
-
-PROFILE = "profile.json"
-SCHEMA = 3
+from edge_vpr_tools.runs.schedule import parse_every
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +46,11 @@ class Request:
         Alternate idle and load for an external meter.
     root : path
         Where the file system begins; another one for tests.
+
+    Raises
+    ------
+    UsageError
+        If the rate is not positive.
     """
 
     every: str = "window"
@@ -64,6 +60,12 @@ class Request:
     meter: bool = False
     root: Path = ROOT
 
+    def __post_init__(self) -> None:
+        if not self.mission_rate > 0:
+            raise UsageError(
+                f"a mission of {self.mission_rate:g} matches a second: expected a positive rate"
+            )
+
 
 def profile(
     load: Load,
@@ -71,7 +73,7 @@ def profile(
     plan: Plan,
     sensor: Sensor | None = None,
     missing: Sequence[Missing] = (),
-) -> dict[str, Any]:
+) -> Profile:
     """Measure a load on this machine.
 
     Parameters
@@ -86,33 +88,13 @@ def profile(
 
     Returns
     -------
-    dict
-        Plain values; ``energy`` says "not measured" and why where there is no sensor.
+    Profile
 
     Raises
     ------
     UsageError
         If the load gives no match within a window.
     """
-    found = _measured(load, request, plan, sensor, missing)
-    return found | {
-        "load": {
-            "recording": load.name,
-            "every": request.every,
-            "packet": request.packet,
-        },
-        "provenance": _provenance(request.root, found),
-        "run": run_record(load.reference.settings.to_dict(), load.inputs),
-    }
-
-
-def _measured(
-    load: Load,
-    request: Request,
-    plan: Plan,
-    sensor: Sensor | None,
-    missing: Sequence[Missing],
-) -> dict[str, Any]:
     reference = load.reference
     every = parse_every(request.every, reference)
     workload = Workload(reference, load.events, every, request.packet)
@@ -121,25 +103,25 @@ def _measured(
         _say_how_long(plan.for_period(sensor.about.period_s), designs)
     before = Conditions.now(request.root)
     note(f"speed: {_duration(plan.window_s)}")
-    throughput = _throughput(workload, plan)
+    throughput = measure_throughput(workload, plan.window_s)
     # at once: a governor lowers the clock of a processor that rests
     loaded = Conditions.now(request.root)
-    energy = _not_measured([str(one) for one in missing])
+    because = tuple(str(one) for one in missing)
+    energy: Outcome = NotMeasured(because)
     if sensor is not None:
         try:
-            energy = {"measured": True} | measure(sensor, plan, workload.run, request.mission_rate)
+            energy = measure(sensor, plan, workload.run, request.mission_rate)
         except SensorError as error:
-            energy = _not_measured([f"{sensor.about.name}: {error}"])
+            energy = NotMeasured((f"{sensor.about.name}: {error}",))
             sensor = None
     elif request.meter:
-        energy["windows"] = [window._asdict() for window in take_turns(plan, workload.run)]
+        energy = NotMeasured(because, tuple(take_turns(plan, workload.run)))
     compared = []
     if designs:
         assert load.truth_of is not None
-        known = (reference, energy)
         compared = compare(
             load.designs, load.query, load.events, load.truth_of, sensor, plan,
-            request.mission_rate, known,
+            request.mission_rate, (reference, energy),
         )  # fmt: skip
     after = Conditions.now(request.root)
     note("few pixels against all: some 10 s")
@@ -148,31 +130,30 @@ def _measured(
     sparse = sparse_against_all(everything, reference.pixel_map, len(reference))
     void = void_because(before, loaded, after)
     if void:
-        for one in [energy, *(design["energy"] for design in compared)]:
-            _make_void(one)
-    return {
-        "schema": SCHEMA,
-        "quick": plan.quick,
-        "throughput": throughput | {"events_a_round": workload.events_a_round},
-        "map": {
-            "places": len(reference),
-            "pixels": len(reference.pixel_map),
-            "bytes_per_place": reference.packed_bytes_per_place,
-            "sequence_length": reference.settings.sequence_length,
-        },
-        "energy": energy,
-        "designs": compared,
-        "conditions": {
-            "before": asdict(before),
-            "loaded": asdict(loaded),
-            "after": asdict(after),
-            "void_because": void,
-        },
-        "sparse_against_all": sparse,
-    }
+        energy = energy.void()
+        compared = [
+            replace(one, energy=None if one.energy is None else one.energy.void())
+            for one in compared
+        ]
+    run = run_record(reference.settings.to_dict(), load.inputs)
+    return Profile(
+        quick=plan.quick,
+        throughput=throughput,
+        map=MapSize(
+            len(reference), len(reference.pixel_map), reference.packed_bytes_per_place,
+            reference.settings.sequence_length,
+        ),
+        energy=energy,
+        designs=tuple(compared),
+        conditions=Moments(before, loaded, after, void),
+        sparse_against_all=sparse,
+        load=LoadRecord(load.name, request.every, request.packet),
+        provenance=Provenance.of(request.root, loaded, energy, run),
+        run=run,
+    )  # fmt: skip
 
 
-def with_meter(path: Path, meter: Path, rate: float) -> dict[str, Any]:
+def with_meter(path: Path, meter: Path, rate: float) -> Profile:
     """Add the joules of an external meter's trace to a profile that took turns for it.
 
     Raises
@@ -180,11 +161,12 @@ def with_meter(path: Path, meter: Path, rate: float) -> dict[str, Any]:
     UsageError
         If the profile took no turns, or the trace does not hold them.
     """
-    found = load(path)
-    told = found["energy"].get("windows")
-    if not told or found["energy"].get("measured"):
+    found = Profile.load_file(path)
+    windows = found.energy.windows if isinstance(found.energy, NotMeasured) else ()
+    if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
-    windows = [Window(**window) for window in told]
+    with understood(path, "the turns of a profile", "make it again with edge-vpr profile"):
+        check_turns(windows)
     time_s, watts = read_csv(meter)
     ahead = align(windows, time_s, watts)
     about = About(
@@ -194,43 +176,8 @@ def with_meter(path: Path, meter: Path, rate: float) -> dict[str, Any]:
         period_s=float(np.median(np.diff(time_s))),
         detail=f"its clock is {ahead:.3f} s ahead, by its steps; its gain error is not told",
     )
-    energy = {"measured": True, "quick": found["quick"]}
-    energy |= analyse(Trace.of_power(time_s - ahead, watts), windows, about, rate)
-    return found | {"energy": energy}
-
-
-def load(path: Path) -> dict[str, Any]:
-    """Read a profile.
-
-    Raises
-    ------
-    UsageError
-        If it is none, or of a newer version.
-    """
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found["schema"] != SCHEMA or "throughput" not in found:
-            raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"cannot read a profile from {path}: {error}") from error
-    return dict(found)
-
-
-def _provenance(root: Path, found: dict[str, Any]) -> dict[str, Any]:
-    """Tell board, kernel, clock, sensor, shunt and versions; None is not known."""
-    board = read_text(root / "proc/device-tree/model").rstrip("\0")
-    loaded, sensor = found["conditions"]["loaded"], found["energy"].get("sensor", {})
-    run = run_record({}, ())
-    return {
-        "board": board or read_text(root / "sys/class/dmi/id/product_name") or None,
-        "processor": run["machine"]["processor"],
-        "kernel": platform.release(),
-        "clock_hz": loaded["frequency_hz"],
-        "governor": loaded["governor"],
-        "sensor": sensor.get("name"),
-        "shunt_mohm": sensor.get("shunt_mohm"),
-        "versions": run["versions"],
-    }
+    energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about, rate)
+    return replace(found, energy=replace(energy, quick=found.quick))
 
 
 def _say_how_long(plan: Plan, designs: bool) -> None:
@@ -244,41 +191,3 @@ def _say_how_long(plan: Plan, designs: bool) -> None:
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
-def _throughput(workload: Workload, plan: Plan) -> dict[str, float]:
-    """Run at full speed for one window; what is compiled and cached was so before."""
-    workload.reset()
-    cpu, start = time.process_time(), time.perf_counter()
-    workload.run(plan.window_s)
-    elapsed, cpu = time.perf_counter() - start, time.process_time() - cpu
-    if workload.matches == 0:
-        raise UsageError(f"no match within {plan.window_s} s: take longer windows (--window-s)")
-    rate = workload.events / elapsed
-    p50, p99 = np.quantile(workload.latencies_s, [0.5, 0.99])
-    return {
-        "seconds": elapsed,
-        "events_per_s": rate,
-        "matches_per_s": workload.matches / elapsed,
-        "times_real_time": rate * workload.recorded_s / workload.events_a_round,
-        "latency_p50_s": float(p50),
-        "latency_p99_s": float(p99),
-        "calls_with_a_match": len(workload.latencies_s),
-        "cpu_s_per_match": cpu / workload.matches,
-        "cpu_share": cpu / elapsed,
-        # Linux tells KiB
-        "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-    }
-
-
-def _not_measured(reasons: list[str]) -> dict[str, Any]:
-    return {"measured": False, "resolved": False, "not_measured_because": reasons}
-
-
-def _make_void(energy: dict[str, Any] | None) -> None:
-    """Take every figure away that a throttled machine gave; what was read stays."""
-    for name in energy or ():
-        if "_j_" in name or name.startswith(("matches_per_joule", "idle_w", "load_w", "pairs_")):
-            energy[name] = None  # type: ignore[index]
-    if energy and "resolved" in energy:
-        energy["resolved"] = False

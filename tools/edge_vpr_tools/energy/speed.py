@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import DescriptorStream, FixedTime, collect
+from edge_vpr.descriptors.windows import FixedTime, collect
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr_tools.energy.intervals import Estimate, interval_of_times
@@ -29,6 +31,14 @@ _LEAST_S = 2e-3
 Counts = npt.NDArray[np.unsignedinteger]
 
 
+class Timing(NamedTuple):
+    """A median of repeated timings, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
 @dataclass(frozen=True)
 class Against:
     """Seconds of one unit of work at few pixels and at all, with 95 % intervals.
@@ -39,20 +49,41 @@ class Against:
         Of what the seconds are.
     sparse_pixels, all_pixels, places : int
         J of the two, and K; 0 places where none are matched.
-    sparse_s, all_s, times : dict
-        `Estimate` as plain values; `times` is of the ratios of neighbouring measurements.
+    sparse_s, all_s, times : Timing
+        `times` is of the ratios of neighbouring measurements.
     """
 
     unit: str
     sparse_pixels: int
     all_pixels: int
     places: int
-    sparse_s: dict[str, float]
-    all_s: dict[str, float]
-    times: dict[str, float]
+    sparse_s: Timing
+    all_s: Timing
+    times: Timing
 
 
-def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> dict[str, object]:
+@dataclass(frozen=True)
+class SparseAgainstAll:
+    """Few pixels against all of them: counting an event, and matching a query.
+
+    Attributes
+    ----------
+    counting, matching : Against
+        Of the recording.
+    matching_paper : Against
+        At the paper's sizes, of made-up counts.
+    """
+
+    counting: Against
+    matching: Against
+    matching_paper: Against
+
+    def parts(self) -> dict[str, Against]:
+        """Return all three by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> SparseAgainstAll:
     """Time counting and matching of a recording, and matching at the paper's sizes.
 
     Parameters
@@ -66,8 +97,7 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> dict
 
     Returns
     -------
-    dict of str to dict
-        Of `Against`: ``counting`` an event, ``matching`` a query, ``matching_paper`` a query.
+    SparseAgainstAll
     """
     sensor = pixel_map.sensor
     events = events[:_MOST_EVENTS]
@@ -88,11 +118,11 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> dict
     )  # fmt: skip
     rng = np.random.default_rng(0)
     made_up = rng.integers(0, 16, (_PAPER_PLACES, PAPER_SENSOR.pixels), dtype=np.uint8)
-    return {
-        "counting": asdict(counting),
-        "matching": asdict(_matching(few, all_of_them, places)),
-        "matching_paper": asdict(_matching(made_up[:, :PAPER_PIXELS], made_up, _PAPER_PLACES)),
-    }
+    return SparseAgainstAll(
+        counting,
+        _matching(few, all_of_them, places),
+        _matching(made_up[:, :PAPER_PIXELS], made_up, _PAPER_PLACES),
+    )
 
 
 def _matching(few: Counts, everything: Counts, places: int) -> Against:
@@ -126,7 +156,7 @@ def _against(
     return Against(
         unit,
         *sizes,
-        *(_told(interval_of_times(values)) for values in (*took.T, took[:, 1] / took[:, 0])),
+        *(_timing(interval_of_times(values)) for values in (*took.T, took[:, 1] / took[:, 0])),
     )
 
 
@@ -143,5 +173,5 @@ def _time(work: Callable[[], object], rounds: int) -> float:
     return (time.perf_counter() - start) / rounds
 
 
-def _told(found: Estimate) -> dict[str, float]:
-    return {"value": found.value, "low": found.low, "high": found.high}
+def _timing(found: Estimate) -> Timing:
+    return Timing(found.value, found.low, found.high)

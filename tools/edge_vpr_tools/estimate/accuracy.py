@@ -8,12 +8,12 @@ from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import EventSource, coded_map, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulate import simulate_pair
-from edge_vpr_tools.estimate.pareto import Evaluated
+from edge_vpr_tools.estimate.candidates import Evaluated
 from edge_vpr_tools.experiments.simulated import TOLERANCE_M, truth_of_pair
 from edge_vpr_tools.experiments.trial import TruthOf
 from firmware_model.design import Design
@@ -78,7 +78,7 @@ def try_designs(drives: Drives, design: Design, on_start: Callable[[str], None])
     settings = PRESETS["paper"].replaced(
         {
             "window": "count",
-            "events_per_pixel": 0.0,
+            "events_per_pixel": None,
             "tau_us": design.tau_us,
             "polarity": design.polarity,
             "sequence_length": design.length,

@@ -145,44 +145,39 @@ def window_work(design: Design) -> Work:
 def match_work(design: Design) -> Work:
     """Count what a match does when L windows have been seen, in a window that does not pause."""
     done = operations(design)
-    if design.filters:
-        return _filter_work(design)
-    sums = design.places - design.length + 1
-    words = design.places * design.words
-    left = max(0, sums - design.exclusion - 1)
     return Work(
         absolute_differences=done.absolute_differences,
         additions=done.additions,
         comparisons=done.comparisons,
         multiplications=done.multiplications,
-        traffic=_traffic(
-            design,
-            query=(words, 0),
-            places=(words, 0),
-            history=(sums * (design.length - 1), design.places),
-            delay=(left, sums),
-        ),
+        traffic=_filter_traffic(design) if design.filters else _sequence_traffic(design),
     )
 
 
-def _filter_work(design: Design) -> Work:
-    done, places = operations(design), design.places
+def _sequence_traffic(design: Design) -> dict[str, Traffic]:
+    sums = design.places - design.length + 1
+    words = design.places * design.words
+    return _traffic(
+        design,
+        query=(words, 0),
+        places=(words, 0),
+        history=(sums * (design.length - 1), design.places),
+        delay=(max(0, sums - design.exclusion - 1), sums),
+    )
+
+
+def _filter_traffic(design: Design) -> dict[str, Traffic]:
+    places = design.places
     words = places * design.words * (1 if design.keep_distances else 2)
     kept = places if design.keep_distances else 0
-    return Work(
-        absolute_differences=done.absolute_differences,
-        additions=done.additions,
-        comparisons=done.comparisons,
-        multiplications=done.multiplications,
-        traffic=_traffic(
-            design,
-            query=(words, 0),
-            places=(words, 0),
-            # those of the steps' other places are at hand
-            metric=(places, places),
-            distance=(kept, kept),
-            delay=(max(0, places - design.exclusion - 1), places),
-        ),
+    return _traffic(
+        design,
+        query=(words, 0),
+        places=(words, 0),
+        # those of the steps' other places are at hand
+        metric=(places, places),
+        distance=(kept, kept),
+        delay=(max(0, places - design.exclusion - 1), places),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -11,8 +11,28 @@ from edge_vpr.descriptors.windows import narrow
 from edge_vpr.matching.place_filter import StepPrices
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.design import Design
+from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
+
+
+class _Code(TypedDict):
+    """The parameters of a design that are its code."""
+
+    code: Literal["linear", "sqrt", "log", "own-mean"]
+    code_bits: int
+    full_scales: tuple[int, ...]
+
+
+class _Matching(TypedDict, total=False):
+    """The parameters of a design that say how it matches."""
+
+    matching: Literal["sequence", "filter"]
+    length: int
+    steps: tuple[int, ...]
+    back: tuple[int, ...]
+    restart: int
+    accept: Literal["margin", "ratio"]
 
 
 def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
@@ -36,6 +56,11 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         If the device could not be.
     """
     settings = reference.settings
+    if reference.jumps is not None and len(reference.jumps):
+        raise DesignError(
+            f"the map has {len(reference.jumps)} jumps, which the device has not: make the map "
+            "without --jumps"
+        )
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -43,7 +68,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         polarity=settings.polarity,
         window=settings.window,
         tau_us=settings.tau_us,
-        window_events=max(1, settings.events_per_window),
+        window_events=1 if settings.events_per_pixel is None else settings.events_per_window,
         places=len(reference),
         lanes=lanes,
         exclusion=settings.exclusion,
@@ -82,7 +107,7 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     )
 
 
-def _code_of(reference: ReferenceMap) -> dict[str, Any]:
+def _code_of(reference: ReferenceMap) -> _Code:
     own = reference.own_mean_code
     if own is not None:
         return {"code": "own-mean", "code_bits": own.bits, "full_scales": (own.full_scale,)}
@@ -91,7 +116,7 @@ def _code_of(reference: ReferenceMap) -> dict[str, Any]:
     return {"code": codes[0].kind, "code_bits": codes[0].bits, "full_scales": scales}
 
 
-def _matching_of(reference: ReferenceMap) -> dict[str, Any]:
+def _matching_of(reference: ReferenceMap) -> _Matching:
     settings = reference.settings
     if settings.matching == "sequence":
         return {"length": settings.sequence_length}

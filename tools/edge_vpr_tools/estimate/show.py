@@ -1,50 +1,75 @@
-"""How an estimate is shown: tables on the terminal, and plain values for programs."""
+"""The tables of an estimate on the terminal: counts, costs, units of work, and what fits."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
 
-from rich.console import Console
-from rich.table import Table
-
-from edge_vpr_tools.estimate.counts import block_memories, large_and_small_blocks, sizes
-from edge_vpr_tools.estimate.fit import Budget, Fit, broken_by, memory_bytes
-from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware
-from edge_vpr_tools.estimate.model import work as work_of
-from edge_vpr_tools.estimate.targets import Constant, Spread, Target
+from edge_vpr_tools.estimate.answers import answer_lines, memory_text
+from edge_vpr_tools.estimate.candidates import Candidate
+from edge_vpr_tools.estimate.estimation import Estimation, Question
+from edge_vpr_tools.estimate.fit import Fit
+from edge_vpr_tools.estimate.model import Cost, Mission
+from edge_vpr_tools.estimate.show_comparison import show_comparison
+from edge_vpr_tools.estimate.sources import sources
+from edge_vpr_tools.estimate.targets import Spread, Target
+from edge_vpr_tools.estimate.wording import (
+    UNKNOWN,
+    busy,
+    count,
+    joules,
+    matching,
+    size_text,
+    spread,
+    watts,
+)
+from edge_vpr_tools.output.tables import say, table
 from edge_vpr_tools.report.quantities import quantity
-from firmware_model.design import Design
 
-UNKNOWN = "unknown"
-if TYPE_CHECKING:
-    from edge_vpr_tools.estimate.pareto import Candidate
-
-_WIDTH = 118
 #: rows of a table of designs
 _SHOWN = 12
 
 
-def matching(of: Design) -> str:
-    """Say how a design matches."""
-    if not of.filters:
-        return f"sequences of {of.length}"
-    kept = "kept" if of.keep_distances else "computed twice"
-    return f"place filter of {len(of.steps) + len(of.back)} steps (distances {kept})"
+def show(found: Estimation, *, with_sources: bool = False) -> None:
+    """Print an estimate: the answer first, then what it rests on.
+
+    Parameters
+    ----------
+    found : Estimation
+    with_sources : bool
+        Print the assumptions and the cited constants too.
+    """
+    asked = found.question
+    for line in answer_lines(found):
+        say(line)
+    if found.fit and asked.alone is not None:
+        _fits(found.fit, asked, asked.alone)
+    if found.answers is not None and asked.alone is not None:
+        _candidates(found.answers.candidates[asked.alone.name])
+    _design(found)
+    _work(found)
+    _costs(found)
+    if asked.alone is not None:
+        _units(found.costs[asked.alone.name], asked.alone, asked.mission)
+    if found.comparison is not None and asked.other is not None:
+        show_comparison(found.comparison, asked.other.name)
+    if not with_sources:
+        say("instructions are emulated, energy is modelled: --sources says from what")
+        return
+    for line in sources(found):
+        say(line)
 
 
-def design(of: Design, mission: Mission, places_per_metre: float) -> None:
+def _design(found: Estimation) -> None:
     """Print the design, its sizes, and the mission that the rates are for."""
-    size = sizes(of)
-    route_m = of.places / places_per_metre
+    asked, size = found.question, found.sizes
+    of, mission, density = asked.design, asked.mission, asked.places_per_metre
     say(
         f"{of.pixels} of {of.width} x {of.height} pixels, {of.slots} counters, codes of "
         f"{of.code_bits} bits ({of.code}), {of.places:,} places, {matching(of)}"
     )
     say(
-        f"{size.place_bytes} bytes a place, {size_text(1e3 * places_per_metre * size.place_bytes)} "
-        f"a km at {places_per_metre:g} places a metre ({route_m / 1000:g} km); all memories "
+        f"{size.place_bytes} bytes a place, {size_text(1e3 * density * size.place_bytes)} "
+        f"a km at {density:g} places a metre ({of.places / density / 1000:g} km); all memories "
         f"{size_text(size.packed_bytes)} packed; firmware in C, a byte a code: flash "
         f"{size_text(size.flash_bytes)} of tables, RAM {size_text(size.ram_bytes)}"
     )
@@ -54,9 +79,9 @@ def design(of: Design, mission: Mission, places_per_metre: float) -> None:
     )
 
 
-def work(of: Design, mission: Mission) -> None:
+def _work(found: Estimation) -> None:
     """Print the exact counts."""
-    units, rates = work_of(of), mission.rates
+    units, rates = found.counts, found.question.mission.rates
     header = ["exact counts", *units, "per second"]
     rows = []
     for name in next(iter(units.values())).operations:
@@ -77,25 +102,23 @@ def work(of: Design, mission: Mission) -> None:
     table(header, rows)
 
 
-def costs(
-    of: Design, targets: Sequence[Target], mission: Mission, measured: Constant | None
-) -> None:
+def _costs(found: Estimation) -> None:
     """Print what each target takes: instructions, time, and modelled energy."""
     rows = []
-    for target in targets:
-        found = cost(of, target, mission, measured)
-        told = found.instructions
+    for target in found.question.targets:
+        cost = found.costs[target.name]
+        energy = None if cost.energy_j is None else cost.energy_j["match"]
         rows.append(
             [
                 target.name,
-                _instructions(told, "selected event", found),
-                _instructions(told, "match", found),
-                quantity(found.seconds["match"].central, "s"),
-                busy(found.load),
-                _energy(found, "match"),
-                _watts(found.marginal_w),
-                _watts(found.idle_w),
-                _fits_in(of, target),
+                _instructions(cost, "selected event"),
+                _instructions(cost, "match"),
+                quantity(cost.seconds["match"].central, "s"),
+                busy(cost.load),
+                joules(energy),
+                watts(cost.marginal_w),
+                watts(cost.idle_w),
+                memory_text(found.question.design, target),
             ]
         )
     table(
@@ -106,9 +129,8 @@ def costs(
     say("event and match: i are instructions, c are clock cycles")
 
 
-def units(of: Design, target: Target, mission: Mission, measured: Constant | None) -> None:
+def _units(found: Cost, target: Target, mission: Mission) -> None:
     """Print what each unit of work takes on one target, and a second of the mission."""
-    found = cost(of, target, mission, measured)
     rows = []
     for unit in found.cycles:
         told = "-" if found.instructions is None else f"{found.instructions[unit]:,.0f}"
@@ -135,9 +157,9 @@ def _sum(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
     return total
 
 
-def fits(found: Sequence[Fit], of: Design, target: Target, budgets: Sequence[Budget]) -> None:
+def _fits(found: Sequence[Fit], asked: Question, target: Target) -> None:
     """Print the largest designs within the budgets."""
-    limits = " and ".join(budget.text for budget in budgets)
+    limits = " and ".join(budget.text for budget in asked.budgets)
     rows = [
         ["-" if fit.parameter == "code_bits" else f"{fit.code_bits} bit{'s' * (fit.code_bits > 1)}",
          fit.parameter.replace("code_bits", "bits a code"),
@@ -145,18 +167,17 @@ def fits(found: Sequence[Fit], of: Design, target: Target, budgets: Sequence[Bud
         for fit in found
     ]  # fmt: skip
     say(
-        f"within {limits} on {target.name}: the largest J with K = {of.places:,}; the largest K "
-        f"with J = {of.pixels}; the most bits with both"
+        f"within {limits} on {target.name}: the largest J with K = {asked.design.places:,}; the "
+        f"largest K with J = {asked.design.pixels}; the most bits with both"
     )
     table(["code", "parameter", "largest", "limited by"], rows)
     if target.kind == "processor":
         say("the firmware in C keeps a byte a code, so that fewer bits save it no memory")
-    if any(b.quantity == "watts" for b in budgets) and not target.idle_power:
+    if any(b.quantity == "watts" for b in asked.budgets) and not target.idle_power:
         say("the budget of power is held against what the work adds: power at rest is unknown")
-    say("how well such a design recognises places is not estimated: --accuracy-on tries it")
 
 
-def candidates(found: Sequence[Candidate]) -> None:
+def _candidates(found: Sequence[Candidate]) -> None:
     """Print evaluated designs by accuracy: the best ones, and the best that fits."""
     fitting = [one for one in found if not one.limited_by]
     shown = found if len(found) <= _SHOWN else [*found[:_SHOWN]]
@@ -177,136 +198,7 @@ def candidates(found: Sequence[Candidate]) -> None:
         say(f"and {len(found) - len(shown)} more, less often right (all of them by --json)")
 
 
-def basis(
-    of: Design, targets: Sequence[Target], mission: Mission, measured: Constant | None
-) -> None:
-    """Print what is assumed, what is modelled from which source, and what is unknown."""
-    cited: dict[Constant, None] = {}
-    for target in targets:
-        if target.kind == "processor":
-            told = firmware()[target.core]
-            say(
-                f"{target.name}: instructions of the reference firmware ({told.compiler}, "
-                f"{target.core}); cycles an instruction {_three(target.cpi)}: {target.cpi_source}"
-            )
-        if target.note:
-            say(f"{target.name}: {target.note}")
-        if target.unknown and measured is None:
-            remedy = "; --calibrate takes a profile of your board"
-            say(f"{target.name}: {target.unknown}" + remedy * (target.kind == "processor"))
-        cited |= dict.fromkeys(cost(of, target, mission, measured).basis)
-    for constant in cited:
-        say(
-            f"modelled, {constant.name}: {_three(asdict(constant.value).values())} "
-            f"{constant.unit} (year {constant.year}, {constant.node}): {constant.source}; "
-            f"{constant.uncertainty}"
-        )
-
-
-def as_dict(
-    of: Design,
-    targets: Sequence[Target],
-    mission: Mission,
-    found: Sequence[Fit],
-    measured: Constant | None,
-) -> dict[str, Any]:
-    """Everything as plain values."""
-    return {
-        "schema": 1,
-        "design": of.to_dict(),
-        "mission": asdict(mission),
-        "sizes": asdict(sizes(of)),
-        "counts": {name: asdict(unit) for name, unit in work_of(of).items()},
-        "targets": {t.name: {"energy_is": "modelled"} | asdict(cost(of, t, mission, measured))
-                    for t in targets},
-        "fit": [asdict(fit) for fit in found],
-    }  # fmt: skip
-
-
-def _fits_in(of: Design, target: Target) -> str:
-    if target.kind == "processor":
-        limit = broken_by(of, target, Mission(0.0, 0.0, 1.0), ())
-        return size_text(memory_bytes(of, target)) + (f": over {limit}" if limit else "")
-    if not target.blocks:
-        return size_text(sizes(of).packed_bytes)
-    needed = block_memories(of, target.block_shapes)
-    if needed <= target.blocks:
-        return f"{needed} of {target.blocks} blocks"
-    if target.large_blocks:
-        large, rest = large_and_small_blocks(of, target.large_block_shapes, target.block_shapes)
-        return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large" + (
-            "" if rest <= target.blocks and large <= target.large_blocks else ": too many"
-        )
-    return f"{needed} of {target.blocks} blocks: too many"
-
-
-def _instructions(told: dict[str, float] | None, unit: str, found: Cost) -> str:
-    if told is not None:
-        return f"{told[unit]:,.0f} i"
+def _instructions(found: Cost, unit: str) -> str:
+    if found.instructions is not None:
+        return f"{found.instructions[unit]:,.0f} i"
     return f"{found.cycles[unit].central:,.0f} c"
-
-
-def busy(load: Spread) -> str:
-    """Tell the share of the time that a target is busy, and where it cannot keep up."""
-    if load.low >= 1:
-        return "overloaded"
-    return f"{load.central:.3%}" if load.high < 1 else f"{load.central:.0%}: may be overloaded"
-
-
-def _energy(found: Cost, unit: str) -> str:
-    return UNKNOWN if found.energy_j is None else spread(found.energy_j[unit], "J")
-
-
-def joules(value: Spread | None) -> str:
-    """Tell an energy, or that it is unknown."""
-    return UNKNOWN if value is None else spread(value, "J")
-
-
-def _watts(value: Spread | None) -> str:
-    return UNKNOWN if value is None else spread(value, "W")
-
-
-def spread(value: Spread, unit: str) -> str:
-    """Central, and low to high, in one unit that suits the central value."""
-    return quantity(value.central, unit, value.low, value.high)
-
-
-def _three(values: Iterable[float]) -> str:
-    low, central, high = values
-    return f"{central:g} ({low:g} to {high:g})"
-
-
-def times(theirs: float, ours: float) -> str:
-    """Tell how many times ours theirs is."""
-    return f"{theirs / ours:,.3g}" if ours else "-"
-
-
-def size_text(number: float) -> str:
-    """Tell bytes, in KiB where they are many."""
-    return f"{number:,.0f} B" if number < 10_240 else f"{number / 1024:,.1f} KiB"
-
-
-def say(text: str) -> None:
-    """Print a line."""
-    _console().print(text, highlight=False, markup=False)
-
-
-def count(value: Spread) -> str:
-    """Tell cycles: central, and low to high."""
-    if value.low == value.high:
-        return f"{value.central:,.0f}"
-    return f"{value.central:,.0f} ({value.low:,.0f} to {value.high:,.0f})"
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table."""
-    shown = Table()
-    for i, title in enumerate(header):
-        shown.add_column(title, justify="left" if i == 0 else "right")
-    for row in rows:
-        shown.add_row(*row)
-    _console().print(shown)
-
-
-def _console() -> Console:
-    return Console() if Console().is_terminal else Console(width=_WIDTH)

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.precounted import PublishedWindows
-from edge_vpr.evaluation.ground_truth import from_tracks, load_nmea
 from edge_vpr.evaluation.metrics import RECALL_AT, Evaluation, evaluate
+from edge_vpr.evaluation.track_files import load_nmea
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import map_traverse, match_traverse
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.trial import markdown_table

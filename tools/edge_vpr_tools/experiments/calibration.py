@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr import __version__
-from edge_vpr.confidence import Confidence
+from edge_vpr.confidence import DEFAULT_TABLE, SMOOTHED_TABLE, Confidence
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
-from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.rejection import judge_rejection
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import count_windows, map_traverse
 from edge_vpr.settings import PRESETS, QueryMean
 from edge_vpr.simulate import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
@@ -99,7 +99,7 @@ def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
                 changes = {
                     "pixels": pixels,
                     "window": window,
-                    "events_per_pixel": 0.0,
+                    "events_per_pixel": None,
                     "seed": seed,
                 }
                 settings = PRESETS["default"].replaced(changes, "calibration")
@@ -142,7 +142,7 @@ def versions_of(
     """
     means: tuple[QueryMean, ...] = ("own", "running")
     for mean in means:
-        case = _with_mean(street.case, mean)
+        case = with_settings(street.case, query_mean=mean)
         places, windows = len(case.reference), len(case.counted)
         first = int(rng.integers(0, 3 * places // 4))
         versions = {
@@ -160,8 +160,9 @@ def versions_of(
             yield name, sample(version)
 
 
-def _with_mean(case: Case, mean: QueryMean) -> Case:
-    settings = case.reference.settings.replaced({"query_mean": mean}, "calibration")
+def with_settings(case: Case, **changes: object) -> Case:
+    """Return a case whose map has other settings for matching."""
+    settings = case.reference.settings.replaced(changes, "calibration")
     return replace(case, reference=replace(case.reference, settings=settings))
 
 
@@ -183,7 +184,7 @@ def write_table(path: Path, confidence: Confidence, seeds: int, learnt: Sample) 
     """Write a table as the package ships it, with where it comes from, atomically."""
     right, off_map = learnt.correct.mean(), 1 - learnt.has_place.mean()
     made = {
-        "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table FILE",
+        "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
         "version": __version__,
         "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
         "right": round(float(right), 4),
@@ -199,7 +200,7 @@ def write_table(path: Path, confidence: Confidence, seeds: int, learnt: Sample) 
 def run(
     data: object, seeds: int, on_start: Callable[[str], None], table: Path | None = None
 ) -> str:
-    """Learn the table on simulated streets, as Markdown.
+    """Learn both tables on simulated streets, as Markdown.
 
     Parameters
     ----------
@@ -210,24 +211,51 @@ def run(
     on_start : callable
         Told which street begins.
     table : path, optional
-        Where to write the table.
+        Folder to write the two tables to.
     """
-    rng = np.random.default_rng(_CUTS)
-    found: list[Sample] = []
-    held: dict[str, list[Sample]] = {}
+    lots = {smooth: _Lot(smooth) for smooth in (False, True)}
     live: dict[str, list[Case]] = {}
     for street in streets(seeds + JUDGED, on_start):
         judging = street.seed >= FIRST_SEED + seeds
         if judging:
             settings = street.case.reference.settings
             name = f"{settings.pixels} px, windows of fixed {settings.window}"
-            live.setdefault(name, []).append(_with_mean(street.case, "running"))
-        for name, some in versions_of(street, rng, carried=judging):
-            (held.setdefault(name, []) if judging else found).append(some)
-    learnt = joined(found)
-    confidence = learn_confidence(learnt.trust, learnt.correct)
-    if table is not None:
-        write_table(table, confidence, seeds, learnt)
+            case = with_settings(street.case, query_mean="running", smooth=False)
+            live.setdefault(name, []).append(case)
+        for lot in lots.values():
+            lot.take(street, judging)
+    parts = []
+    for smooth, lot in lots.items():
+        learnt = joined(lot.found)
+        confidence = learn_confidence(learnt.trust, learnt.correct)
+        if table is not None:
+            write_table(table / (SMOOTHED_TABLE if smooth else DEFAULT_TABLE), confidence, seeds,
+                        learnt)  # fmt: skip
+        parts += ["Smoothed:" if smooth else "Window by window:",
+                  f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
+                  f"{1 - learnt.has_place.mean():.3f} off the map",
+                  _steps(confidence), _judged(confidence, lot.held)]  # fmt: skip
+        if not smooth:
+            rows = [first_row(name, confidence, live[name]) for name in live]
+            parts += ["Switched on in mid-route:", markdown_table(HEADER, rows)]
+    return "\n\n".join(parts)
+
+
+class _Lot:
+    """Matches of all streets, smoothed or not: to learn from, and by version to judge."""
+
+    def __init__(self, smooth: bool) -> None:
+        self._smooth, self._rng = smooth, np.random.default_rng(_CUTS)
+        self.found: list[Sample] = []
+        self.held: dict[str, list[Sample]] = {}
+
+    def take(self, street: Street, judging: bool) -> None:
+        street = street._replace(case=with_settings(street.case, smooth=self._smooth))
+        for name, some in versions_of(street, self._rng, carried=judging):
+            (self.held.setdefault(name, []) if judging else self.found).append(some)
+
+
+def _steps(confidence: Confidence) -> str:
     rows = [
         [f"{trust:,}", f"{probability:.3f}", f"{precision:.3f}", f"{matches:,}"]
         for trust, probability, precision, matches in zip(
@@ -238,13 +266,7 @@ def run(
             strict=True,
         )
     ]
-    header = ("trust from", "probability", "precision from here up", "matches")
-    return (
-        f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
-        f"{1 - learnt.has_place.mean():.3f} off the map\n\n{markdown_table(header, rows)}\n\n"
-        f"{_judged(confidence, held)}\n\nSwitched on in mid-route:\n\n"
-        f"{markdown_table(HEADER, [first_row(name, confidence, live[name]) for name in live])}"
-    )
+    return markdown_table(("trust from", "probability", "precision from here up", "matches"), rows)
 
 
 def _judged(confidence: Confidence, held: dict[str, list[Sample]]) -> str:

@@ -16,9 +16,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.precounted import PublishedWindows
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, from_tracks, load_nmea
+from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.matches import match_descriptors
+from edge_vpr.evaluation.track_files import load_nmea
+from edge_vpr.evaluation.truth_from_alignment import from_alignment
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import EventSource, WindowSource, coded_map, describe, map_traverse
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings

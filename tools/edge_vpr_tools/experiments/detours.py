@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 
 

@@ -16,12 +16,15 @@ from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.metrics import Evaluation, Score, evaluate
-from edge_vpr.matching.matches import match_descriptors
-from edge_vpr.pipeline import coded_map, count_windows, map_traverse
+from edge_vpr.evaluation.metrics import Evaluation, evaluate
+from edge_vpr.matching.matches import Matches
+from edge_vpr.odometry import Odometry
+from edge_vpr.pipeline import coded_map, count_windows, map_traverse, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings.choices import Score
 from edge_vpr.simulate import QUERY, Drive, Light, SimulatedRecording, simulate_pair
+from edge_vpr.simulate.odometer import wheel_odometry
 from edge_vpr_tools.experiments import codes_frontier
 from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
@@ -29,9 +32,11 @@ from edge_vpr_tools.report.style import CYCLE, figure, save
 
 FOLDER = codes_frontier.FOLDER
 FIRST_SEED = 10
+_WHEELS = 9  # random stream of the odometers
 
-_FILTER = {"matching": "filter", "anchor": "end"}
-_LOG = {"counter_code": "log"}
+_FILTER = {"matching": "filter", "anchor": "end", "score": None}
+_SMOOTH = {"smooth": True}
+_LOG = {"counter_code": "log", "score": None}
 _OWN = {**_LOG, "counter_scaling": "own-mean"}
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "sequences of 5, counts (the paper)": {"sequence_length": 5},
@@ -40,10 +45,12 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "sequences of 10, own mean": {**_OWN, "sequence_length": 10},
     "place filter, counts": _FILTER,
     "place filter, 3-bit log": {**_FILTER, **_LOG},
-    "place filter, own mean (default)": {**_FILTER, **_OWN},
+    "place filter, own mean": {**_FILTER, **_OWN},
     "place filter, running mean (robot)": {**_FILTER, **_OWN, "query_mean": "running"},
+    "place filter, own mean, smoothed (default)": {**_FILTER, **_OWN, **_SMOOTH},
 }
-BEST = "place filter, own mean (default)"
+BEST = "place filter, own mean, smoothed (default)"
+ROBOT = "place filter, running mean (robot)"
 SCORES: tuple[Score, ...] = ("distance", "ratio", "margin", "trust")
 #: what the sensitivity plot varies, around the default
 SWEEPS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
@@ -78,19 +85,40 @@ class Counted(NamedTuple):
     queries : Descriptors
         Counts.
     truth : GroundTruth
+    odometry : Odometry or None
+        Of the query.
     """
 
     settings: Settings
     reference: ReferenceMap
     queries: Descriptors
     truth: GroundTruth
+    odometry: Odometry | None = None
 
-    def evaluated(self, changes: Mapping[str, Any], score: Score | None = None) -> Evaluation:
+    def matched(self, changes: Mapping[str, Any], odometry: Odometry | None = None) -> Matches:
+        """Match with these settings in place of the pair's."""
+        coded = coded_map(self.reference, self.settings.replaced(changes, "variant"))
+        return match_query(coded, coded.coded(self.queries), odometry)
+
+    def evaluated(
+        self,
+        changes: Mapping[str, Any],
+        score: Score | None = None,
+        odometry: Odometry | None = None,
+    ) -> Evaluation:
         """Match with these settings in place of the pair's, and evaluate."""
-        settings = self.settings.replaced(changes, "variant")
-        coded = coded_map(self.reference, settings)
-        matches = match_descriptors(coded.places, coded.coded(self.queries), settings)
-        return evaluate(matches, self.truth, score=score)
+        return evaluate(self.matched(changes, odometry), self.truth, score=score)
+
+    def right_from(self, changes: Mapping[str, Any], window: int) -> float:
+        """Return the share of right matches from this window on, and before the last few.
+
+        Those are the windows that sequences of twice the length, plus 1, answer for.
+        """
+        found = self.evaluated(changes)
+        counted = found.evaluated.copy()
+        counted[:window] = False
+        counted[len(counted) - window + 1 :] = False
+        return float(found.correct[counted].mean())
 
 
 def counted_pairs(
@@ -132,17 +160,21 @@ def _street(seed: int, on_start: Callable[[str], None]) -> Iterator[tuple[str, C
     on_start(f"street {seed}: the reference")
     reference, query = simulate_pair(seed)
     reference.keep()
+    rng = np.random.default_rng((seed, _WHEELS))
+    meter = wheel_odometry(reference.track, rng)
     for name, drive in STREETS.items():
         on_start(f"{name} {seed}")
         other = SimulatedRecording(
             query.world, query.camera, drive, seed=query.seed, device=query.device
         ).keep()
+        wheel = wheel_odometry(other.track, rng)
         for pixels in (25, 150):
             settings = PRESETS["paper"].replaced({"pixels": pixels, "seed": seed}, "street")
             mapped = map_traverse(reference, settings)
             queries = count_windows(other, mapped.pixel_map, settings)
             truth = truth_of_pair(reference, other)(mapped.places.centre_us, queries.centre_us)
-            yield f"{name}, {pixels} px", Counted(settings, mapped, queries, truth)
+            mapped = replace(mapped, odometer_mm=meter.along(mapped.places.centre_us))
+            yield f"{name}, {pixels} px", Counted(settings, mapped, queries, truth, wheel)
 
 
 def run(
@@ -170,8 +202,15 @@ def run(
         [
             "P@100R / R@99P of every variant, each by its own score:",
             ablation(pairs),
-            f"R@99P of {BEST} by what is thresholded:",
-            by_score(pairs),
+            "P@100R over the windows that sequences of 10 answer for:",
+            started(pairs),
+            "P@100R / R@99P with wheel odometry:",
+            with_odometry(pairs),
+            *(
+                text
+                for name in (BEST, ROBOT, "sequences of 10, own mean")
+                for text in (f"R@99P of {name} by what is thresholded:", by_score(pairs, name))
+            ),
         ]
     )
 
@@ -191,13 +230,48 @@ def ablation(pairs: Mapping[str, Sequence[Counted]]) -> str:
     return markdown_table(("drives", *VARIANTS), rows)
 
 
-def by_score(pairs: Mapping[str, Sequence[Counted]]) -> str:
-    """Set R@99P of the default by each score as a Markdown table."""
+def started(pairs: Mapping[str, Sequence[Counted]]) -> str:
+    """Set P@100R without the first and last windows as a Markdown table."""
+    names = ("sequences of 10, own mean", "place filter, own mean", BEST)
+    rows = [
+        [
+            pair,
+            *(
+                str(Summary([trial.right_from(VARIANTS[name], 5) for trial in trials]))
+                for name in names
+            ),
+        ]
+        for pair, trials in pairs.items()
+    ]
+    return markdown_table(("drives", *names), rows)
+
+
+def with_odometry(pairs: Mapping[str, Sequence[Counted]]) -> str:
+    """Set the filter's figures without and with odometry as a Markdown table."""
+    header = ["drives"]
+    rows = [[name] for name, trials in pairs.items() if trials[0].odometry is not None]
+    for variant in (ROBOT, BEST):
+        for used in (False, True):
+            header.append(variant + (", odometry" if used else ""))
+            for row in rows:
+                found = [
+                    trial.evaluated(VARIANTS[variant], None, trial.odometry if used else None)
+                    for trial in pairs[row[0]]
+                ]
+                row.append(
+                    f"{Summary([f.precision_at_100_recall for f in found])} / "
+                    f"{np.mean([f.recall_at_99_precision for f in found]):.2f}"
+                )
+    return markdown_table(header, rows)
+
+
+def by_score(pairs: Mapping[str, Sequence[Counted]], variant: str) -> str:
+    """Set R@99P of a variant by each score as a Markdown table."""
     rows = []
     for name, trials in pairs.items():
         row = [name]
         for score in SCORES:
-            found = [trial.evaluated(VARIANTS[BEST], score) for trial in trials]
+            found = [trial.evaluated(VARIANTS[variant], score) for trial in trials]
             row.append(str(Summary([f.recall_at_99_precision for f in found])))
         rows.append(row)
     return markdown_table(("drives", *SCORES), rows)

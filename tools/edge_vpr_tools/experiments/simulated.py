@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
@@ -26,7 +27,7 @@ DEFAULT = "150 varying pixels, place filter (default)"
 DEFAULT_FEW = "25 varying pixels, place filter"
 _FILTERED = {
     name: getattr(PRESETS["default"], name)
-    for name in ("matching", "counter_code", "counter_scaling", "anchor")
+    for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
 }
 BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
 CODED = "150 varying pixels, fixed N, 3-bit log"

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.truth_from_alignment import from_alignment, load_alignment
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.trial import (

@@ -15,7 +15,8 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.events import Events, Sensor
-from edge_vpr.matching.matches import Matches, match_descriptors
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import EventSource, describe_query, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -71,6 +72,15 @@ class Trial:
         """Time to match one query window against the whole map, warm."""
         return 1e6 * self.matching_s / len(self.matches)
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures as values that JSON can hold."""
+        return {
+            **self.evaluation.to_dict(),
+            "bytes_per_place": self.reference.packed_bytes_per_place,
+            "microseconds_per_match": self.microseconds_per_match,
+            "places": len(self.reference),
+        }
+
 
 def run_trial(
     reference: EventSource,
@@ -85,7 +95,7 @@ def run_trial(
     average at the same pixels, so that the two kinds of window are compared fairly (paper, IV-C).
     """
     # N from the reference, where windows are counted
-    settings = settings.replaced({"events_per_pixel": 0.0, **variant.changes}, variant.name)
+    settings = settings.replaced({"events_per_pixel": None, **variant.changes}, variant.name)
     mapped = map_traverse(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)

@@ -9,14 +9,14 @@ import numpy as np
 
 from edge_vpr.confidence import Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
-from edge_vpr.evaluation.ground_truth import load_nmea
 from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.evaluation.rejection import Rejection, judge_rejection
+from edge_vpr.evaluation.track_files import load_nmea
 from edge_vpr.evaluation.tracks import distances
 from edge_vpr.pipeline import count_windows, map_traverse
-from edge_vpr.settings import PRESETS, QueryMean
+from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments import brisbane
-from edge_vpr_tools.experiments.calibration import Sample, joined, sample
+from edge_vpr_tools.experiments.calibration import Sample, joined, sample, with_settings
 from edge_vpr_tools.experiments.codes_frontier import FOLDER, Pair, pairs
 from edge_vpr_tools.experiments.detours import Case, carried_off, without_places
 from edge_vpr_tools.experiments.switching_on import HEADER, first_row
@@ -45,40 +45,63 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
     figure : path, optional
         Where to draw the reliability diagram of all pairs together.
     """
-    table = default_confidence()
-    whole, cut, carried, first = [], [], [], []
-    everything = []
+    rows = {smooth: _Rows() for smooth in (True, False)}
+    first, everything = [], []
     for pair in pairs(data):
         if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels stand for Brisbane
             on_start(pair.name)
             drawn = list(cases(pair, seeds))
             last = drawn[0]  # the last pair is Brisbane, the one with tracks
-            found = [sample(case) for case in drawn]
-            everything += found
-            whole.append(_whole_row(pair.name, table, found))
-            pieces = [without_places(case, *_piece(case, pair)) for case in drawn]
-            cut.append(_rejection_row(pair.name, table, [sample(case) for case in pieces]))
-            jumps = [_carried(case) for case in drawn]
-            carried.append(_rejection_row(pair.name, table, [sample(case) for case in jumps]))
-            first.append(first_row(pair.name, table, list(cases(pair, min(seeds, 2), "running"))))
+            for smooth, tables in rows.items():
+                found = tables.add(pair, [with_settings(case, smooth=smooth) for case in drawn])
+                everything += found if smooth else []
+            live = [
+                with_settings(case, query_mean="running", smooth=False)
+                for case in drawn[: min(seeds, 2)]
+            ]
+            first.append(first_row(pair.name, default_confidence(), live))
     if figure is not None:
         pooled = joined(everything)
-        given = table.probability_of(pooled.trust)
+        given = default_confidence(smoothed=True).probability_of(pooled.trust)
         save(reliability_diagram(reliability(given, pooled.correct)), figure)
-    rejected = ("drives", "right of those on the map", "found at 99 % precision over all",
-                "AUROC off the map", "error, all draws", "accepted", "precision",
-                "recall")  # fmt: skip
-    return "\n\n".join([
-        "Whole drives:",
-        markdown_table(
-            ("drives", "right", "mean probability", "error, all draws", "error, one draw",
-             "error, halves", "accepted at 0.99", "precision", "recall"), whole),
-        "A piece of the map cut out:", markdown_table(rejected, cut),
-        "Carried off twice:", markdown_table(rejected, carried),
-        "Switched on in mid-route:",
-        markdown_table(HEADER, first),
-        _intervals(data, last),
-    ])  # fmt: skip
+    parts = []
+    for smooth, tables in rows.items():
+        how = "smoothed" if smooth else "window by window"
+        parts += [
+            f"Whole drives, {how}:",
+            markdown_table(
+                ("drives", "right", "mean probability", "error, all draws", "error, one draw",
+                 "error, halves", "accepted at 0.99", "precision", "recall"), tables.whole),
+            f"A piece of the map cut out, {how}:", markdown_table(_REJECTED, tables.cut),
+            f"Carried off twice, {how}:", markdown_table(_REJECTED, tables.carried),
+        ]  # fmt: skip
+    parts += ["Switched on in mid-route:", markdown_table(HEADER, first), _intervals(data, last)]
+    return "\n\n".join(parts)
+
+
+_REJECTED = ("drives", "right of those on the map", "found at 99 % precision over all",
+             "AUROC off the map", "error, all draws", "accepted", "precision",
+             "recall")  # fmt: skip
+
+
+class _Rows:
+    """Rows of the tables of one way to match."""
+
+    def __init__(self) -> None:
+        self.whole: list[list[str]] = []
+        self.cut: list[list[str]] = []
+        self.carried: list[list[str]] = []
+
+    def add(self, pair: Pair, drawn: list[Case]) -> list[Sample]:
+        """Judge the shipped table on a pair; return the matches of its whole drives."""
+        table = default_confidence(drawn[0].reference.settings.smooth)
+        found = [sample(case) for case in drawn]
+        self.whole.append(_whole_row(pair.name, table, found))
+        pieces = [sample(without_places(case, *_piece(case, pair))) for case in drawn]
+        self.cut.append(_rejection_row(pair.name, table, pieces))
+        jumps = [sample(_carried(case)) for case in drawn]
+        self.carried.append(_rejection_row(pair.name, table, jumps))
+        return found
 
 
 def _intervals(data: Path, case: Case) -> str:
@@ -103,7 +126,7 @@ def _intervals(data: Path, case: Case) -> str:
     )
 
 
-def cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
+def cases(pair: Pair, seeds: int) -> Iterator[Case]:
     """Map and describe a pair with the default settings, once for each draw of pixels.
 
     Parameters
@@ -111,8 +134,6 @@ def cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
     pair : Pair
     seeds : int
         Draws of pixels.
-    mean : {"own", "running"}
-        Of the query.
 
     Yields
     ------
@@ -124,7 +145,6 @@ def cases(pair: Pair, seeds: int, mean: QueryMean = "own") -> Iterator[Case]:
                 "pixels": pair.settings.pixels,
                 "strategy": pair.settings.strategy,
                 "seed": seed,
-                "query_mean": mean,
             },
             "trust",
         )

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from edge_vpr.pipeline import Removed
 from edge_vpr.settings import Settings
 from edge_vpr_tools.output.messages import warning
+from edge_vpr_tools.output.provenance import RemovedEvents
 
 #: a larger share of the events is not what single bursts of a sensor make
 MUCH = 0.05
@@ -19,14 +18,9 @@ def describe_removed(removed: Removed, settings: Settings) -> str:
     return f"; {removed.burst_events:,} events ({removed.burst_share:.1%}) removed as bursts"
 
 
-def removed_record(removed: Removed, hot_pixels: int) -> dict[str, Any]:
+def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
     """Return the same for `run.json`."""
-    return {
-        "events_read": removed.events,
-        "burst_events": removed.burst_events,
-        "burst_share": removed.burst_share,
-        "hot_pixels": hot_pixels,
-    }
+    return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)
 
 
 def warn_if_much(removed: Removed, path: str, remedy: str) -> None:

@@ -1,4 +1,4 @@
-"""What a run was: command, settings, versions, machine, and the files it read."""
+"""The record of a run: command, settings, versions, machine, and the files it read."""
 
 from __future__ import annotations
 
@@ -8,18 +8,91 @@ import json
 import platform
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from edge_vpr.archive import damaged, replacing
 from edge_vpr.errors import MapError
+from edge_vpr_tools.output.json_records import LEFT_OUT, to_json
 
 #: longer files are told by their size and beginning: hashing 3 GB takes longer than mapping them
 _HASHED_BYTES = 64 << 20
 
 
-def run_record(settings: Mapping[str, Any], inputs: Iterable[str | Path]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Machine:
+    """The operating system, and the processor as the system names it."""
+
+    system: str
+    processor: str
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that was read, with its hash.
+
+    Attributes
+    ----------
+    path : str
+    bytes : int
+    sha256 : str
+        Of what `sha256_of` says: ``file``, or its first bytes.
+    sha256_of : str
+    """
+
+    path: str
+    bytes: int
+    sha256: str
+    sha256_of: str
+
+
+@dataclass(frozen=True)
+class RemovedEvents:
+    """Events that cleaning left out of a recording."""
+
+    events_read: int
+    burst_events: int
+    burst_share: float
+    hot_pixels: int
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """A run: what `run.json` holds.
+
+    Attributes
+    ----------
+    schema : int
+    command : tuple of str
+    finished_utc : str
+        ISO 8601.
+    settings : mapping
+        Plain values by name.
+    versions : mapping of str to str
+        Of Python and the libraries that compute.
+    machine : Machine
+    inputs : tuple of InputFile
+    removed : RemovedEvents or None
+        None where the run cleaned no recording.
+    """
+
+    schema: int
+    command: tuple[str, ...]
+    finished_utc: str
+    settings: Mapping[str, Any]
+    versions: dict[str, str]
+    machine: Machine
+    inputs: tuple[InputFile, ...]
+    removed: RemovedEvents | None = field(default=None, metadata=LEFT_OUT)
+
+
+def run_record(
+    settings: Mapping[str, Any],
+    inputs: Iterable[str | Path],
+    removed: RemovedEvents | None = None,
+) -> RunRecord:
     """Describe this run, for `run.json`.
 
     Parameters
@@ -27,24 +100,25 @@ def run_record(settings: Mapping[str, Any], inputs: Iterable[str | Path]) -> dic
     settings : mapping
     inputs : iterable of path
         Files or folders that were read.
+    removed : RemovedEvents, optional
+        By cleaning.
 
     Returns
     -------
-    dict
-        Values that JSON can hold.
+    RunRecord
     """
-    return {
-        "schema": 1,
-        "command": sys.argv,
-        "finished_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "settings": dict(settings),
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("edge-vpr", "numpy", "numba")},
-        },
-        "machine": {"system": platform.platform(), "processor": processor_name()},
-        "inputs": [_file_record(file) for path in inputs for file in _files(Path(path))],
-    }
+    versions = {"python": platform.python_version()}
+    versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
+    return RunRecord(
+        schema=1,
+        command=tuple(sys.argv),
+        finished_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        settings=dict(settings),
+        versions=versions,
+        machine=Machine(platform.platform(), processor_name()),
+        inputs=tuple(_input_file(file) for path in inputs for file in _files(Path(path))),
+        removed=removed,
+    )
 
 
 def processor_name() -> str:
@@ -60,10 +134,10 @@ def processor_name() -> str:
     return platform.processor() or platform.machine()
 
 
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write values as indented JSON, atomically."""
+def write_json(path: Path, values: object) -> None:
+    """Write a record, or values by name, as indented JSON, atomically."""
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(to_json(values), indent=2) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path, remedy: str) -> dict[str, Any]:
@@ -85,9 +159,9 @@ def _files(path: Path) -> list[Path]:
     return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
 
 
-def _file_record(path: Path) -> dict[str, Any]:
+def _input_file(path: Path) -> InputFile:
     size = path.stat().st_size
     with path.open("rb") as file:
         digest = hashlib.sha256(file.read(_HASHED_BYTES)).hexdigest()
     covers = "file" if size <= _HASHED_BYTES else f"first {_HASHED_BYTES} bytes"
-    return {"path": str(path), "bytes": size, "sha256": digest, "sha256_of": covers}
+    return InputFile(str(path), size, digest, covers)

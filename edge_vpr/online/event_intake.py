@@ -1,0 +1,92 @@
+"""Events before the kernels see them: in time order, on the sensor, and at selected pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.descriptors.counters import select_events
+from edge_vpr.errors import EventError
+from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events
+
+_EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
+#: Up to so many events are looked up in one pass.
+_FEW = 64
+
+
+def selected_in_order(
+    table: npt.NDArray[np.signedinteger], events: Events, floor_us: int, polarity: bool
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """Find the events at selected pixels, and check that time does not run backwards.
+
+    Parameters
+    ----------
+    table : ndarray of int16 or int32, shape (height, width)
+        Of `PixelMap.table`.
+    events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+        At least one.
+    floor_us : int
+        No event may be earlier: the time of the last event before these, or until which time has
+        passed without any.
+    polarity : bool
+        Give OFF events slots of their own.
+
+    Returns
+    -------
+    slots : ndarray of int32, shape (m,)
+    times : ndarray of int64, shape (m,)
+
+    Raises
+    ------
+    EventError
+        If time runs backwards or a pixel lies off the sensor.
+    """
+    if events.size <= _FEW and events.dtype == EVENT_DTYPE:
+        slots, times = np.empty(events.size, dtype=np.int32), np.empty(events.size, dtype=np.int64)
+        off_slots = int(table.max()) + 1 if polarity else 0
+        found = _few_in_order(table, events, floor_us, off_slots, slots, times)
+        if found >= 0:
+            return slots[:found], times[:found]
+    t = events["t"]
+    if t[0] < floor_us or t[-1] < t[0]:
+        raise EventError(
+            f"time runs backwards, from {floor_us} to {min(t[0], t[-1])} us: sort the events, or "
+            "drop the late ones"
+        )
+    if t[-1] > TIME_LIMIT_US:
+        raise EventError(
+            f"an event at {t[-1]} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
+        )
+    some_slots, some_times = [], []
+    for begin in range(0, events.size, _EVENTS_AT_ONCE):
+        some = events[begin : begin + _EVENTS_AT_ONCE]
+        p = some["p"] if polarity else None
+        index, selected = select_events(table, some["x"], some["y"], p)
+        some_slots.append(selected)
+        some_times.append(some["t"][index])
+    joined = np.concatenate(some_times)
+    if joined.size and (np.any(joined[1:] < joined[:-1]) or joined[0] < t[0] or joined[-1] > t[-1]):
+        raise EventError("time runs backwards within the chunk: sort the events, or drop some")
+    return np.concatenate(some_slots), joined
+
+
+@njit(cache=True, nogil=True)
+def _few_in_order(table, events, floor, off_slots, slots, times):  # type: ignore[no-untyped-def]
+    """Do the same in one pass, without columns; -1 if anything is wrong, which is told elsewhere.
+
+    Of an event alone, the checks of columns take longer than all the rest.
+    """
+    last, n = floor, 0
+    for i in range(events.size):
+        event = events[i]
+        x, y, t = event["x"], event["y"], event["t"]
+        if t < last or t > TIME_LIMIT_US or y >= table.shape[0] or x >= table.shape[1]:
+            return -1
+        last = t
+        slot = table[y, x]
+        if slot >= 0:
+            slots[n] = slot + (0 if event["p"] else off_slots)
+            times[n] = t
+            n += 1
+    return n

@@ -1,0 +1,62 @@
+"""The part of a map that a saved localiser holds: what it searches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from edge_vpr.archive import Arrays
+from edge_vpr.confidence import Confidence
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.events import Sensor
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+
+
+def map_arrays(reference: ReferenceMap) -> Arrays:
+    """Return what `searched_map` needs of a map, as arrays of an archive, without its places."""
+    arrays: Arrays = {"pixel_x": reference.pixel_map.x, "pixel_y": reference.pixel_map.y}
+    if reference.full_scale is not None:
+        arrays["full_scale"] = reference.full_scale
+    if reference.mean is not None:
+        arrays["mean"] = reference.mean
+    if reference.jumps is not None:
+        arrays["jumps"] = reference.jumps
+    if reference.confidence is not None:
+        arrays |= reference.confidence.to_arrays()
+    if reference.settings.matching == "filter":
+        arrays["activity"] = reference.places.activity
+        if reference.along_mm is not None:
+            arrays["odometer_mm"] = reference.along_mm
+    return arrays
+
+
+def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
+    """Build a map of what a localiser needs of it, without times and figures.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Of `map_arrays`, and ``places``.
+    meta : mapping
+        With ``sensor`` and ``settings``.
+    """
+    pixel_map = PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"])
+    sensor = pixel_map.sensor
+    no_times = np.zeros(len(arrays["places"]), dtype=np.int64)
+    figures = np.broadcast_to(np.float32(0), (sensor.height, sensor.width))
+    return ReferenceMap(
+        Settings.from_dict(meta["settings"]),
+        pixel_map,
+        Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
+        saliency=figures,
+        hot=np.broadcast_to(np.False_, figures.shape),
+        full_scale=arrays.get("full_scale"),
+        mean=arrays.get("mean"),
+        confidence=Confidence.from_arrays(arrays),
+        jumps=arrays.get("jumps"),
+        odometer_mm=arrays.get("odometer_mm"),
+    )

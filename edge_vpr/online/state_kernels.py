@@ -1,0 +1,117 @@
+"""Kernels of the sliding windows: events enter, age from lag to lag, and change the distances."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from edge_vpr.online.vector_kernels import MAX_STEPS, update_blocks
+
+# What is called for every event takes its arrays one by one, or is inlined: reading an array out of
+# the state counts a reference, which takes longer than the event's own bookkeeping.
+
+
+@njit(cache=True, nogil=True, inline="always")
+def note(moves, totals, slot, left):
+    """Note that an event at `slot` has left the lag `left` (-1: it is new)."""
+    at = totals[0].moves
+    moves[at].slot = slot
+    moves[at].left = left
+    totals[0].moves = at + 1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def age(time, slot, bound, moves, totals, tau, n, until):
+    """Note the moves of events that grow too old for their lag by T = `until`.
+
+    Windows of a number of events make room for one more instead.
+
+    Returns
+    -------
+    bool
+        False if there is no room for more moves: take them, and call again.
+    """
+    mask = time.size - 1
+    for lag in range(bound.size - 1):
+        oldest = until - (lag + 1) * tau
+        while (
+            tau > 0 and bound[lag + 1] < bound[lag] and time[bound[lag + 1] & mask] < oldest
+        ) or (n > 0 and bound[0] - bound[lag + 1] >= (lag + 1) * n):
+            if totals[0].moves == len(moves):
+                return False
+            note(moves, totals, slot[bound[lag + 1] & mask], lag)
+            bound[lag + 1] += 1
+    return True
+
+
+@njit(cache=True, nogil=True)
+def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
+    """Bring counters and distances up to date with the moves noted; arrays are those of `s`."""
+    total = totals[0]
+    lags = counts.shape[0]
+    arrivals = expiries = 0
+    for m in range(total.moves):
+        slot, left = moves[m].slot, moves[m].left
+        for lag in range(max(left, 0), min(left + 2, lags)):
+            up = -1 if lag == left else 1
+            less = counts[lag, slot] + min(up, 0)
+            counts[lag, slot] += up
+            first, last = less, less + 1
+            if code.size > 0:
+                table = counters[slot].table
+                first = np.int64(code[table, min(first, code.shape[1] - 1)])
+                last = np.int64(code[table, min(last, code.shape[1] - 1)])
+            for step in range(first, last):
+                # where the whole map lies on one side, every place changes by the same
+                if step >= counters[slot].high:
+                    total.common += up
+                    continue
+                if step < counters[slot].low:
+                    total.common -= up
+                    continue
+                if arrivals + expiries == MAX_STEPS:
+                    update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
+                    arrivals = expiries = 0
+                if up > 0:
+                    at = arrivals
+                    arrivals += 1
+                else:
+                    expiries += 1
+                    at = MAX_STEPS - expiries
+                steps[0, at] = slot * total.stride + lags - 1 - lag
+                steps[1, at] = step
+    total.moves = 0
+    if arrivals + expiries > 0:
+        update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
+
+
+@njit(cache=True, nogil=True)
+def settle(s):
+    """Bring counters and distances of the state up to date with the moves noted."""
+    take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.steps)
+
+
+@njit(cache=True, nogil=True)
+def advance(s, until):
+    """Let time pass to T = `until`; windows of a number of events do not notice."""
+    if s.tau > 0:
+        while not age(s.time, s.slot, s.bound, s.moves, s.totals, s.tau, 0, until):
+            settle(s)
+
+
+@njit(cache=True, nogil=True)
+def push(s, slot, time):
+    """Take the next selected event; False if the ring is full: let it grow, and call again."""
+    while not (
+        age(s.time, s.slot, s.bound, s.moves, s.totals, s.tau, s.n, time + 1)
+        and s.totals[0].moves < len(s.moves)
+    ):
+        settle(s)
+    mask = s.slot.size - 1
+    if s.bound[0] - s.bound[-1] > mask:
+        return False
+    s.slot[s.bound[0] & mask] = slot
+    s.time[s.bound[0] & mask] = time
+    s.bound[0] += 1
+    note(s.moves, s.totals, slot, -1)
+    return True

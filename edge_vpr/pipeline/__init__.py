@@ -1,0 +1,28 @@
+"""The main job: a recording in, a reference map or the matches of a query out."""
+
+from edge_vpr.pipeline.cleaned_events import Removed, cleaned
+from edge_vpr.pipeline.describing import (
+    count_windows,
+    describe,
+    describe_query,
+    window_of,
+)
+from edge_vpr.pipeline.mapping import coded_map, map_traverse
+from edge_vpr.pipeline.query_matching import match_query, match_traverse
+from edge_vpr.pipeline.sources import EventSource, WindowSource, check_sensor
+
+__all__ = [
+    "EventSource",
+    "Removed",
+    "WindowSource",
+    "check_sensor",
+    "cleaned",
+    "coded_map",
+    "count_windows",
+    "describe",
+    "describe_query",
+    "map_traverse",
+    "match_query",
+    "match_traverse",
+    "window_of",
+]

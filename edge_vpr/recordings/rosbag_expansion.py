@@ -1,0 +1,88 @@
+"""Expand ROS 2 bags of compression mode ``file`` with limits, which rosbags does without."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator
+from pathlib import Path, PurePath
+from typing import Any
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.recordings.decompression import DecompressionError, expand_file, zstd_decompressor
+
+#: What the files of a bag may expand to: so many bytes, or so many times what they hold.
+LEAST_BYTES, MOST_EXPANSION = 1 << 28, 32
+_LISTING = "metadata.yaml"
+
+
+def expand_bag(folder: Path, owner: object) -> Path:
+    """Expand a bag of compressed files into a temporary folder.
+
+    Parameters
+    ----------
+    folder : Path
+        With a ``metadata.yaml`` that rosbags can read.
+    owner : object
+        The temporary folder is removed with it, or at the end of Python.
+
+    Returns
+    -------
+    Path
+        Folder of the same bag without compression; `folder` if its files are not compressed.
+
+    Raises
+    ------
+    RecordingError
+        If a file is damaged, lies outside the folder, or expands to more than the limit, or if
+        the temporary folder is full.
+    """
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="safe")
+    listing = yaml.load((folder / _LISTING).read_text("utf-8"))
+    facts = listing["rosbag2_bagfile_information"]
+    compressed = str(facts.get("compression_mode", "")).lower() == "file"
+    if not compressed or facts.get("compression_format") != "zstd":
+        return folder
+    # rosbags takes the last part of a path alone
+    paths = [folder / PurePath(name).name for name in facts["relative_file_paths"]]
+    held = sum(path.stat().st_size for path in set(paths))
+    left = max(LEAST_BYTES, MOST_EXPANSION * held)
+    target = Path(tempfile.mkdtemp(prefix="edge-vpr-bag-"))
+    weakref.finalize(owner, shutil.rmtree, target, ignore_errors=True)
+    names = []
+    for i, path in enumerate(paths):
+        names.append(f"{i}{PurePath(path.stem).suffix}")
+        try:
+            left -= _write(target / names[-1], _expanded(path, left))
+        except DecompressionError as error:
+            raise RecordingError(f"{path} cannot be expanded ({error}): copy it again") from error
+    changed: dict[str, Any] = {"compression_mode": "", "compression_format": ""}
+    facts |= {**changed, "relative_file_paths": names, "files": []}
+    with (target / _LISTING).open("w", encoding="utf-8") as file:
+        yaml.dump(listing, file)
+    return target
+
+
+def _expanded(path: Path, limit: int) -> Iterator[bytes]:
+    decompressor, errors = zstd_decompressor(str(path), "ros")
+    with path.open("rb") as file:
+        yield from expand_file(decompressor, file, errors, limit)
+
+
+def _write(path: Path, parts: Iterator[bytes]) -> int:
+    """Write the parts; their size."""
+    size = 0
+    with path.open("wb") as file:
+        for part in parts:
+            try:
+                file.write(part)
+            except OSError as error:
+                raise RecordingError(
+                    f"{path.parent} is too small to expand the bag ({error.strerror} after "
+                    f"{size:,} bytes): name a larger folder with TMPDIR"
+                ) from error
+            size += len(part)
+    return size

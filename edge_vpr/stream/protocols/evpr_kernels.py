@@ -1,0 +1,139 @@
+"""Kernels that decode our own frames; `docs/protocol_evpr.md` is their specification."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from edge_vpr.stream.protocols.cobs import unstuff
+from edge_vpr.stream.protocols.evpr_frames import CHECK, HEADER, MAX_STUFFED, VERSION
+
+_HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
+#: A frame that was sent before the last one, by less than this, came twice.
+REPEAT_US = 1_000_000
+# what is remembered from frame to frame: boot (-1: no frame yet), sequence number that the next
+# frame should have, drops told so far, the last frame's base time
+MEMORY = np.dtype([("boot", "<i8"), ("next", "<i8"), ("dropped", "<i8"), ("last", "<i8")])
+# what the frames of one chunk brought: how many of each kind, the first base time, and the time
+# that a last frame without events tells (-1: it has events)
+BROUGHT = np.dtype(
+    [
+        (name, "<i8")
+        for name in (
+            "frames", "damaged", "skipped_bytes", "repeats", "gaps", "lost", "dropped", "resets",
+            "base", "idle_at",
+        )
+    ]
+)  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def unstuff_frames(raw, plain, spans):  # type: ignore[no-untyped-def]
+    """Undo the stuffing of every frame; count them.
+
+    A span says where the plain frame lies, how many bytes its checksum covers (none if it is
+    damaged beyond that), and how many bytes it took on the line.
+    """
+    frames, start, at = 0, 0, 0
+    for i in range(raw.size):
+        if raw[i] != 0:
+            continue
+        if i > start:
+            stuffed = i - start
+            size = unstuff(raw[start:i], plain[at:]) if stuffed <= MAX_STUFFED else -1
+            whole = size >= _HEADER_BYTES + _CHECK_BYTES
+            spans[frames, 0] = at
+            spans[frames, 1] = size - _CHECK_BYTES if whole else 0
+            spans[frames, 2] = stuffed + 1
+            frames += 1
+            at += size if whole else 0
+        start = i + 1
+    return frames
+
+
+@njit(cache=True, nogil=True)
+def _number(data, at, size):  # type: ignore[no-untyped-def]
+    number = np.int64(0)
+    for i in range(size):
+        number |= np.int64(data[at + i]) << (8 * i)
+    return number
+
+
+@njit(cache=True, nogil=True)
+def take_frames(plain, spans, checks, memory, brought, columns):  # type: ignore[no-untyped-def]
+    """Decode the frames that are whole, and compare the device's running totals with ours."""
+    last, found = memory[0], brought[0]
+    n = 0
+    for i in range(checks.size):
+        at, end = spans[i, 0], spans[i, 0] + spans[i, 1]
+        width, x_bits, y_bits = plain[at] & 15, plain[at + 1] & 15, plain[at + 1] >> 4
+        words = end - at - _HEADER_BYTES
+        if (
+            words < 0
+            or _number(plain, end, _CHECK_BYTES) != checks[i]
+            or plain[at] >> 4 != VERSION
+            or (width != 3 and width != 4)
+            or words % width
+            or x_bits + y_bits + 2 > 8 * width
+            or plain[at + 19] >= 64  # a base time of 2^62
+        ):
+            found["damaged"] += 1
+            found["skipped_bytes"] += spans[i, 2]
+            continue
+        boot, sequence = _number(plain, at + 2, 2), _number(plain, at + 4, 4)
+        dropped, base = _number(plain, at + 8, 4), _number(plain, at + 12, 8)
+        # running totals are modulo 2^32
+        missing = (sequence - last["next"]) & 0xFFFFFFFF
+        if last["boot"] < 0:
+            last["next"], last["dropped"], missing = sequence, dropped, 0
+        elif boot != last["boot"] or missing >= 1 << 31:
+            if boot == last["boot"] and 0 <= last["last"] - base < REPEAT_US:
+                found["repeats"] += 1
+                found["skipped_bytes"] += spans[i, 2]
+                continue
+            # anew, even if the device forgot to change the number of its start
+            found["resets"] += 1
+            last["next"], last["dropped"], missing = 0, 0, sequence
+        found["gaps"] += missing > 0
+        found["lost"] += missing
+        found["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
+        if found["frames"] == 0:
+            found["base"] = base
+        found["frames"] += 1
+        found["idle_at"] = -1 if words else base
+        form = np.int64(width), np.int64(x_bits), np.int64(y_bits)
+        events = _take_words(plain[at + _HEADER_BYTES : end], form, base, columns, n)
+        last["boot"], last["dropped"], last["last"] = boot, dropped, base
+        last["next"] = (sequence + events) & 0xFFFFFFFF
+        n += events
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _take_words(data, form, base, columns, first):  # type: ignore[no-untyped-def]
+    """Little-endian words: from the lowest bit on x, y, polarity, time since the word before.
+
+    A word whose time field is all ones is a pause, as long as its other bits say. `form` is the
+    width of a word in bytes and those of x and y in bits; events are written from `first` on.
+    """
+    (width, x_bits, y_bits), (t, x, y, p) = form, columns
+    p_at = x_bits + y_bits
+    t_at = p_at + 1
+    x_mask, y_mask = (1 << x_bits) - 1, (1 << y_bits) - 1
+    pause, pause_mask = (1 << (8 * width - t_at)) - 1, (1 << t_at) - 1
+    now, n = np.int64(base), first
+    for i in range(0, data.size, width):
+        word = np.int64(data[i]) | np.int64(data[i + 1]) << 8 | np.int64(data[i + 2]) << 16
+        if width == 4:
+            word |= np.int64(data[i + 3]) << 24
+        step = word >> t_at
+        if step == pause:
+            now += word & pause_mask
+            continue
+        now += step
+        t[n] = now
+        x[n] = word & x_mask
+        y[n] = word >> x_bits & y_mask
+        p[n] = word >> p_at & 1
+        n += 1
+    return n - first

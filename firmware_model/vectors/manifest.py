@@ -1,0 +1,250 @@
+"""The records of a manifest of golden vectors, and how they are read from JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple, TypeVar
+
+from firmware_model.design import Design
+from firmware_model.errors import VectorError
+
+T = TypeVar("T")
+
+SCHEMA = 1
+MANIFEST = "manifest.json"
+RTL_FOLDER = "rtl"
+
+
+class FieldPlace(NamedTuple):
+    """Where a field lies in a packed word."""
+
+    field: str
+    lowest_bit: int
+    bits: int
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """A file of a case.
+
+    Attributes
+    ----------
+    bytes : int
+    sha256 : str
+    words, bits : int or None
+        Of a memory's image: how many words of how many bits.
+    """
+
+    bytes: int
+    sha256: str
+    words: int | None = None
+    bits: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold; what is None is left out."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseEntry:
+    """A case: its design, what is in it, and its files.
+
+    Attributes
+    ----------
+    name : str
+    number : int
+        By which binary results name it.
+    start : int
+        Time at which the first window starts.
+    activity : int
+        Usual activity at which the device starts.
+    events, windows, matches : int
+    design : Design
+    widths : dict of str to int
+        Bits of the device's values.
+    reference_firmware : str
+        Whether the firmware in C takes the case.
+    words : dict of str to tuple of FieldPlace
+        What a word of each memory's image holds.
+    coverage : dict of str to int
+        How often each corner is reached.
+    files : dict of str to FileEntry
+    """
+
+    name: str
+    number: int
+    start: int
+    activity: int
+    events: int
+    windows: int
+    matches: int
+    design: Design
+    widths: dict[str, int]
+    reference_firmware: str
+    words: dict[str, tuple[FieldPlace, ...]]
+    coverage: dict[str, int]
+    files: dict[str, FileEntry]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold."""
+        return vars(self) | {
+            "design": self.design.to_dict(),
+            "words": {
+                name: [place._asdict() for place in places] for name, places in self.words.items()
+            },
+            "files": {name: entry.to_json() for name, entry in self.files.items()},
+        }
+
+    @classmethod
+    def from_json(cls, values: object) -> CaseEntry:
+        """Read it back.
+
+        Raises
+        ------
+        VectorError
+            If a name is missing, or a value is of another kind.
+        """
+        given = as_object(values, "a case")
+        name = _get(given, "name", str)
+        return cls(
+            name=name,
+            **{one: _get(given, one, int) for one in _NUMBERS},
+            design=Design.from_dict(_get(given, "design", dict), f"case {name}"),
+            widths=_numbers(given, "widths"),
+            reference_firmware=_get(given, "reference_firmware", str),
+            words={
+                table: tuple(_place(place) for place in places)
+                for table, places in _get(given, "words", dict).items()
+            },
+            coverage=_numbers(given, "coverage"),
+            files={file: _file(entry) for file, entry in _get(given, "files", dict).items()},
+        )
+
+
+_NUMBERS = ("number", "start", "activity", "events", "windows", "matches")
+
+
+@dataclass(frozen=True)
+class SuiteEntry:
+    """A suite: how often its cases reach each corner, and the cases."""
+
+    name: str
+    coverage: dict[str, int]
+    cases: tuple[CaseEntry, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """Everything in a folder of vectors.
+
+    Attributes
+    ----------
+    versions : dict of str to str
+        That made them.
+    seed : int
+    corners : dict of str to str
+        What each corner is.
+    design : Design
+    rtl : tuple of str
+        Source files of the hardware core.
+    suites : tuple of SuiteEntry
+    """
+
+    versions: dict[str, str]
+    seed: int
+    corners: dict[str, str]
+    design: Design
+    rtl: tuple[str, ...]
+    suites: tuple[SuiteEntry, ...]
+
+    def cases(self) -> Iterator[tuple[str, CaseEntry]]:
+        """Yield each case with its name as ``suite/name``."""
+        for suite in self.suites:
+            for case in suite.cases:
+                yield f"{suite.name}/{case.name}", case
+
+    def files(self) -> list[str]:
+        """Return the files that it describes, and itself, as paths below its folder."""
+        sources = [f"{RTL_FOLDER}/{name}" for name in self.rtl]
+        return [MANIFEST, "design.toml", *sources] + [
+            f"{place}/{name}" for place, case in self.cases() for name in case.files
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold."""
+        return {
+            "schema": SCHEMA,
+            "kind": "golden vectors",
+            "versions": self.versions,
+            "seed": self.seed,
+            "byte_order": "little",
+            "packing": "the first field, and lane 0, in the least significant bits",
+            "none": "0xFFFFFFFF in records and CSV",
+            "corners": self.corners,
+            "design": self.design.to_dict(),
+            "rtl": list(self.rtl),
+            "suites": [
+                vars(suite) | {"cases": [case.to_json() for case in suite.cases]}
+                for suite in self.suites
+            ],
+        }
+
+    @classmethod
+    def from_json(cls, values: object) -> Manifest:
+        """Read it back.
+
+        Raises
+        ------
+        VectorError
+            If a name is missing, or a value is of another kind.
+        """
+        given = as_object(values, "a manifest")
+        suites = []
+        for one in _get(given, "suites", list):
+            suite = as_object(one, "a suite")
+            cases = tuple(CaseEntry.from_json(case) for case in _get(suite, "cases", list))
+            suites.append(SuiteEntry(_get(suite, "name", str), _numbers(suite, "coverage"), cases))
+        return cls(
+            versions=_get(given, "versions", dict),
+            seed=_get(given, "seed", int),
+            corners=_get(given, "corners", dict),
+            design=Design.from_dict(_get(given, "design", dict), "the manifest"),
+            rtl=tuple(map(str, given.get("rtl") or ())),  # older ones have none
+            suites=tuple(suites),
+        )
+
+
+def as_object(values: object, what: str) -> Mapping[str, Any]:
+    """Return values by name, or refuse what is none."""
+    if not isinstance(values, dict):
+        raise VectorError(f"{what} is a {type(values).__name__}: expected names and values")
+    return values
+
+
+def _get(values: Mapping[str, Any], name: str, kind: type[T]) -> T:
+    if name not in values:
+        raise VectorError(f"{name} is missing")
+    value = values[name]
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise VectorError(f"{name} is a {type(value).__name__}: expected {kind.__name__}")
+    return value
+
+
+def _numbers(values: Mapping[str, Any], name: str) -> dict[str, int]:
+    found = _get(values, name, dict)
+    return {one: _get(found, one, int) for one in found}
+
+
+def _place(values: object) -> FieldPlace:
+    given = as_object(values, "a field")
+    return FieldPlace(*(_get(given, name, kind) for name, kind in _PLACE))
+
+
+_PLACE: tuple[tuple[str, type[Any]], ...] = (("field", str), ("lowest_bit", int), ("bits", int))
+
+
+def _file(values: object) -> FileEntry:
+    given = as_object(values, "a file")
+    sizes = [_get(given, name, int) if name in given else None for name in ("words", "bits")]
+    return FileEntry(_get(given, "bytes", int), _get(given, "sha256", str), *sizes)

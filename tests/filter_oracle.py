@@ -1,0 +1,119 @@
+"""What the place filter gives, of recorded windows and after every event, in plain Python.
+
+Codes of a query are worked out here as well. All of it goes on from a state, or begins.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import naive
+
+from edge_vpr.matching.place_filter import METRIC_TOP
+from edge_vpr.reference_map import ReferenceMap
+
+Rows = list[list[int]]
+
+
+class Begin(NamedTuple):
+    """What is kept of the windows that are over."""
+
+    windows: int
+    usual: int  # events of a window, times 256
+    filtered: tuple[list[int], int, int, int] | None = None  # see `naive.place_filter`
+    means: list[tuple[int, int]] | None = None  # of each counter, see `naive.running_means`
+
+
+def begin_of(reference: ReferenceMap) -> Begin:
+    """Before the first window: the usual number of events is the reference's mean."""
+    activity = reference.places.activity.tolist()
+    usual = 256 * sum(activity) // len(activity)
+    return Begin(0, min(usual, 256 * (2**23 - 1)))
+
+
+def resumed(arrays) -> Begin:  # type: ignore[no-untyped-def]
+    """What a saved state of a localiser says."""
+    reciprocal, usual, place, trust, windows = arrays["filter_state"].tolist()
+    filtered = (arrays["filter_metric"].tolist(), reciprocal, place, trust) if windows else None
+    means = None
+    if "filter_mean" in arrays:
+        seen = int(arrays["filter_mean_windows"][0])
+        means = [(total, seen) for total in arrays["filter_mean"].tolist()]
+    return Begin(windows, usual, filtered, means)
+
+
+def pauses(counted: Rows, usual: int) -> list[bool]:
+    """Whether each window has no event, or less than 1/16 of the usual number."""
+    paused = []
+    for row in counted:
+        events = sum(row)
+        paused.append(events == 0 or 16 * 256 * events < usual)
+        usual += (256 * min(events, 2**23 - 1) - usual) // 64
+    return paused
+
+
+def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
+    """Own-mean codes of windows, each against the mean of those before it."""
+    code, paused = reference.own_mean_code, pauses(counted, begin.usual)
+    assert code is not None and reference.mean is not None
+    coded: Rows = [[] for _ in counted]
+    for j, mean in enumerate(reference.mean.tolist()):
+        start = begin.means[j] if begin.means else None
+        levels: list[int] = []
+        for w, row in enumerate(counted):
+            now = naive.running_means(levels, mean, start)[-1]
+            coded[w].append(naive.own_mean_code(row[j], now, code.bits, code.full_scale))
+            if not paused[w]:
+                levels.append(naive.log_level(min(row[j], code.full_scale)))
+    return coded
+
+
+def drive_codes(reference: ReferenceMap, counted: Rows) -> Rows:
+    """Own-mean codes of windows, all against the mean of the drive without its pauses."""
+    code, paused = reference.own_mean_code, pauses(counted, begin_of(reference).usual)
+    assert code is not None
+    moving = [row for row, pause in zip(counted, paused, strict=True) if not pause] or counted
+    coded: Rows = [[] for _ in counted]
+    for j in range(len(counted[0])):
+        levels = [naive.log_level(min(row[j], code.full_scale)) for row in moving]
+        mean = (2 * sum(levels) + len(levels)) // (2 * len(levels))
+        for w, row in enumerate(counted):
+            coded[w].append(naive.own_mean_code(row[j], mean, code.bits, code.full_scale))
+    return coded
+
+
+def filtered(
+    reference: ReferenceMap, coded: Rows, events: list[int], begin: Begin
+) -> list[tuple[int, int, int, int, int]]:
+    """Place, metric, second, its metric and trust after each window."""
+    settings, places = reference.settings, reference.places.counts.tolist()
+    forward = settings.filter_steps or ((1, 0, 1) if settings.window == "time" else (1, 0, 0, 1))
+    told = naive.place_filter(
+        [[naive.sad(place, code) for place in places] for code in coded],
+        events, forward, settings.filter_back, settings.filter_restart, settings.exclusion,
+        begin.usual, begin.filtered, [] if reference.jumps is None else reference.jumps.tolist(),
+    )  # fmt: skip
+    return [
+        (best, metric[best], second, metric[second] if second >= 0 else -1, trust)
+        for metric, best, second, trust in told
+    ]
+
+
+def smoothed(
+    reference: ReferenceMap, coded: Rows, events: list[int]
+) -> list[tuple[int, int, int, int, int]]:
+    """Place, metric, second, its metric and trust of each window, by those before and after it."""
+    settings, places = reference.settings, reference.places.counts.tolist()
+    forward = settings.filter_steps or ((1, 0, 1) if settings.window == "time" else (1, 0, 0, 1))
+    told = naive.smoothed_filter(
+        [[naive.sad(place, code) for place in places] for code in coded],
+        events, forward, settings.filter_back, settings.filter_restart, begin_of(reference).usual,
+        [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * len(coded),
+    )  # fmt: skip
+    rows = []
+    for metric in told:
+        best, second, _ = naive.best_and_second(metric, settings.exclusion)
+        least = metric[second] if second >= 0 else -1
+        margin = least - metric[best] if second >= 0 else METRIC_TOP
+        rows.append((best, metric[best], second, least, 16 * margin))
+    return rows

@@ -1,0 +1,122 @@
+"""What README and docs show is true: Python runs, commands parse, links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import parser_of
+from edge_vpr_tools.verbs import find_verb
+from streams import random_events
+
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import write_recording
+
+ROOT = Path(__file__).parents[1]
+PAGES = [
+    *sorted(path.name for path in ROOT.glob("*.md")),
+    *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+]
+#: language, what the block needs that not everybody has, text
+_BLOCK = re.compile(r"^```(\w*) ?([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """Give the code blocks of a page that are marked with this language."""
+    text = (ROOT / page).read_text()
+    return [
+        body for marked, needs, body in _BLOCK.findall(text) if marked == language and not needs
+    ]
+
+
+def with_python() -> list[str]:
+    return [page for page in PAGES if blocks(page, "python")]
+
+
+def names_for(page: str) -> dict[str, Any]:
+    """Give what the page's reader has already."""
+    if page == "docs/datasets.md":
+        pytest.importorskip("tonic", reason="tonic is an extra that not every machine has")
+        one = random_events(np.random.default_rng(1), 200, Sensor(346, 260), 2_000_000)
+        return {"x": np.arange(5), "y": np.arange(5), "drives": [(one, "a"), (one, "b")]}
+    if page == "docs/firmware.md":
+        pytest.importorskip("ziglang", reason="Zig's C compiler is an extra")
+        rng = np.random.default_rng(2)
+        pixels = rng.choice(346 * 260, 150, replace=False)
+        codes = rng.integers(0, 8, (860, 150)).tolist()
+        return {
+            "pixels": [(int(pixel) % 346, int(pixel) // 346) for pixel in pixels],
+            "places": codes,
+            "codes": codes[0],
+        }
+    return {}
+
+
+@pytest.mark.parametrize("page", with_python())
+def test_the_python_of_a_page_runs_block_after_block(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    events = random_events(np.random.default_rng(0), 4_000, Sensor(32, 24), 1_000_000)
+    for name in ("drive.raw", "drive2.raw"):
+        write_recording(tmp_path / name, events, sensor=Sensor(32, 24))
+    names = names_for(page)
+    for number, block in enumerate(blocks(page, "python"), 1):
+        exec(compile(block, f"{page}, block {number}", "exec"), names)
+
+
+def commands(page: str) -> list[str]:
+    """Give the lines of a page's code blocks that call `edge-vpr`, joined where they go on."""
+    found = []
+    for _, _, body in _BLOCK.findall((ROOT / page).read_text()):
+        for line in body.replace("\\\n", " ").splitlines():
+            line = line.removeprefix("$ ")
+            if line.startswith("edge-vpr "):
+                found.append(line)
+    return found
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
+def test_every_command_that_a_page_shows_is_one(page):
+    for line in commands(page):
+        verb, words = find_verb(shlex.split(line, comments=True)[1:])
+        assert verb, line
+        parser_of(verb).parse(words)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_within_the_project_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", (ROOT / page).read_text(), flags=re.DOTALL)
+    for target, anchor in _LINK.findall(text):
+        if "://" in target or target.startswith("mailto:"):
+            continue
+        path = (ROOT / page).parent / target
+        assert path.exists(), f"{page} leads to {target}, which is not there"
+        if anchor and path.suffix == ".md":
+            headings = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+            assert anchor[1:] in slugs, f"{page} leads to {target}{anchor}"
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")])
+def test_toml_that_a_page_shows_is_toml(page):
+    for block in blocks(page, "toml"):
+        assert tomllib.loads(block)
+
+
+def test_every_page_of_docs_is_reached_from_the_readme():
+    reached, waiting = set(), ["README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page in reached:
+            continue
+        reached.add(page)
+        for target, _ in _LINK.findall((ROOT / page).read_text()):
+            path = ((ROOT / page).parent / target).resolve()
+            if path.suffix == ".md" and path.is_file():
+                waiting.append(str(path.relative_to(ROOT)))
+    assert set(PAGES) <= reached

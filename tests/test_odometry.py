@@ -1,0 +1,213 @@
+"""Odometry and jumps: their files, what a window has of them, and what they bring."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.estimate.of_map import design_of
+from streams import descriptors
+from test_localiser import PIXEL_MAP, PIXELS, SENSOR
+
+from edge_vpr.errors import GroundTruthError, MapError, UsageError
+from edge_vpr.evaluation.jump_files import load_jumps
+from edge_vpr.evaluation.odometry_files import load_odometry
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.moves import Moves, StepPrices
+from edge_vpr.odometry import Odometry
+from edge_vpr.pipeline import coded_map
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Route
+from edge_vpr.settings import Settings
+from edge_vpr.simulate.odometer import wheel_odometry
+from firmware_model.errors import DesignError
+
+
+def write(folder, text, name="file.csv"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_a_table_of_distance_is_read_to_the_millimetre(tmp_path):
+    found = load_odometry(write(tmp_path, "time_s,distance_m\n0,1\n0.1,1.0015\n2,-3\n"))
+    assert found.time_us.tolist() == [0, 100_000, 2_000_000]
+    assert found.distance_mm.tolist() == [1000, 1002, -3000]
+
+
+def test_a_table_of_speed_is_integrated_by_the_mean_of_two_rows(tmp_path):
+    found = load_odometry(write(tmp_path, "time_s,speed_mps\n0,0\n1,2\n3,2\n4,-2\n"))
+    assert found.distance_mm.tolist() == [0, 1000, 5000, 5000]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,way\n0,1\n", "expected time_s,distance_m or time_s,speed_mps"),
+        ("time_s,distance_m\n0,1\n0,2\n", "reading 2 is not later than the one before"),
+        ("time_s,distance_m\n1e20,1\n", "give seconds from the recording's start"),
+        ("time_s,distance_m\n0,1e12\n", "ways up to 1e\\+12 m"),
+        ("time_s,speed_mps\n0,1e300\n1e9,1e300\n", "has ways up to"),
+        ("time_s,speed_mps\n0,x\n", "row 1 is '0,x'"),
+    ],
+)
+def test_a_table_that_is_no_odometry_is_refused(tmp_path, text, message):
+    with pytest.raises(GroundTruthError, match=message):
+        load_odometry(write(tmp_path, text))
+    with pytest.raises(GroundTruthError, match="is not odometry"):
+        load_odometry(write(tmp_path, text, "file.txt"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("from,to\n0,6\n", "row 1 is 0,6: expected two places of the map, from 0 to 5"),
+        ("from,to\n0,1\n2,2\n", "row 2 is 2,2"),
+        ("from,to\n0.5,1\n", "row 1 is 0.5,1"),
+        ("a,b\n0,1\n", "expected from,to"),
+    ],
+)
+def test_a_table_that_is_no_list_of_jumps_is_refused(tmp_path, text, message):
+    assert load_jumps(write(tmp_path, "from,to\n0,5\n3,1\n"), 6).tolist() == [[0, 5], [3, 1]]
+    with pytest.raises(GroundTruthError, match=message):
+        load_jumps(write(tmp_path, text), 6)
+
+
+def test_the_way_of_a_window_lies_between_its_last_reading_and_that_of_the_window_before():
+    odometry = Odometry(np.array([5, 9, 10, 25, 41, 52]), np.array([1, 2, 4, 8, 16, 32]))
+    travelled, known = odometry.of_windows(np.array([10, 20, 30, 40, 50, 60]))
+    # a reading at 10 is in the window that begins there; the fourth window has none
+    assert known.tolist() == [False, True, True, False, False, True]
+    assert travelled[known].tolist() == [2, 4, 16]
+
+
+@pytest.mark.parametrize(
+    ("time_us", "distance_mm", "message"),
+    [
+        ([], [], "without a reading"),
+        ([1, 1], [0, 0], "reading 2 is not later"),
+        ([1], [1 << 50], "distance_mm reaches"),
+        ([1, 2], [0], "one value a reading"),
+    ],
+)
+def test_readings_that_cannot_be_are_refused(time_us, distance_mm, message):
+    with pytest.raises(UsageError, match=message):
+        Odometry(np.array(time_us, dtype=np.int64), np.array(distance_mm, dtype=np.int64))
+
+
+def map_of_places(counts, **changes):
+    figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
+    settings = Settings(pixels=len(PIXELS), matching="filter", **changes)
+    counted = ReferenceMap(settings, PIXEL_MAP, descriptors(counts), figures, figures > 0)
+    return coded_map(counted, settings)
+
+
+def test_places_that_look_alike_are_told_apart_by_the_way():
+    """A corridor of equal doors: one view in five is of its own, all others are the same."""
+    rng = np.random.default_rng(0)
+    counts = np.full((40, len(PIXELS)), 20)
+    counts[::8] = rng.integers(0, 60, (5, len(PIXELS)))
+    path = np.array([8, 8, 8, 9, 11, 13, 15, 15, 15, 15, 14, 13, 12])
+    queries, along = descriptors(counts[path]), np.arange(40, dtype=np.int64) * 2_000
+    settings = Settings(pixels=len(PIXELS), matching="filter")
+    places = descriptors(counts)
+    # read in the middle of each window of a millisecond
+    times = np.arange(len(path), dtype=np.int64) * 1_000 + 500
+    odometry = Odometry(times, path * 2_000)
+    told = match_descriptors(places, queries, settings, along_mm=along, odometry=odometry)
+    assert told.place.tolist() == path.tolist()
+    assert match_descriptors(places, queries, settings).place.tolist() != path.tolist()
+
+
+def test_a_loop_that_closes_is_driven_on_over_a_jump():
+    rng = np.random.default_rng(1)
+    counts = rng.integers(0, 40, (30, len(PIXELS)))
+    path = [*range(20, 30), *range(6)]
+    queries = counts[path] + rng.integers(-9, 10, (len(path), len(PIXELS)))
+    settings = Settings(pixels=len(PIXELS), matching="filter", filter_restart=200)
+    places, seen = descriptors(counts), descriptors(np.maximum(queries, 0))
+    jumps = np.array([[29, 0]], dtype=np.int32)
+    joined = match_descriptors(places, seen, settings, jumps=jumps)
+    assert joined.place.tolist() == path
+    assert (joined.trust[10:13] > 0).all()  # the jump is a step, and keeps the trust
+    assert match_descriptors(places, seen, settings).place.tolist() != path
+
+
+def test_a_map_keeps_its_jumps_and_its_way(tmp_path):
+    reference = replace(
+        map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64)),
+        jumps=np.array([[3, 0]], dtype=np.int32), odometer_mm=np.arange(4) * 10,
+    )  # fmt: skip
+    reference.save(tmp_path / "map.npz")
+    again = ReferenceMap.load(tmp_path / "map.npz")
+    assert again.jumps.tolist() == [[3, 0]] and again.along_mm.tolist() == [0, 10, 20, 30]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"jumps": np.array([[0, 4]], dtype=np.int32)}, "jumps holds 0 to 4"),
+        ({"jumps": np.array([[1, 1]], dtype=np.int32)}, "from a place to itself"),
+        ({"jumps": np.zeros((1, 3), dtype=np.int32)}, "jumps is int32 of shape"),
+        ({"jumps": np.tile(np.array([[0, 1]], dtype=np.int32), (5_000, 1))}, "5000 pairs"),
+        ({"odometer_mm": np.arange(4)[::-1].copy()}, "falls from place to place"),
+        ({"odometer_mm": np.arange(3)}, "odometer_mm is int64 of shape"),
+        ({"odometer_mm": np.array([0, 1, 2, 1 << 60])}, "odometer_mm holds 0 to"),
+    ],
+)
+def test_jumps_and_ways_that_the_map_cannot_have_are_refused(changes, message):
+    reference = map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64))
+    with pytest.raises(MapError, match=message):
+        replace(reference, **changes)
+
+
+def test_without_odometry_the_way_is_that_of_the_track():
+    reference = map_of_places(np.ones((5, len(PIXELS)), dtype=np.int64))
+    assert reference.along_mm is None
+    along = np.array([np.nan, 0.0, np.nan, 4.0, np.nan])
+    routed = replace(reference, route=Route(along[:, None], along))
+    assert routed.along_mm.tolist() == [0, 0, 2000, 4000, 4000]
+    metered = replace(routed, odometer_mm=np.arange(5) * 7)
+    assert metered.along_mm.tolist() == [0, 7, 14, 21, 28]
+
+
+def test_moves_of_a_map_that_has_no_ways_refuse_odometry():
+    with pytest.raises(UsageError, match="make it with the reference drive's --odometry"):
+        Moves(3, StepPrices()).by_distance(np.zeros(3, dtype=np.int32), 5)
+    with pytest.raises(UsageError, match="expected as many millimetres"):
+        Moves(3, StepPrices(), along_mm=np.arange(2))
+    with pytest.raises(UsageError, match="jump from place 0 to 3"):
+        Moves(3, StepPrices(), jumps=np.array([[0, 3]], dtype=np.int32))
+
+
+def test_the_device_refuses_a_map_with_jumps():
+    reference = map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64), exclusion=1)
+    design_of(reference)
+    with pytest.raises(DesignError, match="the map has 1 jumps, which the device has not"):
+        design_of(replace(reference, jumps=np.array([[3, 0]], dtype=np.int32)))
+
+
+def test_a_simulated_wheel_is_a_few_percent_off():
+    times = np.arange(0, 100_000_001, 20_000, dtype=np.int64)
+    track = Track(times, (times / 1e6 * 6)[:, None])
+    ways = [
+        wheel_odometry(track, np.random.default_rng(seed)).distance_mm[-1] / 600_000
+        for seed in range(30)
+    ]
+    assert 0.005 < np.std(ways) < 0.04 and abs(np.mean(ways) - 1) < 0.02
+
+
+def test_sequences_take_neither_jumps_nor_odometry(tmp_path, capsys):
+    places = descriptors(np.ones((4, len(PIXELS)), dtype=np.int64))
+    by_sequence = Settings(pixels=len(PIXELS), sequence_length=1)
+    odometry = Odometry(np.array([1]), np.array([1]))
+    with pytest.raises(UsageError, match="odometry is for the place filter"):
+        match_descriptors(places, places, by_sequence, odometry=odometry)
+    write(tmp_path, "from,to\n0,1\n", "jumps.csv")
+    write(tmp_path, "t,x,y,p\n0,0,0,1\n9,1,1,1\n", "drive.csv")
+    given = ["map", str(tmp_path / "drive.csv"), "--sensor", "16x12", "--preset", "paper"]
+    jumps = ["--jumps", str(tmp_path / "jumps.csv"), "-o", str(tmp_path / "map.npz")]
+    assert main([*given, *jumps]) == 2
+    assert "add --matching filter" in capsys.readouterr().err

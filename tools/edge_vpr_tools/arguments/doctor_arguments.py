@@ -1,0 +1,22 @@
+"""Arguments of `edge-vpr doctor`."""
+
+from __future__ import annotations
+
+import argparse
+
+EXAMPLES = """\
+  edge-vpr doctor
+  edge-vpr doctor --json
+  sudo -u edge-vpr NUMBA_CACHE_DIR=/var/cache/edge-vpr edge-vpr doctor --compile"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    group = parser.add_argument_group("checks")
+    group.add_argument(
+        "--compile",
+        action="store_true",
+        help="compile the kernels of a live run first, so that it needs no time for that",
+    )
+    output = parser.add_argument_group("output")
+    output.add_argument("--json", action="store_true", help="print JSON, for programs")

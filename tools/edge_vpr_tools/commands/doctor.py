@@ -1,0 +1,33 @@
+"""`edge-vpr doctor`: what this machine has, what it lacks, and how to get it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+
+from edge_vpr.errors import EdgeVprError
+from edge_vpr_tools.doctor.kernels import compile_kernels
+from edge_vpr_tools.doctor.report import as_text, examine
+from edge_vpr_tools.output.progress import status
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print what was found.
+
+    Raises
+    ------
+    EdgeVprError
+        If something is wrong; what is merely absent is none.
+    """
+    if args.compile:
+        with status("compiling kernels") as show:
+            compile_kernels(show)
+    findings = examine()
+    if args.json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        print(as_text(findings))
+    wrong = sum(finding.state == "wrong" for finding in findings)
+    if wrong:
+        raise EdgeVprError(f"{wrong} of {len(findings)} findings are wrong: they are marked !!")

@@ -1,0 +1,18 @@
+"""Errors of the firmware model as those of edge-vpr."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from edge_vpr.errors import UsageError
+from firmware_model import DesignError, VectorError
+
+
+@contextmanager
+def design_errors() -> Iterator[None]:
+    """Turn errors of the firmware model into `UsageError` with the same text."""
+    try:
+        yield
+    except (DesignError, VectorError) as error:
+        raise UsageError(str(error)) from error

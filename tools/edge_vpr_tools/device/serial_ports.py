@@ -1,0 +1,100 @@
+"""Serial ports, and what the numbers of a USB device say of the protocol behind it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from serial.tools import list_ports
+
+_USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as systemd's hwdb has it
+_OPENMV = "github.com/openmv/openmv, boards/"
+
+
+class Known(NamedTuple):
+    """What a vendor's and a product's number of USB say.
+
+    Attributes
+    ----------
+    vendor : int
+    product : int or None
+        None for any.
+    what : str
+    protocol : str
+    baud : int or None
+        None where the number of bauds makes no difference, or is the user's own choice.
+    source : str
+        Who says that this is its number; that a camera sits behind it is a guess.
+    """
+
+    vendor: int
+    product: int | None
+    what: str
+    protocol: str
+    baud: int | None
+    source: str
+
+
+KNOWN = (
+    Known(0x37C5, 0x1206, "OpenMV N6, which takes a GENX320", "openmv", 921_600,
+          f"{_OPENMV}OPENMV_N6/omv_boardconfig.mk"),
+    Known(0x37C5, 0x16E3, "OpenMV AE3", "openmv", 921_600,
+          f"{_OPENMV}OPENMV_AE3/omv_boardconfig.mk"),
+    Known(0x37C5, None, "OpenMV camera", "openmv", 921_600, f"{_OPENMV}: every board's vendor"),
+    Known(0x1209, 0xABD1, "OpenMV camera; needs firmware 5.0", "openmv", 921_600, _USB_IDS),
+    # which of these chips an eDVS carries is not written anywhere that we found; the first two
+    # can do its 12 Mbaud, the third only its older 2 Mbaud (FTDI's data sheets)
+    Known(0x0403, 0x6010, "FTDI dual bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
+    Known(0x0403, 0x6014, "FTDI bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
+    Known(0x0403, 0x6001, "FTDI bridge, perhaps an eDVS", "edvs", 2_000_000, _USB_IDS),
+    # boards that people make bridges of
+    Known(0x0483, 0x5740, "STM32 with USB, perhaps a bridge of your own", "evpr", None, _USB_IDS),
+    Known(0x0483, 0x374B, "ST-LINK/V2.1 of an STM32 board", "evpr", None, _USB_IDS),
+    Known(0x0483, 0x374E, "STLINK-V3 of an STM32 board", "evpr", None, _USB_IDS),
+)  # fmt: skip
+
+
+def guess(vendor: int | None, product: int | None) -> Known | None:
+    """Return what the numbers of a USB device say, the exact one first."""
+    return next(
+        (row for row in KNOWN if row.vendor == vendor and row.product in (None, product)), None
+    )
+
+
+class AttachedPort(NamedTuple):
+    """A serial port of this machine.
+
+    Attributes
+    ----------
+    port : str
+        Its path.
+    description : str
+        What is attached, by its numbers, or as the device says itself.
+    usb : str or None
+        Numbers of vendor and product, as ``0403:6014``.
+    protocol : str or None
+        A guess.
+    baud : int or None
+    """
+
+    port: str
+    description: str
+    usb: str | None
+    protocol: str | None
+    baud: int | None
+
+
+def attached_ports() -> list[AttachedPort]:
+    """Return the serial ports of this machine, by name."""
+    found = []
+    for port in sorted(list_ports.comports()):
+        known = guess(port.vid, port.pid)
+        found.append(
+            AttachedPort(
+                port=port.device,
+                description=known.what if known else port.description,
+                usb=None if port.vid is None else f"{port.vid:04x}:{port.pid:04x}",
+                protocol=known.protocol if known else None,
+                baud=known.baud if known else None,
+            )
+        )
+    return found

@@ -1,0 +1,72 @@
+"""Check Python, the libraries that are needed, and the optional ones."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, distribution, version
+
+from packaging.requirements import Requirement
+
+from edge_vpr import __version__
+from edge_vpr.errors import install_command
+from edge_vpr_tools.doctor.finding import Finding
+
+#: extras that a user chooses; the others are for work on edge-vpr itself
+EXTRAS = {
+    "aedat4": "AEDAT 4 recordings",
+    "parquet": "Parquet recordings",
+    "hdf5": "HDF5 recordings",
+    "ros": "ROS bags",
+    "es": "event-stream recordings",
+    "tonic": "data sets by tonic",
+    "firmware": "compiling and emulating the reference firmware",
+    "rerun": "the viewer of stream --rerun",
+}
+
+
+def check_versions() -> Iterator[Finding]:
+    """Compare the versions of Python and the libraries with what edge-vpr needs."""
+    needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
+    found = [f"edge-vpr {__version__}", f"Python {platform.python_version()}"]
+    for requirement in needed:
+        if requirement.marker is not None:  # of an extra
+            continue
+        installed = _installed(requirement)
+        if installed is None or not requirement.specifier.contains(installed, prereleases=True):
+            yield Finding(
+                "versions",
+                "wrong",
+                f"{requirement.name} is {installed or 'missing'}, needed is {requirement}",
+                f"{sys.executable} -m pip install '{requirement}'",
+            )
+        else:
+            found.append(f"{requirement.name} {installed}")
+    yield Finding("versions", "good", ", ".join(found))
+
+
+def check_extras() -> Iterator[Finding]:
+    """Look for the libraries of each extra that a user may want."""
+    needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
+    for extra, what in EXTRAS.items():
+        missing = [
+            requirement.name
+            for requirement in needed
+            if requirement.marker is not None
+            and requirement.marker.evaluate({"extra": extra})
+            and not requirement.marker.evaluate({"extra": ""})
+            and _installed(requirement) is None
+        ]
+        if missing:
+            text = f"{what}: {', '.join(missing)} missing"
+            yield Finding("extras", "absent", text, install_command(extra))
+        else:
+            yield Finding("extras", "good", what)
+
+
+def _installed(requirement: Requirement) -> str | None:
+    try:
+        return version(requirement.name)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,218 @@
+"""The energy of a match: measured, void because the machine was throttled, or not measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple
+
+from edge_vpr_tools.energy.sampling import Window
+from edge_vpr_tools.energy.sensors.sensor import About
+from edge_vpr_tools.output.json_records import (
+    LEFT_OUT,
+    fields_from_json,
+    fields_to_json,
+    from_json,
+    to_json,
+)
+
+Bounds = tuple[float, float]
+
+
+class Bounded(NamedTuple):
+    """A figure with its 95 % interval; None is not resolved, or not known."""
+
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """What windows of idle and load say of the energy of a match.
+
+    Attributes
+    ----------
+    marginal_j_per_match : float or None
+        Joules of load less idle; None where the difference is not resolved.
+    marginal_j_per_match_interval : pair of float
+        95 %, as all intervals here.
+    marginal_j_per_match_interval_with_gain : pair of float
+        Widened by the gain error of the meter.
+    pairs_needed : int or None
+        How many pairs would resolve the difference, if the spread stays; None if it is resolved,
+        or no number would.
+    saturated_j_per_match, mission_j_per_match : float
+        Joules of the whole board, at full speed and at the mission's rate.
+    matches_per_joule : float or None
+        Of the marginal energy.
+    idle_w, load_w : float
+        Power at rest and under load, in watts.
+    """
+
+    marginal_j_per_match: float | None
+    marginal_j_per_match_interval: Bounds
+    marginal_j_per_match_interval_with_gain: Bounds
+    pairs_needed: int | None
+    saturated_j_per_match: float
+    saturated_j_per_match_interval: Bounds
+    mission_j_per_match: float
+    mission_j_per_match_interval: Bounds
+    matches_per_joule: float | None
+    matches_per_joule_interval: Bounds | None
+    idle_w: float
+    idle_w_interval: Bounds
+    load_w: float
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the energy of the work stands out of the noise."""
+        return self.marginal_j_per_match is not None
+
+    def bounded(self) -> dict[str, Bounded]:
+        """Return the figures that have an interval, by name."""
+        return {
+            "marginal_j_per_match": Bounded(
+                self.marginal_j_per_match, *self.marginal_j_per_match_interval
+            ),
+            "saturated_j_per_match": Bounded(
+                self.saturated_j_per_match, *self.saturated_j_per_match_interval
+            ),
+            "mission_j_per_match": Bounded(
+                self.mission_j_per_match, *self.mission_j_per_match_interval
+            ),
+            "matches_per_joule": Bounded(
+                self.matches_per_joule, *(self.matches_per_joule_interval or ())
+            ),
+            "idle_w": Bounded(self.idle_w, *self.idle_w_interval),
+        }
+
+
+class PowerTrace(NamedTuple):
+    """Power over time, thinned for a drawing; seconds since the first window, and watts."""
+
+    time_s: tuple[float, ...]
+    watts: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Readings:
+    """What was read, and by what; it stays where the figures are void.
+
+    Attributes
+    ----------
+    sensor : About
+    differences_w : tuple of float
+        Power of load less idle, a value a pair.
+    windows : tuple of Window
+        In seconds since the first one.
+    trace : PowerTrace
+    """
+
+    sensor: About
+    differences_w: tuple[float, ...]
+    windows: tuple[Window, ...]
+    trace: PowerTrace
+
+
+@dataclass(frozen=True, kw_only=True)
+class Energy:
+    """A measurement of the energy of a match.
+
+    In JSON the fields of `figures` and `readings` stand beside the others.
+
+    Attributes
+    ----------
+    pairs : int
+        Of an idle and a load window.
+    window_s : float
+        Median length of a window.
+    native_samples_per_window : int
+        Readings that are not repeated ones.
+    saturated_matches_per_s, mission_matches_per_s : float
+        Match rates at full speed, and of the mission.
+    figures : Figures or None
+        None where the machine was throttled, so that they say nothing.
+    readings : Readings or None
+        None for a design beside the main load.
+    quick : bool
+        Whether windows were too short for a figure to be published.
+    cpu_s_per_match, sampler_cpu_share : float or None
+        Processor time of a match, and the share of a core that sampling took; an external meter
+        does not know them.
+    """
+
+    pairs: int
+    window_s: float
+    native_samples_per_window: int
+    saturated_matches_per_s: float
+    mission_matches_per_s: float
+    figures: Figures | None
+    readings: Readings | None = None
+    quick: bool = False
+    cpu_s_per_match: float | None = field(default=None, metadata=LEFT_OUT)
+    sampler_cpu_share: float | None = field(default=None, metadata=LEFT_OUT)
+
+    @property
+    def resolved(self) -> bool:
+        """Whether it has figures, and the energy of the work among them."""
+        return self.figures is not None and self.figures.resolved
+
+    def void(self) -> Energy:
+        """Take the figures away, which a throttled machine gave."""
+        return replace(self, figures=None)
+
+    def brief(self) -> Energy:
+        """Leave out the readings, which are shown of the main load alone."""
+        return replace(self, readings=None)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold."""
+        values = fields_to_json(self)
+        figures, readings = values.pop("figures"), values.pop("readings")
+        figures = figures or dict.fromkeys(one.name for one in fields(Figures))
+        return {"measured": True, "resolved": self.resolved} | values | figures | (readings or {})
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any], where: str) -> Energy:
+        """Read them back, see `json_records.from_json`."""
+        void = all(values.get(one.name) is None for one in fields(Figures))
+        nested = {
+            "figures": None if void else from_json(Figures, values, where),
+            "readings": from_json(Readings, values, where) if "trace" in values else None,
+        }
+        return fields_from_json(cls, {**values, **nested}, where)
+
+
+@dataclass(frozen=True)
+class NotMeasured:
+    """Why there is no energy.
+
+    Attributes
+    ----------
+    not_measured_because : tuple of str
+    windows : tuple of Window
+        That were taken for an external meter, by the monotonic clock.
+    """
+
+    not_measured_because: tuple[str, ...]
+    windows: tuple[Window, ...] = ()
+
+    @property
+    def resolved(self) -> bool:
+        """Never."""
+        return False
+
+    def void(self) -> NotMeasured:
+        """Return the same: there are no figures to be taken away."""
+        return self
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold."""
+        because = list(self.not_measured_because)
+        values = {"measured": False, "resolved": False, "not_measured_because": because}
+        return values | ({"windows": to_json(self.windows)} if self.windows else {})
+
+
+#: in the order in which a file is tried
+Outcome = NotMeasured | Energy

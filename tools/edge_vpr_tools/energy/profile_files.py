@@ -1,0 +1,87 @@
+"""The files of a profile: JSON, a spreadsheet, and a report with figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from edge_vpr.archive import replacing
+from edge_vpr_tools.energy import figures
+from edge_vpr_tools.energy.energy_record import Energy
+from edge_vpr_tools.energy.profile_record import PROFILE, Profile
+from edge_vpr_tools.energy.profile_text import DESIGNS, designs, notes, rows
+from edge_vpr_tools.energy.profile_values import numbers
+from edge_vpr_tools.output import results
+from edge_vpr_tools.output.json_records import to_json
+from edge_vpr_tools.output.provenance import write_json
+from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.style import save
+
+Cells = Iterable[Sequence[str | float | None]]
+
+
+def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:
+    """Write a profile with its spreadsheet, and the report if asked.
+
+    Parameters
+    ----------
+    found : Profile
+    folder : path
+    report : bool
+        Draw figures too.
+    name : str
+        Of the JSON file.
+    """
+    write_json(folder / name, found)
+    header = ("quantity", "value", "low", "high")
+    write_spreadsheet(folder / "profile.csv", header, [one[:4] for one in numbers(found)])
+    if report:
+        write_report(found, folder)
+
+
+def write_spreadsheet(path: Path, header: Sequence[str], lines: Cells) -> None:
+    """Write lines of a CSV file; None is an empty cell, which was not measured."""
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(["" if cell is None else cell for cell in line] for line in lines)
+
+
+def write_report(found: Profile, folder: Path) -> None:
+    """Write ``report.html``, with figures."""
+    page = Page("edge-vpr: what a match costs on this machine")
+    page.text(found.run.machine.processor)
+    page.table(("measured", ""), rows(found))
+    for line in notes(found):
+        page.text(line)
+    if found.designs:
+        page.heading("Accuracy and cost of designs")
+        page.table(DESIGNS, designs(found))
+        caption = "Share of right matches of each design against what a match of it took here."
+        _add(page, folder / "accuracy.png", figures.accuracy(found.designs), caption)
+    energy = found.energy
+    if isinstance(energy, Energy) and energy.readings is not None and energy.figures is not None:
+        page.heading("Energy")
+        readings, of_match = energy.readings, energy.figures
+        drawings: tuple[tuple[str, Callable[[], Figure], str], ...] = (
+            ("power.png", lambda: figures.power_trace(readings),
+             "Power; idle and load windows are shaded."),
+            ("pairs.png", lambda: figures.differences(readings), "Load less idle of each pair."),
+            ("rate.png", lambda: figures.against_rate(energy, of_match),
+             "Energy of a match against the match rate: at low rates the board at rest is all."),
+        )  # fmt: skip
+        for name, draw, caption in drawings:
+            _add(page, folder / name, draw(), caption)
+    page.heading("Where and how")
+    page.verbatim(json.dumps(to_json(found.provenance), indent=2))
+    page.verbatim(json.dumps(to_json(found.run), indent=2))
+    page.write(folder / results.REPORT)
+
+
+def _add(page: Page, path: Path, drawing: Figure, caption: str) -> None:
+    save(drawing, path)
+    page.picture(path, caption)

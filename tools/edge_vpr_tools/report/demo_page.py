@@ -1,0 +1,108 @@
+"""The report of the demo: its table, what the table shows, and the figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from edge_vpr_tools.experiments import simulated
+from edge_vpr_tools.experiments.latency import Latency
+from edge_vpr_tools.experiments.trial import Trial
+from edge_vpr_tools.output import results
+from edge_vpr_tools.report import figures
+from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.style import save
+from edge_vpr_tools.report.traverse import shown_distances
+
+
+def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:
+    """Return a row of `HEADER` for each variant."""
+    return [
+        (
+            name,
+            f"{trial.evaluation.precision_at_100_recall:.3f}",
+            f"{trial.evaluation.recall_at_99_precision:.3f}",
+            f"{trial.microseconds_per_match:,.1f}",
+            f"{trial.reference.packed_bytes_per_place:,}",
+        )
+        for name, trial in trials.items()
+    ]
+
+
+HEADER = ("variant", "P@100R", "R@99P", "us per match", "bytes per place")
+
+
+def remarks(trials: dict[str, Trial], latencies: dict[str, Latency]) -> list[str]:
+    """Return what the table shows, in a line each, and the latencies."""
+    return [*_reading(trials), _latency_line(latencies)]
+
+
+def _reading(trials: dict[str, Trial]) -> list[str]:
+    """Say in one line each what the table shows, whatever it shows."""
+    share = {name: trial.evaluation.precision_at_100_recall for name, trial in trials.items()}
+
+    def compare(claim: str, first: str, second: str) -> str:
+        return f"{claim}: {share[first]:.0%} right against {share[second]:.0%}."
+
+    return [
+        compare(
+            "The place filter against the paper's method", simulated.DEFAULT, simulated.BY_TIME
+        ),
+        compare("The place filter with 25 pixels", simulated.DEFAULT_FEW, simulated.BY_TIME),
+        compare("Fixed N against fixed tau, by sequences", simulated.BEST, simulated.BY_TIME),
+        compare("150 pixels against all 16,384", simulated.BEST, simulated.DENSE),
+        compare("Counts as 3-bit logarithms against counts", simulated.CODED, simulated.BEST),
+        compare("25 varying pixels against 25 random ones", simulated.FEW, simulated.FEW_RANDOM),
+        "One street of one seed; `edge-vpr experiment simulated` gives five, with their spread.",
+        "P@100R: share of right matches when every window is matched; R@99P: recall at 99 % "
+        f"precision; right is within {simulated.TOLERANCE_M:g} m.",
+    ]
+
+
+def _latency_line(latencies: dict[str, Latency]) -> str:
+    parts = [
+        f"{name} {found.median_s:.2f} s ({found.seconds.size} of {found.places} places recognised)"
+        for name, found in latencies.items()
+    ]
+    return "From entering a place to its first right match, median: " + "; ".join(parts) + "."
+
+
+def write_report(folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency]) -> None:
+    """Write ``report.html`` and its figures."""
+    best, by_time = trials[simulated.BEST], trials[simulated.BY_TIME]
+    page = Page("edge-vpr: one street, driven twice")
+    page.text(
+        "A simulated street of 900 m, seen by an event camera of 128 x 128 pixels. The second "
+        "drive goes at half to double the first one's speed, in another light, with other traffic."
+    )
+    page.table(HEADER, rows(trials))
+    for line in remarks(trials, latencies):
+        page.text(line)
+    curves = {name: trial.evaluation for name, trial in trials.items()}
+    drawings = [
+        ("precision_recall.png", figures.precision_recall(curves),
+         "Precision against recall of every variant."),
+    ]  # fmt: skip
+    for name, trial, caption in (
+        (
+            "place_filter.png",
+            trials[simulated.DEFAULT],
+            "The default: the place filter, with codes that other light does not move.",
+        ),
+        ("fixed_n.png", best, "Fixed N: equal motion makes equal windows."),
+        ("fixed_tau.png", by_time, "Fixed tau: the same place looks different at another speed."),
+    ):
+        shown = shown_distances(trial.reference.places, trial.queries, trial.matches)
+        drawing = figures.distance_matrix(*shown, trial.matches, trial.truth, trial.evaluation)
+        drawings.append((name, drawing, caption))
+    drives = [("reference", best.reference.places), ("query", best.queries)]
+    drawings += [
+        ("pixels.png", figures.selected_pixels(best.reference),
+         "The selected pixels lie where the counts vary from place to place."),
+        ("event_rate.png", figures.event_rate(drives), "Events a second."),
+        ("window_lengths.png", figures.window_lengths(drives),
+         "A window of fixed N is short where the camera moves fast."),
+    ]  # fmt: skip
+    for name, drawing, caption in drawings:
+        save(drawing, folder / name)
+        page.picture(folder / name, caption)
+    page.write(folder / results.REPORT)

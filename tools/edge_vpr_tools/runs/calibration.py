@@ -1,0 +1,83 @@
+"""The table of probabilities of a map, learnt from a drive whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from edge_vpr.confidence import Confidence
+from edge_vpr.evaluation.calibration import learn_confidence, reliability
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import Matches
+from edge_vpr.reference_map import ReferenceMap
+
+
+class Calibrated(NamedTuple):
+    """A map with a table of probabilities, and how far they are off.
+
+    Attributes
+    ----------
+    reference : ReferenceMap
+    confidence : Confidence
+        The table, as the map has it.
+    settings_changed : bool
+        Whether the map took over the settings that the drive was matched with.
+    matches, right, off_map : int
+        That were learnt from, those of them that are right, and queries off the map.
+    error_before : float or None
+        Expected calibration error of the table used before.
+    error : float
+        Expected calibration error on the drive that it was learnt from.
+    """
+
+    reference: ReferenceMap
+    confidence: Confidence
+    settings_changed: bool
+    matches: int
+    right: int
+    off_map: int
+    error_before: float | None
+    error: float
+
+
+def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
+    """Learn how probable it is that a match is right.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    matches : Matches
+        Of a drive against this map.
+    truth : GroundTruth
+
+    Returns
+    -------
+    Calibrated
+
+    Raises
+    ------
+    EdgeVprError
+        If there is nothing to learn from.
+    """
+    found = evaluate(matches, truth)
+    trust, correct = matches.trust[found.evaluated], found.correct[found.evaluated]
+    confidence = learn_confidence(trust, correct)
+    changed = reference.settings.of_trust != matches.settings.of_trust
+    if changed:
+        taken = matches.settings.to_dict()
+        kept = {name: reference.settings.to_dict()[name] for name in ("precision", "query_mean")}
+        settings = reference.settings.replaced(taken | kept, "the matches")
+        reference = replace(reference, settings=settings)
+    before = found.reliability
+    within = reliability(confidence.probability_of(trust), correct)
+    return Calibrated(
+        reference=replace(reference, confidence=confidence),
+        confidence=confidence,
+        settings_changed=changed,
+        matches=int(trust.size),
+        right=int(correct.sum()),
+        off_map=found.rejection.off_map,
+        error_before=None if before is None else before.expected_calibration_error,
+        error=within.expected_calibration_error,
+    )

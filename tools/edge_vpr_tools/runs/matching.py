@@ -1,0 +1,98 @@
+"""A query drive is matched against a map, window by window."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.matching.matches import Matches
+from edge_vpr.odometry import Odometry
+from edge_vpr.pipeline import EventSource, Removed, WindowSource, describe_query, match_query
+from edge_vpr.recordings.faults import Faults
+from edge_vpr.reference_map import ReferenceMap
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchMetrics:
+    """Sizes and times of a run: what `metrics.json` begins with.
+
+    Attributes
+    ----------
+    queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
+    counting_s, matching_s : float
+    tied_queries : int
+    faults_dropped : Faults
+    """
+
+    queries: int
+    places: int
+    pixels: int
+    bytes_per_place: int
+    packed_bytes_per_place: int
+    events: int
+    counting_s: float
+    matching_s: float
+    tied_queries: int
+    faults_dropped: Faults
+
+
+class MatchRun(NamedTuple):
+    """Matches, the queries they are of, and what cleaning left out."""
+
+    matches: Matches
+    queries: Descriptors
+    removed: Removed
+    counting_s: float
+    matching_s: float
+
+    def metrics(self, reference: ReferenceMap, faults: Faults) -> MatchMetrics:
+        """Return sizes and times, with the faults that were dropped."""
+        return MatchMetrics(
+            queries=len(self.matches),
+            places=len(reference),
+            pixels=len(reference.pixel_map),
+            bytes_per_place=reference.bytes_per_place,
+            packed_bytes_per_place=reference.packed_bytes_per_place,
+            events=int(self.queries.events.sum()),
+            counting_s=self.counting_s,
+            matching_s=self.matching_s,
+            tied_queries=int((self.matches.ties > 0).sum()),
+            faults_dropped=faults,
+        )
+
+
+def match_recording(
+    reference: ReferenceMap,
+    recording: EventSource | WindowSource,
+    odometry: Odometry | None = None,
+) -> MatchRun:
+    """Describe a query drive and match it.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+        With the settings to use.
+    recording : EventSource or WindowSource
+    odometry : Odometry, optional
+        Of the query drive.
+
+    Returns
+    -------
+    MatchRun
+
+    Raises
+    ------
+    EdgeVprError
+        If it cannot be matched.
+    """
+    removed = Removed()
+    start = time.perf_counter()
+    queries = describe_query(reference, recording, removed=removed)
+    # compiled before timing
+    match_query(reference, queries.first(reference.settings.windows_per_match))
+    described = time.perf_counter()
+    matches = match_query(reference, queries, odometry)
+    matched = time.perf_counter()
+    return MatchRun(matches, queries, removed, described - start, matched - described)

@@ -1,0 +1,45 @@
+"""When a localiser gives a match: the flag ``--every``."""
+
+from __future__ import annotations
+
+from edge_vpr.errors import UsageError
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import duration_us
+
+
+def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
+    """Return when to match against a map, see `read_every`."""
+    return read_every(text) or MatchSchedule.window(reference.settings)
+
+
+def read_every(text: str) -> MatchSchedule | None:
+    """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    MatchSchedule or None
+        None for ``window``, whose length a map or a design knows.
+
+    Raises
+    ------
+    UsageError
+        If it is none of these.
+    """
+    if text == "window":
+        return None
+    if text in ("event", "change"):
+        return MatchSchedule(events=1, change=text == "change")
+    if text.isascii() and text.isdigit() and int(text) > 0:
+        return MatchSchedule(events=int(text))
+    try:
+        return MatchSchedule(interval_us=duration_us(text))
+    except UsageError:
+        raise UsageError(
+            f"--every {text!r}: expected event, a number of events, a time such as 10ms, window, "
+            "or change"
+        ) from None
