@@ -181,8 +181,9 @@ def _means(design: Design) -> list[Case]:
         _drive("own_means_of_sequences", sequences, route * 3, high),
         _drive("all_shifts", few, route * 130, high),
         _drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
-        _halves(few),
-        _late_shifts(few),
+        # with counts above a small design's full scale
+        _halves(replace(few, full_scales=(0,))),
+        _late_shifts(replace(few, full_scales=(0,))),
     ]
     if design.window == "time":
         cases.append(_drive("means_and_pauses", few, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
