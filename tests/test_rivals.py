@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from edge_vpr_tools.experiments import mount_shift, rivals
+from edge_vpr_tools.experiments import mount_shift, pixel_number, rivals
 from edge_vpr_tools.experiments.codes_frontier import Pair
 from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
 
@@ -75,3 +75,17 @@ def test_the_mount_shift_is_undone_and_drawn(monkeypatch, tmp_path):
     assert (tmp_path / "figure.png").stat().st_size > 10_000
     assert "| counts, registered | 1.000 | 1.000 |" in text
     assert "off by at most" in text
+
+
+def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch, tmp_path):
+    pair = rivals.count_pair(
+        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
+    )
+    monkeypatch.setattr(pixel_number, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(pixel_number, "simulated_pair", lambda seed: pair)
+    monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
+    text = pixel_number.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    released = next(line for line in text.splitlines() if line.startswith("| mean"))
+    assert released.endswith("| - |")  # 150 circles of 7 pixels do not fit
+    assert "| variance |" in text and "| all pixels |  | 1.000 |" in text

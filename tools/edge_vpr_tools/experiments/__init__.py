@@ -11,4 +11,5 @@ EXPERIMENTS = {
     "trust": "trust",
     "mount-shift": "mount_shift",
     "rivals": "rivals",
+    "pixel-number": "pixel_number",
 }
