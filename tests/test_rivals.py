@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from edge_vpr_tools.experiments import mount_shift, pixel_number, rivals
+from edge_vpr_tools.experiments import event_speed, mount_shift, pixel_number, rivals
 from edge_vpr_tools.experiments.codes_frontier import Pair
 from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
 
 from edge_vpr.baselines import baseline_names
 from edge_vpr.evaluation.truth_from_alignment import from_alignment
 from edge_vpr.settings import PRESETS
+from edge_vpr.simulate import CAMERAS
 
 TAU = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2, "sigma": 2.0, "pixels": 150}, "test")
@@ -89,3 +92,16 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
     released = next(line for line in text.splitlines() if line.startswith("| mean"))
     assert released.endswith("| - |")  # 150 circles of 7 pixels do not fit
     assert "| variance |" in text and "| all pixels |  | 1.000 |" in text
+
+
+def test_what_fires_by_the_clock_makes_fewer_events_in_a_faster_drive():
+    """With much noise, four times the speed makes fewer events; without any, it does not."""
+    noisy = replace(CAMERAS["tiny"], noise_hz=20.0)
+    quiet = replace(noisy, noise_hz=0.0, hot_pixels=0, bursts_per_minute=0.0)
+    still = {"traffic_per_km": 0.0, "shake_px": 0.0}
+    slow, fast = (event_speed.events_of(noisy, still, v, 1, 20.0) for v in (3.0, 12.0))
+    assert fast < 0.6 * slow
+    slow, fast = (event_speed.events_of(quiet, still, v, 1, 20.0) for v in (3.0, 12.0))
+    assert fast > 0.9 * slow
+    text = event_speed.table({"tiny": (quiet, still)}, 1, lambda name: None, 20.0)
+    assert "| tiny |" in text and "share at 12 m/s" in text

@@ -105,8 +105,14 @@ def register(
     dx, dy, likeness, unmoved = estimate_shift(reference, images)
     if not _is_clear(likeness - unmoved):
         dx = dy = 0
-    means = (math.fsum(values) / len(values) for values in (likeness, unmoved))
-    return Registration(moved_map(reference, dx, dy), dx, dy, *means, len(images))
+    return Registration(
+        reference=moved_map(reference, dx, dy),
+        dx=dx,
+        dy=dy,
+        likeness=math.fsum(likeness) / len(likeness),
+        unmoved=math.fsum(unmoved) / len(unmoved),
+        windows=len(images),
+    )
 
 
 def estimate_shift(
@@ -203,7 +209,7 @@ def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
     return replace(
         reference,
         settings=settings.replaced(changes, "the registration"),
-        pixel_map=PixelMap(pixel_map.sensor, x[kept], y[kept]),
+        pixel_map=PixelMap(pixel_map.sensor, x[kept].astype(np.uint16), y[kept].astype(np.uint16)),
         places=replace(
             places,
             counts=np.ascontiguousarray(places.counts[:, counters]),
@@ -243,8 +249,8 @@ def _first_images(
 
 def _folded(counts: npt.NDArray[np.integer], pixels: int) -> npt.NDArray[np.int64]:
     """Add ON and OFF events, where they were counted apart."""
-    counts = counts.astype(np.int64)
-    return counts if counts.shape[1] == pixels else counts[:, :pixels] + counts[:, pixels:]
+    wide: npt.NDArray[np.int64] = counts.astype(np.int64)
+    return wide if wide.shape[1] == pixels else wide[:, :pixels] + wide[:, pixels:]
 
 
 def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:

@@ -12,4 +12,5 @@ EXPERIMENTS = {
     "mount-shift": "mount_shift",
     "rivals": "rivals",
     "pixel-number": "pixel_number",
+    "event-speed": "event_speed",
 }
