@@ -62,6 +62,16 @@ def test_a_simulated_street_is_counted_by_events():
     assert set(found) == {"all-pixels", "active-pixels"}
 
 
+def test_a_system_that_does_not_fit_a_sensor_is_said_to(monkeypatch, tmp_path):
+    """The released code draws 100 pixels, each 7 pixels apart."""
+    images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]
+    pair = rivals.count_pair("drives", *images, SETTINGS, truth_of)
+    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
+    text = rivals.run(None, 1, lambda name: None)
+    assert "released code: 100 pixels, clipped at 10, SAD | does not fit |" in text
+    assert "| all pixels, SAD | 1.000 |" in text
+
+
 def test_an_image_is_shifted_and_what_leaves_is_lost():
     image = np.arange(12).reshape(3, 4)
     moved = shifted(image, 1, -2)

@@ -20,6 +20,7 @@ from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.hot_pixels import find_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, Window
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.pipeline import EventSource, WindowSource, cleaned
 from edge_vpr.settings import PRESETS, Settings
@@ -116,14 +117,17 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
 
 
 def compare_all(pair: CountedPair, seed: int, names: Sequence[str]) -> dict[str, Result]:
-    """Match a pair with every baseline of these names."""
+    """Match a pair with every baseline of these names that can be used on its sensor."""
     truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
     found = {}
     for name in names:
-        compared = compare(
-            open_baseline(name, seed), pair.reference.images, pair.query.images,
-            pair.query.centre_us, pair.settings,
-        )  # fmt: skip
+        try:
+            compared = compare(
+                open_baseline(name, seed), pair.reference.images, pair.query.images,
+                pair.query.centre_us, pair.settings,
+            )  # fmt: skip
+        except UsageError:  # the released code's 100 pixels do not fit every sensor
+            continue
         found[name] = compared, evaluate(compared.matches, truth)
     return found
 
@@ -169,7 +173,11 @@ def run(
 
 def _table(results: dict[str, list[Result]]) -> str:
     rows = []
-    for name, trials in results.items():
+    for name in baseline_names():
+        if name not in results:
+            rows.append([open_baseline(name).title, "does not fit", *["-"] * 5])
+            continue
+        trials = results[name]
         first = trials[0][0]
         rows.append(
             [
@@ -189,11 +197,13 @@ def _table(results: dict[str, list[Result]]) -> str:
 
 def draw(found: dict[str, dict[str, list[Result]]]) -> Figure:
     """Draw right matches against bytes a place, a panel for each pair of drives."""
+    names = baseline_names()
     with figure(4.2 * len(found) + 1.5, 4.8) as (drawing, only):
         only.remove()
         panels = drawing.subplots(1, len(found), squeeze=False)
         for axes, (pair, results) in zip(panels.flat, found.items(), strict=True):
-            for i, (name, trials) in enumerate(results.items()):
+            for name, trials in results.items():
+                i = names.index(name)
                 values = [e.precision_at_100_recall for _, e in trials]
                 axes.errorbar(
                     trials[0][0].bytes_per_place,
