@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.experiments import EXPERIMENTS
+from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES
 from edge_vpr_tools.output.progress import status
 
 
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"experiment {args.name} writes no table: leave --table out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
-            f"experiment {args.name} reads the folder {folder}, which is not in "
+            f"experiment {args.name} reads the folder {folder}, {SOURCES[folder]}, which is not in "
             f"{args.data or 'any folder given'}: name the folder that holds it with --data"
         )
     with status("starting") as show:
