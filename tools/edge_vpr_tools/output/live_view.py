@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -16,9 +16,12 @@ from typing import Any, TextIO
 import numpy as np
 
 from edge_vpr.errors import printable
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.health import Health
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr_tools.output.live_panel import Panel, open_panel
+from edge_vpr_tools.publishing.match_rows import MatchRows
+from edge_vpr_tools.publishing.publisher import Publisher
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
 #: A silence of so long is told.
@@ -55,6 +58,10 @@ class View:
         In the map; 0 without one.
     panel : Panel or None
         On a terminal.
+    rows : MatchRows, optional
+        Makes the rows of matches.
+    publishers : sequence of Publisher
+        Get every row.
 
     Attributes
     ----------
@@ -64,7 +71,16 @@ class View:
         Which file was given up and why, if one was.
     """
 
-    def __init__(self, as_json: bool, log: TextIO | None, places: int, panel: Panel | None) -> None:
+    def __init__(
+        self,
+        as_json: bool,
+        log: TextIO | None,
+        places: int,
+        panel: Panel | None,
+        rows: MatchRows | None = None,
+        publishers: Sequence[Publisher] = (),
+    ) -> None:
+        self._rows, self._publishers = rows or MatchRows(), publishers
         self._json, self._log, self._places, self._panel = as_json, log, places, panel
         self._goal = "match" if places else "event"
         self.unread = False
@@ -86,15 +102,12 @@ class View:
         if result.events.size:
             self._lag_s = lag_s
             self._lags.add(lag_s)
-        names = result.matches.dtype.names or ()
-        for row in result.matches.tolist():
-            match = dict(zip(names, row, strict=True))
-            # JSON has no not-a-number
-            for name in ("ratio", "probability"):
-                match[name] = match[name] if match[name] == match[name] else None
-            self._last = {"kind": "match", **match, "incomplete": result.incomplete}
-            self.matched += 1
-            self._write(self._last)
+        if result.matches.size:
+            host_us = time.time_ns() // 1_000 - int(1e6 * lag_s)
+            for row in self._rows.of(result, host_us):
+                self._last = row
+                self.matched += 1
+                self._write(row)
         if self._json and result.matches.size:
             # a program at the other end of a pipe waits for this
             self._print()
@@ -118,6 +131,9 @@ class View:
 
     def tick(self, live: LiveLocaliser) -> None:
         """Show how things are, if it is time to."""
+        for publisher in self._publishers:
+            for text, good in publisher.notices():
+                self.say(publisher.name, text, over=good)
         now = time.monotonic()
         since = now - self._shown
         if since < (_LINE_S if self._panel is None else _REFRESH_S):
@@ -205,6 +221,8 @@ class View:
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
+        for publisher in self._publishers:
+            publisher.send(row["kind"], text)
         if self._log is not None:
             try:
                 self._log.write(text + "\n")
@@ -242,15 +260,21 @@ def ends_early(path: str, error: OSError) -> str:
 
 
 @contextmanager
-def open_view(as_json: bool, log: str | None, places: int) -> Iterator[View]:
+def open_view(
+    as_json: bool,
+    log: str | None,
+    reference: ReferenceMap | None,
+    publishers: Sequence[Publisher] = (),
+) -> Iterator[View]:
     """Open a view, and its log until the block ends."""
+    rows, places = MatchRows(reference), len(reference or ())
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
     try:
         if as_json or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-            yield View(as_json, file, places, None)
+            yield View(as_json, file, places, None, rows, publishers)
         else:
             with open_panel() as panel:
-                yield View(as_json, file, places, panel)
+                yield View(as_json, file, places, panel, rows, publishers)
     finally:
         if file is not None:
             # lines are flushed as they are written, and what failed then was told then
