@@ -258,6 +258,7 @@ def small_loads(monkeypatch):
     monkeypatch.setattr("edge_vpr_tools.commands.demo.simulate_pair", street)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_loads")
 @pytest.mark.parametrize("run", RUNS, ids=[line[:60] for line, _ in RUNS])
 def test_a_command_line_ends_as_it_should(run, folder, capsys):

@@ -39,6 +39,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
+from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
@@ -64,6 +65,7 @@ def correct_results(folder):
         yield from from_binary((place / "expected.bin").read_bytes())
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_bytes(vectors, tmp_path):
     """Every file, archives too; another seed makes other random cases and the same corners."""
     write_suites(tmp_path / "again", DESIGN, standard_suites(DESIGN, 3), 3)
@@ -91,6 +93,7 @@ def test_the_corner_suite_reaches_every_corner(window, polarity):
     assert max(sum(map(bool, coverage(case).values())) for case in cases) < len(CORNERS) - 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", ["time", "count"])
 @pytest.mark.parametrize("code", ["log", "own-mean"])
 def test_the_filter_suite_reaches_every_corner(window, code):
@@ -103,6 +106,14 @@ def test_the_filter_suite_reaches_every_corner(window, code):
     sequences = replace(design, matching="sequence", length=3)
     assert ("filter" in standard_suites(sequences, 0)) == (code == "own-mean")
     assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
+
+
+@pytest.mark.parametrize("full_scale", [1, 3, 15])
+def test_own_mean_designs_of_any_full_scale_have_their_cases(full_scale):
+    design = replace(
+        DESIGN, matching="filter", length=1, code="own-mean", full_scales=(full_scale,)
+    )
+    assert len(filter_cases(design)) > 10
 
 
 def test_the_manifest_names_every_file_and_its_hash(vectors):
@@ -354,6 +365,7 @@ def test_only_an_empty_folder_is_written_to(vectors):
         load_manifest(vectors / "corners")
 
 
+@pytest.mark.slow
 def test_the_command_makes_and_verifies_vectors(tmp_path, capsys):
     """From a design's file; the summary counts cases; a wrong result ends with exit code 1."""
     DESIGN.save(tmp_path / "design.toml")
@@ -409,6 +421,7 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     return len(arrays["expected_matches"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -439,6 +452,7 @@ def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_p
     assert suites == ["corners", "random", *adaptive, "recording"]
 
 
+@pytest.mark.slow
 def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, shared_data):
     """Events of a camera in a car, at 30 of 1280 x 720 pixels."""
     drive = shared_data / "recordings" / "evt3_gen41_1280x720_driving.raw"

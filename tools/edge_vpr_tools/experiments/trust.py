@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from edge_vpr.confidence import Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
@@ -61,9 +62,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
             ]
             first.append(first_row(pair.name, default_confidence(), live))
     if figure is not None:
-        pooled = joined(everything)
-        given = default_confidence(smoothed=True).probability_of(pooled.trust)
-        save(reliability_diagram(reliability(given, pooled.correct)), figure)
+        save(draw(joined(everything)), figure)
     parts = []
     for smooth, tables in rows.items():
         how = "smoothed" if smooth else "window by window"
@@ -77,6 +76,12 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         ]  # fmt: skip
     parts += ["Switched on in mid-route:", markdown_table(HEADER, first), _intervals(data, last)]
     return "\n\n".join(parts)
+
+
+def draw(smoothed: Sample) -> Figure:
+    """Draw how often smoothed matches of each probability are right."""
+    given = default_confidence(smoothed=True).probability_of(smoothed.trust)
+    return reliability_diagram(reliability(given, smoothed.correct))
 
 
 _REJECTED = ("drives", "right of those on the map", "found at 99 % precision over all",

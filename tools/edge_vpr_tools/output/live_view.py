@@ -20,6 +20,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.health import Health
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr_tools.output.live_panel import Panel, open_panel
+from edge_vpr_tools.output.messages import is_quiet, warning
 from edge_vpr_tools.publishing.match_rows import MatchRows
 from edge_vpr_tools.publishing.publisher import Publisher
 
@@ -54,12 +55,10 @@ class View:
     as_json : bool
         JSON lines on standard output.
     log : text file or None
-    places : int
-        In the map; 0 without one.
+    reference : ReferenceMap or None
+        Where it has positions, matches have the columns of `matches_csv`.
     panel : Panel or None
         On a terminal.
-    rows : MatchRows, optional
-        Makes the rows of matches.
     publishers : sequence of Publisher
         Get every row.
 
@@ -75,14 +74,15 @@ class View:
         self,
         as_json: bool,
         log: TextIO | None,
-        places: int,
+        reference: ReferenceMap | None,
         panel: Panel | None,
-        rows: MatchRows | None = None,
         publishers: Sequence[Publisher] = (),
     ) -> None:
-        self._rows, self._publishers = rows or MatchRows(), publishers
-        self._json, self._log, self._places, self._panel = as_json, log, places, panel
-        self._goal = "match" if places else "event"
+        self._json, self._log, self._panel = as_json, log, panel
+        self._rows, self._publishers = MatchRows(reference), publishers
+        self._places = len(reference or ())
+        self._quiet = is_quiet() or as_json
+        self._goal = "match" if self._places else "event"
         self.unread = False
         self.unwritten = ""
         self._begin = self._shown = self._logged = self._heard = time.monotonic()
@@ -121,8 +121,10 @@ class View:
         text = printable(text)
         if self._panel is not None:
             self._panel.notice(kind, text, over=over)
-        elif not self._json:
+        elif not self._quiet:
             self._print(text)
+        elif not (self._json or over):
+            warning(text)
 
     def give_up(self, text: str) -> None:
         """Say that a file is given up; the run goes on without it."""
@@ -149,13 +151,13 @@ class View:
             share = None if "place" not in said else self._share(live.filled)
             self._panel.show(said, share, stale=self._closed or self._silent_s() > SILENT_S)
             self.unread |= self._panel.lost
-        elif not self._json:
+        elif not self._quiet:
             self._print(" | ".join(self._said(health, live.filled).values()))
 
     def summary(self, health: Health, bursts_removed: int) -> None:
         """Say how it went."""
         self._write({**self._health(health), "kind": "summary", "matches": self.matched})
-        if self._json:
+        if self._quiet:
             return
         if self._panel is not None:
             # notices go with the screen
@@ -191,6 +193,8 @@ class View:
                 f"place {self._last['place']} of {self._places}"
                 f" ({100 * self._position():.0f} % of the route)"
             )
+            if self._last.get("along_m") is not None:
+                said["place"] += f", at {self._last['along_m']:,.1f} m"
             ratio, probability = self._last["ratio"], self._last["probability"]
             said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
@@ -267,14 +271,14 @@ def open_view(
     publishers: Sequence[Publisher] = (),
 ) -> Iterator[View]:
     """Open a view, and its log until the block ends."""
-    rows, places = MatchRows(reference), len(reference or ())
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
     try:
-        if as_json or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-            yield View(as_json, file, places, None, rows, publishers)
+        plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
+        if plain or not sys.stdout.isatty():
+            yield View(as_json, file, reference, None, publishers)
         else:
             with open_panel() as panel:
-                yield View(as_json, file, places, panel, rows, publishers)
+                yield View(as_json, file, reference, panel, publishers)
     finally:
         if file is not None:
             # lines are flushed as they are written, and what failed then was told then

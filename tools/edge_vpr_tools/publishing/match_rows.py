@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from edge_vpr.matching.matches_csv import ALONG
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.live import LiveResult
-
-#: of a map with positions: metres along the route, and the interval that the probability is of
-ALONG = ("along_m", "along_from_m", "along_to_m")
 
 
 class MatchRows:

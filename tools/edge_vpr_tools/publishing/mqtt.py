@@ -179,9 +179,10 @@ def open_mqtt(url: str) -> Iterator[MqttPublisher]:
     broker = parse_url(url)
     try:
         from paho.mqtt import client as paho
+        from paho.mqtt import enums
     except ImportError as error:
         raise MissingExtraError("--mqtt", "paho-mqtt", "mqtt") from error
-    client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+    client = paho.Client(enums.CallbackAPIVersion.VERSION2)
     client.reconnect_delay_set(1, 10)
     if broker.user is not None:
         client.username_pw_set(broker.user, os.environ.get(PASSWORD))
