@@ -1,7 +1,7 @@
 // Replays a case of golden vectors in the folder where it runs, and writes records that
 // `edge-vpr golden verify` reads. Both sides stall at random; resets come in the middle, after which
 // the case begins again; whatever is undefined where it must not be, or changes before it is
-// taken, ends the simulation.
+// taken, ends the simulation. So does a core that takes nothing for far longer than a match lasts.
 //
 // +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N
 `timescale 1ns / 1ps
@@ -11,6 +11,8 @@ module vpr_bench;
     localparam int EVENT_BITS = EVENT_TIME_BITS + 32;
     localparam int WORD_BITS  = LANES * CODE_BITS;
     localparam int SEEN_BITS  = SLOT_BITS + COUNT_BITS + 1;
+    // more clocks than a match takes, of sequences and of the filter
+    localparam int MATCH_CLOCKS = 200 + 4 * (SLOTS + 3 * PLACES * (WORDS + LENGTH));
 
     logic                      clk = 1'b0;
     logic                      rst = 1'bx;
@@ -68,7 +70,7 @@ module vpr_bench;
     // Inputs: files are read word by word. A word that was offered stays until it is taken.
 
     integer events_file, places_file, scanned, out;
-    integer events_given, idle_clocks, restart_at;
+    integer events_given, idle_clocks, stuck_clocks, restart_at;
     logic   event_there, place_there, running;
 
     task automatic restart;
@@ -93,6 +95,7 @@ module vpr_bench;
             s_place_tdata = 'x;
             events_given = 0;
             idle_clocks = 0;
+            stuck_clocks = 0;
             rst = 1'b1;
             repeat (1 + $unsigned($random(seed)) % 3) @(negedge clk);
             rst = 1'b0;
@@ -152,7 +155,7 @@ module vpr_bench;
         repeat (2) @(negedge clk);
         restart;
         restart_at = 20 + $unsigned($random(seed)) % 400;
-        while (idle_clocks < 200 + 4 * (SLOTS + 3 * PLACES * (WORDS + LENGTH))) begin
+        while (idle_clocks < MATCH_CLOCKS) begin
             @(negedge clk);
             if (event_taken) begin
                 events_given = events_given + 1;
@@ -173,6 +176,9 @@ module vpr_bench;
             m_match_tready  = !chance(stall);
             idle_clocks = event_there || place_there || m_match_tvalid || m_window_tvalid
                           ? 0 : idle_clocks + 1;
+            stuck_clocks = event_taken || place_taken ? 0 : stuck_clocks + 1;
+            if (stuck_clocks > 10 * MATCH_CLOCKS * 100 / (101 - stall))
+                fail("neither takes an event nor comes to an end");
             restart_at = restart_at - 1;
             if (resets > 0 && restart_at <= 0) begin
                 resets = resets - 1;
