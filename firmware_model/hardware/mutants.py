@@ -34,7 +34,10 @@ _SEQUENCES = Design(
 )
 DESIGNS = (_SEQUENCES, replace(_SEQUENCES, matching="filter", length=1, code="own-mean"))
 #: cases that find most faults come first
-FIRST = ("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time")
+FIRST = (
+    *("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time"),
+    *("usually_more_events", "spread_of_one", "pauses_of_kept_distances", "random_2"),
+)
 _CHANGES = (
     (re.compile(r" == "), " != "),
     (re.compile(r" != "), " == "),
@@ -113,7 +116,8 @@ class Bench:
     Attributes
     ----------
     cases : list of (path, str)
-        Folder of vectors, and suite and case, in the order in which they are replayed.
+        Folder of vectors, and suite and case, in the order in which they are replayed: the one that
+        found the latest mutant comes first.
     """
 
     def __init__(self, folder: Path, seed: int, only: Collection[str] | None = None) -> None:
@@ -142,8 +146,10 @@ class Bench:
             (self._rtl / mutant.file).write_text("\n".join(source), encoding="ascii")
         try:
             programs: dict[str, Path] = {}
-            for vectors, name in self.cases:
+            for at, (vectors, name) in enumerate(self.cases):
                 if not self._holds(vectors, name, programs):
+                    # the next mutant is often of the same unit
+                    self.cases.insert(0, self.cases.pop(at))
                     return name
             return None
         finally:

@@ -75,6 +75,7 @@ def replay(
     stall: int = 0,
     resets: int = 0,
     seconds: int | None = None,
+    trace: Path | None = None,
 ) -> Replay:
     """Replay a case.
 
@@ -96,6 +97,8 @@ def replay(
         After which the case begins again.
     seconds : int, optional
         Of the processor, after which a simulation that does not end is a fault.
+    trace : path, optional
+        A VCD file of the testbench's signals, which is written.
 
     Returns
     -------
@@ -113,6 +116,8 @@ def replay(
         "stall": stall,
         "resets": resets,
     }
+    if trace is not None:
+        arguments["trace"] = trace.resolve()
     words = [f"+{key}={value}" for key, value in arguments.items()]
     said = _run([RUNTIME, "-n", str(program.resolve()), *words], case, seconds)
     cycles = re.search(r"cycles a match (\d+) to (\d+)", said)

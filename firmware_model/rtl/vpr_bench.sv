@@ -3,7 +3,7 @@
 // the case begins again; whatever is undefined where it must not be, or changes before it is
 // taken, ends the simulation. So does a core that takes nothing for far longer than a match lasts.
 //
-// +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N
+// +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +trace=FILE.vcd
 `timescale 1ns / 1ps
 module vpr_bench;
     import vpr_design::*;
@@ -41,7 +41,7 @@ module vpr_bench;
 
     // Arguments
 
-    string       case_name, results;
+    string       case_name, results, trace;
     logic [63:0] start, activity;
     integer      seed, stall, resets, start_file;
     initial begin
@@ -61,6 +61,10 @@ module vpr_bench;
         if (!$value$plusargs("seed=%d", seed)) seed = 1;
         if (!$value$plusargs("stall=%d", stall)) stall = 0;
         if (!$value$plusargs("resets=%d", resets)) resets = 0;
+        if ($value$plusargs("trace=%s", trace)) begin
+            $dumpfile(trace);
+            $dumpvars(1, vpr_bench);
+        end
     end
 
     function automatic logic chance(input integer per_cent);
@@ -197,6 +201,7 @@ module vpr_bench;
     string  line;  // events come between the words of a window
     integer events_seen, windows_seen, words_seen, lane;
     logic   match_before;
+    wire    window_end = device.core.window_end;
     integer clock_now, ended_at, least_cycles, most_cycles;
     initial begin
         clock_now    = 0;
@@ -232,7 +237,7 @@ module vpr_bench;
                 else $fwrite(out, "event,%0d,-1,%0d\n", events_seen, seen_count);
                 events_seen = events_seen + 1;
             end
-            if (device.core.window_end) ended_at = clock_now;
+            if (window_end) ended_at = clock_now;
             if (m_window_tvalid && m_window_tready) begin
                 if (words_seen == 0)
                     line = $sformatf("window,%0d,%0d", windows_seen, m_window_tuser);
