@@ -28,7 +28,10 @@ from firmware_model import Design
 
 SENSOR = Sensor(16, 12)
 SMALL = "--pixels 5 --sigma 1 --tau 100ms -L 2"
-TABLE = "--sensor 16x12 --on-fault drop --format csv --time-unit us --columns txyp"
+TABLE = (
+    "--sensor 16x12 --on-fault drop --format csv --time-unit us --columns txyp "
+    "--start 0 --end 3 --start-offset 0.001"
+)
 SETTINGS = (
     "--preset tiny --config {f}/settings.toml --pixels 5 --strategy random --sigma 1.5 --seed 3 "
     "--window count --tau 100ms --events-per-pixel 4 --polarity --keep-incomplete "
@@ -50,7 +53,8 @@ RUNS = [
     ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed-range 1.5 --stops 1", 0),
     ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
     ("doctor --compile --json", 0),
-    ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json", 0),
+    ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json "
+     "--start 0.1 --end 1.5 --start-offset 0.01", 0),
     ("info {f}/query.h5 --sensor 16x12 --topic left", 0),
     ("info {f}/frames.npz --frame-period 1/10", 0),
     (f"convert {{f}}/table.txt {{f}}/out.csv {TABLE}", 0),
