@@ -57,6 +57,7 @@ def filter_drive(
     odometry: Odometry | None = None,
     *,
     smooth: bool = False,
+    metrics: npt.NDArray[np.float64] | None = None,
 ) -> FilteredDrive:
     """Advance a filter over all windows of a drive.
 
@@ -72,6 +73,8 @@ def filter_drive(
         Of this drive.
     smooth : bool
         Let the windows after each one decide with.
+    metrics : ndarray of float64, shape (K, n), optional
+        Filled with the metric of each place after each window, the least of which is the match.
 
     Returns
     -------
@@ -98,7 +101,7 @@ def filter_drive(
         ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
     events = queries.activity.tolist()
     kept = (n, places) if smooth else (0, places)
-    metrics, evidence = np.empty(kept, dtype=np.uint16), np.empty(kept, dtype=np.uint8)
+    forward, evidence = np.empty(kept, dtype=np.uint16), np.empty(kept, dtype=np.uint8)
     windows: list[_Window] = []
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     candidates = []
@@ -117,27 +120,32 @@ def filter_drive(
             columns[j] = place_filter.advance(row, events[j])
             found[i] = place_filter.metric
         if smooth:
-            metrics[first : first + block] = found
+            forward[first : first + block] = found
         else:
+            if metrics is not None:
+                metrics[:, first : first + block] = found.T
             candidates.append(nearest_places(found.T))
     if smooth:
-        return _smoothed(place_filter, metrics, evidence, windows)
+        return _smoothed(place_filter, forward, evidence, windows, metrics)
     return FilteredDrive(columns, np.concatenate(candidates))
 
 
 def _smoothed(
     place_filter: PlaceFilter,
-    metrics: npt.NDArray[np.uint16],
+    forward: npt.NDArray[np.uint16],
     evidence: npt.NDArray[np.uint8],
     windows: list[_Window],
+    metrics: npt.NDArray[np.float64] | None,
 ) -> FilteredDrive:
-    n, places = metrics.shape
+    n, places = forward.shape
     backwards = place_filter.moves.reversed()
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     candidates = np.empty((n, CANDIDATES), dtype=np.int64)
     onward = np.zeros(places, dtype=np.int32)
     for j in range(n - 1, -1, -1):
-        metric = metrics[j] + onward
+        metric = forward[j] + onward
+        if metrics is not None:
+            metrics[:, j] = metric
         columns[j] = match_of(metric, place_filter.exclusion)
         candidates[j] = nearest_places(metric[:, None])[0]
         onward = _before(windows[j], evidence[j] + onward, backwards)
