@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # tells a stale environment from a current one without asking pip
 STAMP = $(VENV)/.installed-$(1)
 
-.PHONY: demo test test-rtl lint types bench clean
+.PHONY: demo test quick coverage test-rtl lint types bench clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
@@ -14,9 +14,19 @@ demo: $(call STAMP,run)
 KERNELS := cleaning codes counters distances filter_run localiser matches own_mean pipeline \
            place_filter simulate_pixels stream_protocols windows
 
+PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(KERNELS:%=tests/test_%.py)
+
 test: lint types
-	$(BIN)/python -m pytest
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q $(KERNELS:%=tests/test_%.py)
+	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(PLAIN)
+
+# while one works: without the slow tests, and without lint and types
+quick: $(call STAMP,test)
+	$(BIN)/python -m pytest -q -n auto --dist worksteal -m "not slow"
+
+# of what has kernels, with the compiler off
+coverage: $(call STAMP,test)
+	$(PLAIN) --cov
 
 # the hardware core, with the tools of docs/hardware.md
 test-rtl: $(call STAMP,test)

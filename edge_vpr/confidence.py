@@ -65,6 +65,10 @@ class Confidence:
         if (np.diff(self.trust) <= 0).any():
             raise MapError("confidence_trust does not increase")
 
+    def __repr__(self) -> str:
+        low, high = self.probability[0], self.probability[-1]
+        return f"Confidence({len(self.trust)} steps, {low:.2f} to {high:.2f})"
+
     @property
     def precision(self) -> npt.NDArray[np.float64]:
         """Share of right matches among all of a step and those above it, shape (m,)."""

@@ -82,6 +82,10 @@ class Route:
         if at[0] < 0 or at[-1] > _FARTHEST_M or (np.diff(at) < 0).any():
             raise MapError("along_m runs backwards, or is not a length: expected rising metres")
 
+    def __repr__(self) -> str:
+        known = int(np.isfinite(self.along_m).sum())
+        return f"Route({known} of {len(self.along_m)} places known, {self.kind})"
+
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the columns of `position`, with their unit where it is metres."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
@@ -125,11 +126,21 @@ class Design(DesignFile):
 
     def __post_init__(self) -> None:
         for name in _TUPLES:
-            object.__setattr__(self, name, tuple(int(part) for part in getattr(self, name)))
+            parts = getattr(self, name)
+            if not isinstance(parts, (list, tuple)) or len(parts) > MOST_PARTS:
+                raise DesignError(f"design: {name} = {_shown(parts)}: expected a list of numbers")
+            if not all(isinstance(part, numbers.Integral) for part in parts):
+                raise DesignError(f"design: {name} = {_shown(parts)}: expected whole numbers")
+            object.__setattr__(self, name, tuple(int(part) for part in parts))
+        for name in ("polarity", "keep_distances"):
+            if not isinstance(getattr(self, name), bool):
+                raise DesignError(
+                    f"design: {name} = {_shown(getattr(self, name))}: expected true or false"
+                )
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-                raise DesignError(f"design: {name} = {value!r}: expected {low} to {high}")
+                raise DesignError(f"design: {name} = {_shown(value)}: expected {low} to {high}")
         for name, choices in (
             ("window", WindowKind),
             ("matching", Matching),
@@ -137,7 +148,7 @@ class Design(DesignFile):
         ):
             if getattr(self, name) not in get_args(choices):
                 raise DesignError(
-                    f"design: {name} = {getattr(self, name)!r}: choose from "
+                    f"design: {name} = {_shown(getattr(self, name))}: choose from "
                     f"{', '.join(get_args(choices))}"
                 )
         self._check_together()
@@ -272,6 +283,8 @@ class Design(DesignFile):
 
 
 _TUPLES = ("full_scales", "steps", "back", "ratio")
+#: most numbers of a list, before it is looked at
+MOST_PARTS = 4_096
 _RANGES = {
     "width": (1, MAX_SIDE),
     "height": (1, MAX_SIDE),
@@ -288,6 +301,13 @@ _RANGES = {
     "margin": (0, (1 << 32) - 1),
     "lookup_depth": (0, 1 << 20),
 }
+
+
+def _shown(value: object) -> str:
+    try:
+        return repr(value)[:80]
+    except ValueError:  # of thousands of digits, as TOML allows
+        return "a number too long to print"
 
 
 def _power_of_two(least: int) -> int:

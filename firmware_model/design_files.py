@@ -10,6 +10,8 @@ from typing import Any, Self
 
 from firmware_model.errors import DesignError
 
+_MOST_BYTES = 1 << 20
+
 
 class DesignFile:
     """What a dataclass of plain values and tuples of them needs to be written and read."""
@@ -38,7 +40,12 @@ class DesignFile:
         missing = sorted({"width", "height", "pixels", "places"} - set(values))
         if missing:
             raise DesignError(f"{source} lacks {missing[0]}: name it")
-        return cls(**values)
+        try:
+            return cls(**values)
+        except DesignError:
+            raise
+        except Exception as error:  # of a type that no check expected
+            raise DesignError(f"{source} is no design ({error}): check its values") from error
 
     def to_toml(self) -> str:
         """Write as TOML, which `load` reads."""
@@ -59,9 +66,14 @@ class DesignFile:
             If it cannot be read, or is no design.
         """
         try:
-            values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise DesignError(f"cannot read a design from {path}: {error}") from error
+            with Path(path).open("rb") as file:
+                raw = file.read(_MOST_BYTES)  # the rest of a longer one is no design
+            values = tomllib.loads(raw.decode("utf-8-sig"))
+        # besides its own error, the parser gives up at deep nesting, long numbers and odd dates
+        except Exception as error:
+            raise DesignError(
+                f"cannot read a design from {path}: {str(error)[:200]}: name a TOML file"
+            ) from error
         return cls.from_dict(values, str(path))
 
 

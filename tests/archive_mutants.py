@@ -5,20 +5,28 @@ from __future__ import annotations
 import io
 import json
 import re
+import tomllib
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from archive_oracle import check_loaded_map, check_loaded_state
+from archive_oracle import check_layout, check_loaded_map, check_loaded_state
+from edge_vpr_tools.energy.conditions import Conditions
+from edge_vpr_tools.energy.meter_trace import read_csv
+from edge_vpr_tools.energy.profile_record import SCHEMA, Profile
+from edge_vpr_tools.energy.show import check_shown
+from edge_vpr_tools.estimate import targets
+from edge_vpr_tools.estimate.calibration import calibrated
+from edge_vpr_tools.estimate.candidates import evaluation_of
 from streams import descriptors, random_events
 
 from edge_vpr.archive import read_members
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError
+from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, printable
 from edge_vpr.evaluation.jump_files import load_jumps
 from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.track_files import load_track
@@ -33,6 +41,10 @@ from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings
+from edge_vpr.stream.protocols.aer import read_layout
+from edge_vpr.stream.protocols.layout import Layout
+from firmware_model.design import Design
+from firmware_model.errors import DesignError
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))
@@ -132,7 +144,89 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
     np.save(new("matrix", ".npy"), truth)
     np.savez(new("matrix", ".npz"), gt=truth)
     np.savetxt(new("matrix", ".csv"), truth, delimiter=",")
+    _write_plain_values(new)
     return files
+
+
+def _write_plain_values(new: Callable[[str, str], Path]) -> None:
+    """Write a layout, designs, targets, metrics, a profile and a meter's trace."""
+    new("layout", ".toml").write_text(
+        'bytes = 5\nendian = "big"\nx = { shift = 1, bits = 7 }\ny = { shift = 8, bits = 6 }\n'
+        "p = { shift = 0, on = 0 }\nt = { shift = 16, bits = 20, tick_us = 2 }\n"
+        "sync = { mask = 0x8000, value = 0x8000 }\n"
+    )
+    new("layout", ".toml").write_text(
+        'bytes = 2\nendian = "little"\nx = {shift = 0, bits = 5}\ny = {shift = 5, bits = 5}\n'
+    )
+    Design(width=40, height=30, pixels=20, places=50).save(new("design", ".toml"))
+    Design(
+        width=40, height=30, pixels=20, places=50, matching="filter", code="own-mean", back=(2,)
+    ).save(new("design", ".toml"))
+    for name in targets.names():
+        path = Path(targets.__file__).with_name("targets") / f"{name}.toml"
+        new("target", ".toml").write_bytes(path.read_bytes())
+    told = {"precision_at_100_recall": 0.75, "queries": 8, "recall": [0.5, None]}
+    new("metrics", ".json").write_text(json.dumps({"evaluation": told, "seconds": 3.5}))
+    new("profile", ".json").write_text(json.dumps(plain_profile()))
+    lines = "".join(f"{i / 10},{2 + i % 7 / 10},{0.5 + i % 3}\n" for i in range(40))
+    new("meter", ".csv").write_text("time_s,voltage_v,current_a\n" + lines)
+
+
+def plain_profile() -> dict[str, object]:
+    """Give what `edge-vpr profile` writes, with joules and one design."""
+    interval = [0.9, 1.2]
+    sensor = {
+        "name": "meter.csv", "kind": "power", "scope": "the board", "period_s": 0.1,
+        "resolution": 0.01, "gain_error": 0.01, "detail": "made up",
+    }  # fmt: skip
+    energy = {
+        "measured": True, "resolved": True, "quick": True, "pairs": 5, "window_s": 10.0,
+        "pairs_needed": None, "native_samples_per_window": 100, "cpu_s_per_match": 0.001,
+        "marginal_j_per_match": 1.0, "marginal_j_per_match_interval": interval,
+        "marginal_j_per_match_interval_with_gain": interval, "saturated_matches_per_s": 9.0,
+        "saturated_j_per_match": 2.0, "saturated_j_per_match_interval": [1.5, 2.5],
+        "mission_matches_per_s": 1.0, "mission_j_per_match": 3.0,
+        "mission_j_per_match_interval": [2.5, 3.5], "matches_per_joule": 1.0,
+        "matches_per_joule_interval": interval, "idle_w": 2.0, "idle_w_interval": [1.9, 2.1],
+        "load_w": 3.0, "differences_w": [1.0], "windows": [], "sampler_cpu_share": 0.01,
+        "trace": {"time_s": [0.5], "watts": [2.0]}, "sensor": sensor,
+    }  # fmt: skip
+    known = {"frequency_hz": 1e9, "temperature_c": 50.0}
+    conditions = {field.name: known.get(field.name) for field in fields(Conditions)}
+    spread = {"value": 1e-6, "low": 0.9e-6, "high": 1.1e-6}
+    against = {
+        "sparse_pixels": 5, "all_pixels": 192, "places": 19, "unit": "a query",
+        "sparse_s": spread, "all_s": spread, "times": {"value": 1.0, "low": 0.9, "high": 1.1},
+    }  # fmt: skip
+    speed = {
+        "seconds": 1.0, "events_per_s": 1e6, "matches_per_s": 1e3, "times_real_time": 9.0,
+        "latency_p50_s": 1e-4, "latency_p99_s": 1e-3, "calls_with_a_match": 99,
+        "cpu_s_per_match": 1e-3, "cpu_share": 1.0, "peak_memory_bytes": 10**8,
+        "events_a_round": 1000,
+    }  # fmt: skip
+    design = {
+        "name": "3-bit", "pixels": 25, "counter_bits": 3, "precision_at_100_recall": 0.5,
+        "places": 19, "queries": 8, "bytes_per_place": 60, "cpu_s_per_match": 1e-3,
+        "cpu_s_per_match_interval": [9e-4, 1.1e-3], "energy": energy,
+    }  # fmt: skip
+    moments = dict.fromkeys(("before", "loaded", "after"), conditions)
+    versions = {"python": "3.11"}
+    return {
+        "schema": SCHEMA, "quick": True, "throughput": speed, "energy": energy,
+        "map": {"places": 19, "pixels": 25, "bytes_per_place": 60, "sequence_length": 5},
+        "designs": [design], "conditions": {**moments, "void_because": ""},
+        "sparse_against_all": dict.fromkeys(("counting", "matching", "matching_paper"), against),
+        "load": {"recording": "query.npz", "packet": 512, "every": "window"},
+        "provenance": {
+            "board": None, "processor": "x86", "kernel": "6", "clock_hz": 1e9, "governor": None,
+            "sensor": None, "shunt_mohm": None, "versions": versions,
+        },
+        "run": {
+            "schema": 1, "command": ["edge-vpr"], "finished_utc": "2026-01-01T00:00:00Z",
+            "settings": {}, "versions": versions, "inputs": [],
+            "machine": {"system": "Linux", "processor": "x86"},
+        },
+    }  # fmt: skip
 
 
 def checksum(body: str) -> int:
@@ -287,8 +381,8 @@ def outcome(kind: str, path: Path) -> bool:
     """
     try:
         loaded = LOADERS[kind](path)
-    except EdgeVprError as error:
-        text = str(error)
+    except (EdgeVprError, DesignError) as error:
+        text = printable(error) if isinstance(error, DesignError) else str(error)
         assert text.isprintable(), text
         assert 0 < len(text) <= LONGEST_MESSAGE, text
         return False
@@ -296,7 +390,17 @@ def outcome(kind: str, path: Path) -> bool:
         check_loaded_map(loaded)
     elif isinstance(loaded, Localiser):
         check_loaded_state(loaded, path)
+    elif isinstance(loaded, Layout):
+        check_layout(loaded)
+    elif isinstance(loaded, Design):
+        assert Design.from_dict(tomllib.loads(loaded.to_toml())) == loaded
     return True
+
+
+def _shown_profile(path: Path) -> object:
+    found = Profile.load_file(path)
+    check_shown(found, path)
+    return calibrated(path)
 
 
 LOADERS: dict[str, Callable[[Path], object]] = {
@@ -309,4 +413,10 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "matrix": load_matrix,
     "odometry": load_odometry,
     "jumps": lambda path: load_jumps(path, 6),
+    "layout": read_layout,
+    "design": Design.load,
+    "target": targets.Target.load,
+    "metrics": evaluation_of,
+    "profile": _shown_profile,
+    "meter": read_csv,
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 import filter_oracle
 import naive
 import numpy as np
-from streams import descriptors
+from streams import descriptors, random_events
 
 from edge_vpr.archive import read_archive
 from edge_vpr.confidence import default_confidence
@@ -22,6 +22,7 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from edge_vpr.stream.protocols.layout import Field, Layout, LayoutEncoder
 
 Rows = list[list[int]]
 
@@ -308,3 +309,23 @@ def _coded(reference: ReferenceMap, counts: list[int]) -> list[int]:
         naive.counter_code(settings.counter_code, settings.counter_bits, scale, count)
         for scale, count in zip(scales, counts, strict=True)
     ]
+
+
+def check_layout(layout: Layout) -> None:
+    """Encode events in words of a layout, and take the words apart bit by bit."""
+    sensor = Sensor(min(1 << layout.x.bits, 50), min(1 << layout.y.bits, 40))
+    events = random_events(np.random.default_rng(4), 30, sensor, 900)
+    events["t"] = events["t"] // layout.tick_us * layout.tick_us
+    raw = LayoutEncoder("a layout", layout, sensor).encode(events)
+    assert len(raw) == 30 * layout.size
+    for i, (t, x, y, p) in enumerate(events.tolist()):
+        order = "big" if layout.big else "little"
+        word = int.from_bytes(raw[i * layout.size : (i + 1) * layout.size], order)
+        assert word & layout.sync_mask == layout.sync_value
+
+        def field(of: Field, word: int = word) -> int:
+            return word >> of.shift & ((1 << of.bits) - 1)
+
+        assert (field(layout.x), field(layout.y)) == (x, y)
+        assert not layout.p.bits or (field(layout.p) == 1) == (p != layout.off_is_one)
+        assert field(layout.t) == t // layout.tick_us % (1 << layout.t.bits)

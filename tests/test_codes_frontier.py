@@ -23,6 +23,7 @@ def found(shared_data):
     return {pair.name: score(pair, 2, VARIANTS) for pair in pairs(shared_data)}
 
 
+@pytest.mark.slow
 def test_three_bits_of_logarithm_beat_eight_bits_of_count_on_every_pair_of_drives(found):
     """What docs/codes.md claims, with two draws in place of five."""
     assert len(found) == 6

@@ -320,6 +320,7 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(drive, capsys,
     assert (folder / "online.png").is_file()
 
 
+@pytest.mark.slow
 def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, capsys, tmp_path):
     flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1"]
     mapped, query = str(tmp_path / "map.npz"), str(drive / "query.npz")
@@ -396,6 +397,7 @@ def line_track(path, seconds, metres, begin=0.0):
     return path
 
 
+@pytest.mark.slow
 def test_evaluate_says_what_is_doubtful_and_sets_clocks_right(drive, tmp_path, capsys):
     results = tmp_path / "results"
     shutil.copytree(drive / "results", results)

@@ -268,3 +268,10 @@ def test_a_spliced_drive_keeps_the_truth_of_each_window():
     detour = with_detour(a_case(), away, 6)
     assert np.flatnonzero(~detour.truth.has_place).tolist() == [6, 7, 8]
     assert detour.counted.counts[6:9].min() == 9 and len(detour.match()) == 23
+
+
+def test_the_experiment_of_trust_draws_its_figure(tmp_path, capsys):
+    """The documented command is not refused for its --figure, but for the missing data."""
+    figure = str(tmp_path / "reliability.png")
+    assert main(["experiment", "trust", "--data", str(tmp_path), "--figure", figure]) == 2
+    assert "reads the folder speck_indoor" in capsys.readouterr().err

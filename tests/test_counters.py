@@ -35,6 +35,7 @@ def columns(events, contiguous: bool):
     return tuple(np.ascontiguousarray(view) for view in views) if contiguous else views
 
 
+@pytest.mark.slow
 @given(
     seed=SEEDS,
     n=st.integers(0, 400),

@@ -289,6 +289,7 @@ def test_bytes_are_those_that_the_firmware_asks_for(seed, m4):
     assert emulator.call("vpr_ram_bytes", at_design) == size.ram_bytes
 
 
+@pytest.mark.slow
 def test_bytes_are_those_of_a_saved_map(drive):  # noqa: F811
     """A place of the map, packed; and the design says what the map says."""
     reference = ReferenceMap.load(drive / "map.npz")
@@ -379,6 +380,7 @@ def test_instructions_are_predicted_within_a_tenth(target, tmp_path):
         assert told.window == pytest.approx(counted.window, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", EMULATED[:2] + EMULATED[3:4], ids=lambda target: target.name)
 def test_instructions_of_the_filter_are_predicted_within_a_tenth(target, tmp_path):
     """Of those counted under emulation, for eight designs that the table was not fitted on."""

@@ -72,7 +72,8 @@ RUNS = [
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --no-smooth", 0),
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --smooth --overwrite", 0),
     (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
-    ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1", 0),
+    ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1 "
+     "--figures png,pdf,svg --matrix {f}/distances.npy", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
     (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
@@ -85,7 +86,8 @@ RUNS = [
      "--frames-as-windows", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.csv --tolerance 0.2 --score ratio "
      "--recall-denominator all-with-place --thresholds 20", 0),
-    ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10", 0),
+    ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10 "
+     "--figures pdf", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference", 0),
     ("evaluate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
      "--offset 0 0.05", 0),
@@ -156,6 +158,8 @@ RUNS = [
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
+    ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png --figures pdf,svg", 0),
+    ("experiment codes --data {f} --seeds 1 --figures pdf", 2),
     # 2: calibration alone writes a table, and drives a dozen streets for it
     ("experiment codes --data {f} --seeds 1 --table {f}", 2),
     ("completion bash", 0),
@@ -254,11 +258,12 @@ def small_loads(monkeypatch):
     monkeypatch.setattr(codes_frontier, "pairs", lambda data: map(_Pair, "abcdef"))
     monkeypatch.setattr(codes_frontier, "score", scores)
     for module in ("edge_vpr_tools.commands.evaluate", "edge_vpr_tools.report.traverse"):
-        monkeypatch.setattr(f"{module}.write_report", lambda *unused: None)
+        monkeypatch.setattr(f"{module}.write_report", lambda *unused, **more: None)
     street = partial(simulate_pair, length_m=60.0)
     monkeypatch.setattr("edge_vpr_tools.commands.demo.simulate_pair", street)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_loads")
 @pytest.mark.parametrize("run", RUNS, ids=[line[:60] for line, _ in RUNS])
 def test_a_command_line_ends_as_it_should(run, folder, capsys):

@@ -574,6 +574,7 @@ def measured(folder):
     return [measure(target, folder) for target in EMULATED]
 
 
+@pytest.mark.slow
 def test_the_table_of_instructions_is_true(measured):
     """It lies beside the sources, if they are compiled by the version that it names."""
     text = TABLE.read_text(encoding="ascii")

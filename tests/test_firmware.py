@@ -200,6 +200,7 @@ def measured(folder) -> dict[str, Instructions]:
     return {target.name: measure(target, folder) for target in EMULATED}
 
 
+@pytest.mark.slow
 def test_the_table_of_instructions_is_true(measured):
     """Every figure beside the sources, if they are compiled by the version that it names."""
     text = TABLE.read_text(encoding="ascii")

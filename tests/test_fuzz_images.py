@@ -48,6 +48,7 @@ LOOSE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accepts", LOOSE)
 def test_a_check_that_is_missing_is_found(accepts, fuzzer, tmp_path, monkeypatch):
     """The run ends with an error that names the image, within the same bounds."""

@@ -64,6 +64,7 @@ def correct_results(folder):
         yield from from_binary((place / "expected.bin").read_bytes())
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_bytes(vectors, tmp_path):
     """Every file, archives too; another seed makes other random cases and the same corners."""
     write_suites(tmp_path / "again", DESIGN, standard_suites(DESIGN, 3), 3)
@@ -91,6 +92,7 @@ def test_the_corner_suite_reaches_every_corner(window, polarity):
     assert max(sum(map(bool, coverage(case).values())) for case in cases) < len(CORNERS) - 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", ["time", "count"])
 @pytest.mark.parametrize("code", ["log", "own-mean"])
 def test_the_filter_suite_reaches_every_corner(window, code):
@@ -354,6 +356,7 @@ def test_only_an_empty_folder_is_written_to(vectors):
         load_manifest(vectors / "corners")
 
 
+@pytest.mark.slow
 def test_the_command_makes_and_verifies_vectors(tmp_path, capsys):
     """From a design's file; the summary counts cases; a wrong result ends with exit code 1."""
     DESIGN.save(tmp_path / "design.toml")
@@ -409,6 +412,7 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     return len(arrays["expected_matches"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -439,6 +443,7 @@ def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_p
     assert suites == ["corners", "random", *adaptive, "recording"]
 
 
+@pytest.mark.slow
 def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, shared_data):
     """Events of a camera in a car, at 30 of 1280 x 720 pixels."""
     drive = shared_data / "recordings" / "evt3_gen41_1280x720_driving.raw"

@@ -61,6 +61,7 @@ def vectors(tmp_path_factory):
     return write_vectors(tmp_path_factory.mktemp("hardware") / "vectors", DESIGN)
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
     """Memories and registers start undefined; both sides wait in four clocks of ten."""
@@ -290,14 +291,15 @@ def test_the_package_has_every_parameter_of_the_core_with_the_models_widths():
 def test_the_words_of_a_case_have_the_widths_of_the_cores_ports(tmp_path):
     """Of a match with its trust, and of the usual number of events; all tables are there."""
     folder = write_vectors(tmp_path / "v", ADAPTIVE, 3, "random", slice(1))
-    (case,) = load_manifest(folder)["suites"][0]["cases"]
-    last = case["words"]["expected_matches"][-1]
-    assert last["field"] == "trust"
-    assert last["lowest_bit"] + last["bits"] == match_bits(ADAPTIVE)
-    assert case["words"]["activity"][0]["bits"] == parameters(ADAPTIVE)["ACTIVITY_BITS"][1]
-    assert {f"{name}.mem" for name in (*tables(ADAPTIVE), "activity")} <= set(case["files"])
+    (case,) = load_manifest(folder).suites[0].cases
+    last = case.words["expected_matches"][-1]
+    assert last.field == "trust"
+    assert last.lowest_bit + last.bits == match_bits(ADAPTIVE)
+    assert case.words["activity"][0].bits == parameters(ADAPTIVE)["ACTIVITY_BITS"][1]
+    assert {f"{name}.mem" for name in (*tables(ADAPTIVE), "activity")} <= set(case.files)
 
 
+@pytest.mark.slow
 def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsys):
     """Sources beside the suites, parameters in each case."""
     DESIGN.save(tmp_path / "d.toml")

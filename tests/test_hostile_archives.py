@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 
+import archive_mutants
 import fuzz_archives
 import numpy as np
 import pytest
 from archive_mutants import PIXELS, SENSOR, map_of
+from edge_vpr_tools.energy.show import compare
 from streams import random_events
 
 from edge_vpr.archive import MEMORY_BYTES, read_archive, write_archive
@@ -178,6 +181,7 @@ def test_a_map_that_is_changed_in_memory_is_refused_by_the_localiser():
         Localiser(reference)
 
 
+@pytest.mark.slow
 def test_a_read_only_map_is_followed_like_any_other():
     reference = map_of({}, np.random.default_rng(0))
     events = random_events(np.random.default_rng(1), 80, SENSOR, 600)
@@ -338,6 +342,7 @@ def test_a_folder_is_not_an_archive(tmp_path):
         read_archive(tmp_path, "thing")
 
 
+@pytest.mark.slow
 def test_changed_files_of_every_kind_are_refused_or_give_what_the_oracle_gives():
     """A bounded part of `python tests/fuzz_archives.py`."""
     result = fuzz_archives.run(inputs=300, seed=20)
@@ -374,3 +379,45 @@ def test_the_fuzzer_finds_what_it_is_there_for(tmp_path, monkeypatch, fault):
     what = {"raise": "IndexError", "die": "SIGSEGV", "hang": "took more than"}[fault]
     assert what in result.finds[0].what
     assert sum(result.accepted.values()) + sum(result.refused.values()) == 5
+
+
+NESTED = "a = " + "[" * 5_000 + "]" * 5_000
+DIGITS = "9" * 5_000
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        *((kind, text) for kind in ("layout", "design", "target") for text in (NESTED, DIGITS)),
+        *((kind, "[" * 50_000) for kind in ("metrics", "profile")),
+        *((kind, "[]") for kind in ("metrics", "profile")),
+        ("metrics", '{"evaluation": {"precision_at_100_recall": "1", "queries": 3}}'),
+        ("metrics", '{"evaluation": [1]}'),
+        ("design", 'width = 4\nheight = 4\npixels = 2\nplaces = 9\nsteps = "x"'),
+        ("design", f"width = 4\nheight = 4\npixels = 2\nplaces = {DIGITS[:4200]}"),
+        ("design", "width = 4\nheight = 4\npixels = 2\nplaces = 9\npolarity = 3"),
+        ("target", 'name = "a"\nkind = "processor"\nclock_hz = "fast"'),
+        ("target", 'name = "a"\nkind = "fpga"\nclock_hz = 1e6\nblock_shapes = [[1]]'),
+        ("target", 'name = "a"\nkind = ["fpga"]\nclock_hz = 1e6'),
+        ("target", 'name = "a"\nkind = "fpga"\nclock_hz = nan'),
+        ("meter", "time,power\n" + "1" * 200_000 + ",1\n2,1\n"),
+        ("meter", ""),
+    ],
+)
+def test_files_of_plain_values_end_in_one_error_whatever_they_hold(kind, text, tmp_path):
+    path = tmp_path / f"file.{'json' if kind in ('metrics', 'profile') else 'toml'}"
+    path.write_text(text)
+    assert not archive_mutants.outcome(kind, path)
+
+
+@pytest.mark.parametrize("change", [("throughput", 5), ("energy", []), ("run", {}), ("load", 1)])
+def test_a_profile_with_another_value_is_refused_before_anything_is_written(change, tmp_path):
+    path, out = tmp_path / "profile.json", tmp_path / "out.csv"
+    found = archive_mutants.plain_profile()
+    path.write_text(json.dumps(found))
+    compare(path, path, out)
+    assert out.read_text().count("\n") > 10
+    path.write_text(json.dumps(found | dict([change])))
+    with pytest.raises(UsageError, match="profile"):
+        compare(path, path, tmp_path / "other.csv")
+    assert not (tmp_path / "other.csv").exists()

@@ -79,6 +79,7 @@ def labels(lines):
     return [line.split()[0] for line in lines if line.split()]
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_file, tmp_path):
     """One run: whole, narrower, silent, narrower while silent, lost, and ended by a signal."""
     camera, full = Camera(), tmp_path / "full.bin"
@@ -159,7 +160,7 @@ def test_what_a_device_is_called_reaches_no_terminal_raw(capsys, monkeypatch):
     assert "\\x1b[2J\\x1b]0;mine\\x07[red]\\u202ename" in out
     assert out.rstrip("\n").isprintable()
     assert len(out) < 300
-    view = View(False, None, 0, None)
+    view = View(False, None, None, None)
     view.say("device", EVIL)
     assert capsys.readouterr().out.rstrip("\n").isprintable()
 
@@ -179,7 +180,7 @@ def test_a_notice_is_text_and_no_mark_up(monkeypatch):
             Console(file=shown, width=80).print(renderable)
 
     panel = Panel(Live())
-    view = View(False, None, 30, panel)
+    view = View(False, None, None, panel)
     view.say("device", EVIL)
     panel.show({"place": "place [red]1"}, 0.5, stale=False)
     assert "\\x1b[2J\\x1b]0;mine\\x07[red]\\u202ename" in shown.getvalue()

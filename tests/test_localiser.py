@@ -92,6 +92,7 @@ CODED = [
 ]
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32),
     n=st.integers(0, 120),

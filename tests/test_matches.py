@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 
+import archive_mutants
 import naive
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from hypothesis import strategies as st
 from streams import descriptors
 
 from edge_vpr.errors import MapError, UsageError
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching import drive_matching
 from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.matching.matches import CANDIDATES, Matches
@@ -115,3 +119,22 @@ def test_matches_by_the_filter_name_no_sequence_length():
     by_filter = match_descriptors(drive, drive, Settings(matching="filter"))
     assert "place filter" in repr(by_filter) and "L =" not in repr(by_filter)
     assert "L = 2," in repr(match_descriptors(drive, drive, Settings(sequence_length=2)))
+
+
+def test_what_is_printed_of_results_is_one_short_line_whatever_their_size():
+    rng = np.random.default_rng(0)
+    reference = archive_mutants.map_of({"matching": "filter"}, rng)
+    found = match_descriptors(reference.places, reference.places, reference.settings)
+    n = len(reference)
+    truth = GroundTruth(np.eye(n, dtype=np.bool_), np.ones(n, dtype=np.bool_), "the test")
+    result = evaluate(found, truth)
+    times = np.arange(n, dtype=np.int64)
+    shown = [
+        *(reference, reference.places, reference.pixel_map, reference.confidence, reference.route),
+        *(found, truth, result, result.curve, Track(times, times[:, None] * 1.0)),
+    ]
+    for each in shown:
+        assert repr(each).startswith(f"{type(each).__name__}(")
+        assert len(repr(each)) < 120
+        assert "array" not in repr(each)
+    assert "place filter" in repr(found)

@@ -75,6 +75,7 @@ def bench(tmp_path_factory) -> Bench:
     return Bench(tmp_path_factory.mktemp("mutants"))
 
 
+@pytest.mark.slow
 def test_a_sample_of_the_mutants_is_found_or_proved_to_be_equal(bench):
     """One in eighty; `python -m firmware_model.mutants` takes all."""
     result = survey(bench, all_mutants()[7::80], proofs())

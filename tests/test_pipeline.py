@@ -143,6 +143,7 @@ CODED = [
 ]
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32),
     code=st.sampled_from(CODED),

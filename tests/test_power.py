@@ -22,8 +22,9 @@ from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.energy_record import NotMeasured
 from edge_vpr_tools.energy.intervals import interval, interval_of_times, paired_energy
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
+from edge_vpr_tools.energy.meter_trace import align, read_csv
 from edge_vpr_tools.energy.profile_record import Profile
-from edge_vpr_tools.energy.sampling import Sampler, Trace, Window, align, read_csv
+from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
 from edge_vpr_tools.energy.sensors import pmic
 from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.energy.sensors.search import find_sensors
@@ -468,6 +469,7 @@ def timed_before(profile, monkeypatch):
     monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: found)
 
 
+@pytest.mark.slow
 def test_without_a_sensor_all_but_the_joules_is_there(profile, tmp_path, capsys):
     """And says so, in JSON, table and spreadsheet: no zero, no guess."""
     found = json.loads((profile / "profile.json").read_text())

@@ -61,6 +61,7 @@ def figures_of_the_oracle(places, queries, truth, length, offset):
     return sum(right) / len(right), max(strict, default=0.0), hits / len(placed)
 
 
+@pytest.mark.slow
 def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, shared_data):
     """P@100R of at least 0.90 over five draws of pixels; each equal to the oracle's."""
     truth_of = speck_walks.truth_of_walks(shared_data / "speck_walks")
@@ -86,6 +87,7 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
     assert np.mean(shares) >= 0.90
 
 
+@pytest.mark.slow
 def test_the_table_of_the_brisbane_drives_is_the_oracles(shared_data):
     folder = shared_data / "brisbane_sparse49"
     found = brisbane.evaluate_lengths(shared_data)

@@ -23,7 +23,7 @@ from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import frame_expansion, open_recording, write_recording
 from edge_vpr.recordings.decompression import DecompressionError, bzip2, expand
 from edge_vpr.recordings.guard import foreign_errors
-from edge_vpr.recordings.parquet_pages import read_pages
+from edge_vpr.recordings.parquet_pages import read_column_chunks, read_pages
 
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")
@@ -225,6 +225,48 @@ def test_a_parquet_page_that_claims_too_much_is_refused_before_arrow_believes_it
         assert "bytes for " in refusal(path, sensor=SENSOR)
     parquet.write_table(pa.table({"t": ["a"], "x": [1], "y": [1]}), tmp_path / "text.parquet")
     assert "column t has type string" in refusal(tmp_path / "text.parquet", sensor=SENSOR)
+
+
+def test_the_footer_says_where_column_chunks_lie_as_pyarrow_reads_it(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    columns = {name: np.arange(1_000) for name in ("t", "x", "y")}
+    nested = pa.array([{"a": 1, "b": [2, 3]}] * 1_000)
+    for version in ("1.0", "2.6"):
+        path = tmp_path / f"{version}.parquet"
+        table = pa.table({**columns, "more": nested})
+        parquet.write_table(table, path, version=version, row_group_size=300, use_dictionary=["x"])
+        metadata = parquet.ParquetFile(path).metadata
+        expected = []
+        for group in range(metadata.num_row_groups):
+            for i in range(metadata.num_columns):
+                column = metadata.row_group(group).column(i)
+                begin = column.dictionary_page_offset or column.data_page_offset
+                end = begin + column.total_compressed_size
+                expected.append((column.path_in_schema, begin, end))
+        with path.open("rb") as file:
+            found = read_column_chunks(file)
+        assert [tuple(chunk) for chunk in found] == expected
+        assert len(found) == 4 * 5
+
+
+def test_a_parquet_file_whose_statistics_do_not_fit_its_schema_does_not_end_the_process(tmp_path):
+    """Of an optional column that is said to be required, pyarrow aborted: the fuzzer found it."""
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    parquet.write_table(pa.table({name: np.arange(9) for name in "txy"}), path)
+    data = path.read_bytes()
+    optional, required = b"\x25\x02\x18\x01t", b"\x25\x00\x18\x01t"
+    assert data.count(optional) == 1
+    path.write_bytes(data.replace(optional, required))
+    done = subprocess.run(
+        [sys.executable, FUZZER, "--files", str(path)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.rstrip().endswith(" 0 failed")
 
 
 # --- silently wrong -------------------------------------------------------------------------

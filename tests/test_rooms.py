@@ -43,16 +43,10 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "array_checks", "whole_files", "events", "evt_words", "archive", "settings"),
-    *(
-        "confidence",
-        "route",
-        "odometry",
-        "recordings",
-        "descriptors",
-        "map_checks",
-        "reference_map",
-    ),
+    *("errors", "array_checks", "plain_values", "whole_files"),
+    *("events", "evt_words", "archive", "settings"),
+    *("confidence", "route", "odometry", "recordings", "descriptors", "map_checks"),
+    "reference_map",
     *("matching", "pipeline", "evaluation", "simulate", "datasets", "online", "stream"),
     "baselines",
 ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import importlib.util
 import io
 import json
 import os
@@ -23,11 +25,13 @@ from streams import Drive, random_events
 
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
+from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import cleaned, map_traverse
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.stream.bridge import Bridge, LineFaults
 from edge_vpr.stream.links import open_device_link
@@ -61,10 +65,10 @@ def sent(drive):
     return path
 
 
-def offline(folder, every, *, from_first=False):
+def offline(folder, every, *, from_first=False, of=None):
     """The matches of the recording as a file."""
     reference = ReferenceMap.load(folder / "map.npz")
-    events = np.concatenate(list(open_recording(folder / "query.npz")))
+    events = np.concatenate(list(open_recording((of or folder) / "query.npz")))
     if from_first:
         events["t"] -= events["t"][0]
     localiser = Localiser(reference, every=every)
@@ -155,6 +159,7 @@ def walks(shared_data, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("port", "protocol"), [("virtual", "edvs:format=E4"), ("tcp://127.0.0.1:0", "evpr")]
 )
@@ -377,6 +382,7 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
     assert found.tobytes() == np.concatenate(expected).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bursts", ["removed", "kept"])
 def test_single_events_give_the_matches_of_the_recording_and_few_calls(bursts, drive):
     """Between two ticks events wait, so that most pieces cost no call of the localiser."""
@@ -565,6 +571,7 @@ def at_once(scenario, *choices):
             pass
 
 
+@pytest.mark.slow
 def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
     events = np.concatenate(list(open_recording(drive / "query.npz")))[:5_000]
     events["t"] -= events["t"][0]  # the stream has no frame before its first event
@@ -787,6 +794,73 @@ def test_events_that_cannot_be_recorded_are_matched_all_the_same(
     assert "No space left" in told.err
 
 
+def test_a_drive_too_short_for_a_sequence_makes_no_map_and_is_kept(sent, tmp_path, capsys):
+    output = tmp_path / "map.npz"
+    words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output, "--pixels", "20"]
+    short = ["--preset", "paper", "--tau", "100ms", "-L", "100"]
+    assert streamed(*words, "--sigma", "1", *short) == 2
+    err = capsys.readouterr().err
+    assert "a sequence of 100 windows does not fit the" in err
+    assert f"the drive is kept: edge-vpr map {tmp_path / 'map_drive.npz'}" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["map_drive.npz"]
+
+
+def test_a_quiet_run_prints_nothing_and_writes_what_it_should(sent, drive, tmp_path, capsys):
+    output, log = tmp_path / "map.npz", tmp_path / "run.jsonl"
+    words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output, "--pixels", "20"]
+    assert streamed(*words, "--sigma", "1", "--tau", "100ms", "-q") == 0
+    assert output.exists()
+    assert streamed("--port", sent, "--map", drive / "map.npz", "--log", log, "-q") == 0
+    assert rows_of(log, "match")
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "")
+
+
+def test_json_rows_have_the_position_of_a_map_with_a_track(sent, drive, tmp_path, capsys):
+    """The same columns and values as the table of matches."""
+    reference = ReferenceMap.load(drive / "map.npz")
+    along = np.where(np.arange(len(reference)) % 5 == 3, np.nan, np.arange(len(reference)) * 2.5)
+    route = Route(np.stack([along, 7 + along], axis=1), along, "metric")
+    located = dataclasses.replace(reference, route=route)
+    located.save(tmp_path / "map.npz")
+    words = ["--port", sent, "--map", tmp_path / "map.npz", "--every", "100ms", "--json"]
+    assert streamed(*words) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    found = [row for row in rows if row["kind"] == "match"]
+    matches = Matches.of_rows(
+        offline(tmp_path, MatchSchedule(interval_us=100_000), of=drive), reference.settings, 29
+    )
+    matches.save_csv(tmp_path / "matches.csv", route)
+    with (tmp_path / "matches.csv").open() as file:
+        expected = list(csv.DictReader(file))
+    assert len(found) == len(expected) > 10
+    for row, line in zip(found, expected, strict=True):
+        assert row["place"] == int(line["place"])
+        for name in ("x_m", "y_m", "along_m", "along_from_m", "along_to_m"):
+            assert row[name] == (float(line[name]) if line[name] else None)
+    assert any(row["x_m"] is None for row in found)
+
+
+def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(drive):
+    """Its matches compare one window, whatever the length of a sequence is."""
+    reference = ReferenceMap.load(drive / "map.npz")
+    changed = {"matching": "filter", "sequence_length": 20}
+    settings = reference.settings.replaced(changed, "the test")
+    reference = dataclasses.replace(reference, settings=settings)
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    encoder = open_encoder("evpr:frame=256", SENSOR)
+    live.feed(encoder.start() + encoder.encode(events[:5_000]), 0)
+    flagged = []
+    for i in range(5_000, 15_000, 100):
+        lost = 500 if i == 5_000 else 0
+        result = live.feed(encoder.encode(events[i : i + 100]), 0, lost=lost)
+        flagged.append((int(events["t"][i]), result.incomplete))
+    times = [t for t, incomplete in flagged if incomplete]
+    assert flagged[0][1]
+    assert settings.tau_us <= times[-1] - times[0] < 2 * settings.tau_us
+
+
 def test_a_drive_that_makes_no_map_is_kept(sent, tmp_path, capsys):
     output = tmp_path / "map.npz"
     for name in ("map_drive.npz", "map_drive1.npz"):
@@ -923,10 +997,9 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
             shown.append(console.export_text())
 
     monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
-    live = LiveLocaliser(
-        open_decoder("evpr", SENSOR), ReferenceMap.load(drive / "map.npz"), MatchSchedule(events=1)
-    )
-    view = live_view.View(False, None, 29, Panel(Live()))
+    reference = ReferenceMap.load(drive / "map.npz")
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    view = live_view.View(False, None, reference, Panel(Live()))
     data = sent.read_bytes()
     for part in (data[:10_000], data[10_000:80_000], data[90_000:]):
         step = live.feed(part, 0)
@@ -966,3 +1039,10 @@ def test_ports_are_listed(capsys, monkeypatch):
     monkeypatch.setattr(list_ports, "comports", list)
     assert main(["ports"]) == 0
     assert "no serial ports" in capsys.readouterr().out
+
+
+def test_the_soak_makes_a_map_that_can_be_matched():
+    spec = importlib.util.spec_from_file_location("soak", ROOT / "tools" / "bench" / "soak.py")
+    soak = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(soak)
+    assert len(soak.a_map(np.random.default_rng(0), Sensor(128, 128))) == soak.PLACES

@@ -84,6 +84,7 @@ def from_first(events):
     return shifted
 
 
+@pytest.mark.slow
 @every_protocol
 @given(data=st.data())
 @settings(max_examples=15)

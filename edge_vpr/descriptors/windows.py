@@ -111,6 +111,9 @@ class Descriptors:
     def __len__(self) -> int:
         return len(self.start_us)
 
+    def __repr__(self) -> str:
+        return f"Descriptors({len(self)} windows of {self.counts.shape[-1]} counters)"
+
     @property
     def activity(self) -> npt.NDArray[np.int64]:
         """Events at the selected pixels, shape (n,); if not stated, the sum of the counts."""

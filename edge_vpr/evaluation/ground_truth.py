@@ -40,6 +40,11 @@ class GroundTruth:
     description: str
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        places, queries = self.correct.shape
+        known = int(np.count_nonzero(self.known))
+        return f"GroundTruth({known} of {queries} queries known, {places} places)"
+
     def __post_init__(self) -> None:
         correct, known = np.asarray(self.correct), np.asarray(self.known)
         if correct.dtype != np.bool_ or known.dtype != np.bool_ or correct.ndim != 2:

@@ -39,6 +39,9 @@ class PrecisionRecall:
     fp: npt.NDArray[np.int64]
     fn: npt.NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        return f"PrecisionRecall({len(self.threshold)} thresholds)"
+
     @property
     def precision(self) -> npt.NDArray[np.float64]:
         """``tp / (tp + fp)``, shape (m,); 1 where nothing is accepted."""

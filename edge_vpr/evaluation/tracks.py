@@ -55,6 +55,9 @@ class Track:
     dropped: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     entries: int = 0
 
+    def __repr__(self) -> str:
+        return f"Track({len(self.time_us)} points, {self.kind})"
+
     def __post_init__(self) -> None:
         time_us = np.array(self.time_us, dtype=np.int64)
         position = np.array(self.position, dtype=np.float64)

@@ -24,9 +24,13 @@ def nearest_places(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
     """
     places = sums.shape[0]
     # distance and place in one integer: its order is by distance, then by the lower place
-    keys = sums.astype(np.int64) * places + np.arange(places)[:, None]
+    rows = sums.T
+    narrow = rows.size > 0 and (int(rows.max()) + 1) * places <= np.iinfo(np.int32).max
+    dtype = np.int32 if narrow else np.int64  # NumPy partitions rows of 32 bits fastest
+    keys = np.multiply(rows, places, dtype=dtype, order="C")
+    keys += np.arange(places, dtype=dtype)
     if places > CANDIDATES:
-        keys = np.partition(keys, CANDIDATES - 1, axis=0)[:CANDIDATES]
-    nearest = np.full((sums.shape[1], CANDIDATES), -1, dtype=np.int64)
-    nearest[:, : len(keys)] = np.sort(keys, axis=0).T % places
+        keys = np.partition(keys, CANDIDATES - 1, axis=1)[:, :CANDIDATES]
+    nearest = np.full((len(keys), CANDIDATES), -1, dtype=np.int64)
+    nearest[:, : keys.shape[1]] = np.sort(keys, axis=1) % places
     return nearest

@@ -142,13 +142,17 @@ def _smoothed(
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     candidates = np.empty((n, CANDIDATES), dtype=np.int64)
     onward = np.zeros(places, dtype=np.int32)
-    for j in range(n - 1, -1, -1):
-        metric = forward[j] + onward
+    block = max(1, _BLOCK_DISTANCES // places)
+    for last in range(n, 0, -block):
+        first = max(last - block, 0)
+        summed = np.empty((last - first, places), dtype=np.int32)
+        for j in range(last - 1, first - 1, -1):
+            np.add(forward[j], onward, out=summed[j - first])
+            columns[j] = match_of(summed[j - first], place_filter.exclusion)
+            onward = _before(windows[j], evidence[j] + onward, backwards)
+        candidates[first:last] = nearest_places(summed.T)
         if metrics is not None:
-            metrics[:, j] = metric
-        columns[j] = match_of(metric, place_filter.exclusion)
-        candidates[j] = nearest_places(metric[:, None])[0]
-        onward = _before(windows[j], evidence[j] + onward, backwards)
+            metrics[:, first:last] = summed.T
     columns[:, -1] = _mean_trust(columns, windows, place_filter.moves)
     return FilteredDrive(columns, candidates)
 

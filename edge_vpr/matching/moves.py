@@ -177,7 +177,8 @@ class Moves:
         if travelled_mm is None:
             last = self.prices.last
             follows[max(place + self.prices.first, 0) : place + last + 1] = True
-            for begin, end in self.jumps[self._jumps_near(place, last)].tolist():
+            near = self.jumps[self._jumps_near(place, last)] if len(self.jumps) else self.jumps
+            for begin, end in near.tolist():
                 follows[end : end + last - (begin - place)] = True
             return follows
         along, travelled = self._checked_along(), _limited(travelled_mm)

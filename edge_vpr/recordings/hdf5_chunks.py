@@ -169,13 +169,17 @@ def _inflated(data: bytes, most: int) -> bytes | None:
     return expanded if stream.eof or len(expanded) > most else None
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def lzf_size(data: npt.NDArray[np.uint8]) -> int:
     """Return what LZF data expands to; -1 if it is cut off or refers to before its start.
 
     Parameters
     ----------
     data : ndarray of uint8, shape (n,)
+
+    Returns
+    -------
+    int
     """
     at, size = 0, 0
     while at < data.size:

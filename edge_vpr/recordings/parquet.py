@@ -9,7 +9,7 @@ from typing import Any
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.parquet_pages import read_pages
+from edge_vpr.recordings.parquet_pages import read_column_chunks, read_pages
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
@@ -39,8 +39,7 @@ class ParquetSource(Source):
         self._pyarrow = _pyarrow()
         with self._open(path) as file:
             schema = file.schema_arrow
-            metadata = file.metadata
-        self._rows = metadata.num_rows
+            self._rows = file.metadata.num_rows
         found = match_columns(schema.names)
         if found is None:
             raise RecordingError(
@@ -48,7 +47,7 @@ class ParquetSource(Source):
             )
         self._names = found
         self._check_types(path, schema)
-        self._check_pages(path, metadata)
+        self._check_pages(path)
         facts = schema.metadata or {}
         sensor = Sensor.parse(facts[_SENSOR].decode()) if _SENSOR in facts else None
         super().__init__(path, options, sensor)
@@ -75,27 +74,20 @@ class ParquetSource(Source):
             if not (types.is_primitive(kind) and (kind.bit_width or 0) <= 64):
                 raise RecordingError(f"{path}: column {name} has type {kind}: save numbers")
 
-    def _check_pages(self, path: Path, metadata: Any) -> None:
+    def _check_pages(self, path: Path) -> None:
         """Refuse pages that claim more than the limit, before Arrow reserves memory for them."""
         wanted = set(self._names.values())
         with path.open("rb") as file:
-            for group in range(metadata.num_row_groups):
-                row_group = metadata.row_group(group)
-                for i in range(row_group.num_columns):
-                    column = row_group.column(i)
-                    if column.path_in_schema not in wanted:
-                        continue
-                    # 0 and None both say that there is no dictionary
-                    begin = column.dictionary_page_offset or column.data_page_offset
-                    begin = min(begin, column.data_page_offset)
-                    for page in read_pages(file, begin, begin + column.total_compressed_size):
-                        if max(page.compressed, page.uncompressed) > _LARGEST_PAGE:
-                            raise RecordingError(
-                                f"{path}: the page at byte {page.at:,} claims "
-                                f"{page.compressed:,} bytes for {page.uncompressed:,}, and the "
-                                f"most is {_LARGEST_PAGE:,}: write it with smaller pages, or copy "
-                                "it again"
-                            )
+            for chunk in read_column_chunks(file):
+                if chunk.name not in wanted:
+                    continue
+                for page in read_pages(file, chunk.begin, chunk.end):
+                    if max(page.compressed, page.uncompressed) > _LARGEST_PAGE:
+                        raise RecordingError(
+                            f"{path}: the page at byte {page.at:,} claims {page.compressed:,} "
+                            f"bytes for {page.uncompressed:,}, and the most is "
+                            f"{_LARGEST_PAGE:,}: write it with smaller pages, or copy it again"
+                        )
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from edge_vpr.errors import UsageError, printable
+from edge_vpr.errors import UsageError
+from edge_vpr.plain_values import read_toml
 from edge_vpr.settings.fields import shown
 from edge_vpr.settings.settings import Settings, values_by_name
-
-_MOST_BYTES = 1 << 20  # of a file of settings; the longest sensible one has a few hundred
 
 _BEST = Settings(
     matching="filter", smooth=True, counter_code="log", counter_scaling="own-mean", anchor="end",
@@ -65,7 +63,7 @@ def resolve_settings(
     """
     values: dict[str, Any] = {}
     if config is not None:
-        values = _read_toml(Path(config))
+        values = read_toml(config, "settings", "name a TOML file")
         preset = values.pop("preset", preset)
     if not isinstance(preset, str) or preset not in PRESETS:
         raise UsageError(f"preset {shown(preset)} is unknown: choose from {', '.join(PRESETS)}")
@@ -79,25 +77,3 @@ def resolve_settings(
             if chosen.get("clip"):
                 chosen.setdefault("counter_code", "none")
     return PRESETS[preset].replaced(values, str(config)).replaced(given, "the command line")
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise UsageError(
-            f"cannot read settings from {path}: {error.strerror or error}: name a TOML file"
-        ) from error
-    if len(raw) > _MOST_BYTES:
-        raise UsageError(
-            f"cannot read settings from {path}: it has more than {_MOST_BYTES} bytes: name a TOML "
-            "file"
-        )
-    try:
-        return tomllib.loads(raw.decode("utf-8-sig"))
-    # besides its own error, the parser gives up at deep nesting, long numbers and odd dates
-    except Exception as error:
-        raise UsageError(
-            f"cannot read settings from {path}: {printable(error, 200)}: name a TOML file"
-        ) from error

@@ -251,9 +251,9 @@ class LiveLocaliser:
             self._since += sum(self._selected(piece) for piece in pieces if piece.size)
         settings = self._settings
         if settings.window == "time":
-            span = settings.sequence_length * settings.tau_us
+            span = settings.windows_per_match * settings.tau_us
             return whole_us < 0 or before_us - whole_us < span
-        return since < settings.sequence_length * settings.events_per_window
+        return since < settings.windows_per_match * settings.events_per_window
 
     def _selected(self, events: Events) -> int:
         """Count the events at the selected pixels."""

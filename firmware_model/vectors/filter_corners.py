@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
+
+import numpy as np
 
 from firmware_model.design import Design
 from firmware_model.memories import Memories
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.event_corners import adaptive_event_cases
 from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
 
 #: a window that shows nothing
 PAUSE = -1
@@ -177,7 +181,66 @@ def _means(design: Design) -> list[Case]:
         _drive("own_means_of_sequences", sequences, route * 3, high),
         _drive("all_shifts", few, route * 130, high),
         _drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
+        _halves(few),
+        _late_shifts(few),
     ]
     if design.window == "time":
         cases.append(_drive("means_and_pauses", few, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
     return cases
+
+
+def _halves(design: Design) -> Case:
+    """Bring means to half a unit of a logarithm, and just below, where the code depends on it."""
+    ways = [_way_to_half(design, end) for end in (1 << (MEAN_BITS - 1), (1 << (MEAN_BITS - 1)) - 1)]
+    chosen = [ways[slot % 2] for slot in range(design.slots)]
+    means = [mean for mean, _ in chosen]
+    windows = [[counts[i] for _, counts in chosen] for i in range(3)]
+    return _counted("means_of_halves", design, means, windows)
+
+
+def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]]:
+    """Find a mean and two counts that end `end` above a whole unit, and a count that tells it.
+
+    Returns
+    -------
+    mean : int
+    counts : tuple of int
+        The code of the third is another one if the mean is rounded the other way.
+    """
+    levels, unit = design.tables[0], 1 << LEVEL_BITS
+    for mean, first, second in product(range(3 * unit), range(1, 8), range(1, 8)):
+        running = RunningMean(np.array([mean]))
+        for count in (first, second):
+            running.update(np.array([levels[count]]))
+        total = int(running.total[0])
+        if total % (1 << MEAN_BITS) != end:
+            continue
+        whole = total >> MEAN_BITS
+        for count in range(1, 60):
+            if (levels[count] - whole) % unit == unit // 2 and 0 <= levels[count] - whole < unit:
+                return mean, (first, second, count)
+    raise ValueError(f"no counts bring a mean to {end}")
+
+
+def _late_shifts(design: Design) -> Case:
+    """Keep the means still until the shift is the last, and then move them past several codes."""
+    quiet = [[1] * design.slots] * ((1 << (LAST_SHIFT + 1)) - (1 << FIRST_SHIFT) + 20)
+    # their codes leave 1 to 3 octaves at different windows
+    loud = [[(1, 6, 11, 40, 60)[slot % 5] for slot in range(design.slots)]] * 90
+    return _counted("late_shifts", design, [design.tables[0][1]] * design.slots, quiet + loud)
+
+
+def _counted(name: str, design: Design, means: list[int], windows: list[list[int]]) -> Case:
+    """Show windows of these counts to a map of the first ones."""
+    pixels = choose_pixels(design)
+    if design.window == "count":
+        design = replace(design, window_events=max(map(sum, windows)))
+    stream = Stream(design, pixels)
+    for counts in windows:
+        stream.fill(counts)
+    stream.close()
+    blank = Memories(design, pixels, [[0] * design.slots] * design.places, None, None, means)
+    codes = [window.codes for window in ended_windows(blank, stream)]
+    places = [codes[-1 - place % len(codes)] for place in range(design.places)]
+    memories = Memories(design, pixels, places, None, None, means)
+    return Case(name, memories, tuple(stream.events))

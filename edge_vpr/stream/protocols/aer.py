@@ -18,12 +18,12 @@ in bit 0), then 32 bits of microseconds.
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Sensor
+from edge_vpr.plain_values import read_toml
 from edge_vpr.stream.protocols.layout import Field, Layout, LayoutDecoder, LayoutEncoder
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
 
@@ -49,14 +49,7 @@ def read_layout(path: str | Path) -> Layout:
     UsageError
         If the file cannot be read, or says something that no word can have.
     """
-    try:
-        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        # ValueError: no text, no TOML, or a number of thousands of digits
-        raise UsageError(
-            f"cannot read the layout {printable(path)}: {printable(error)}: name a TOML file as "
-            "docs/stream.md shows it"
-        ) from error
+    values = read_toml(path, "a layout", "name a TOML file as docs/stream.md shows it")
     if unknown := set(values) - _KEYS:
         names = printable(", ".join(sorted(unknown)))
         raise UsageError(f"{path} names {names}: a layout has {', '.join(sorted(_KEYS))}")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from edge_vpr_tools.energy.profile_files import write_profile
 from edge_vpr_tools.energy.profiling import with_meter
-from edge_vpr_tools.energy.show import show
+from edge_vpr_tools.energy.show import check_shown, show
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import is_quiet, summary
 
@@ -22,6 +22,7 @@ def run(args: argparse.Namespace) -> None:
     """
     path = Path(args.profile)
     found = with_meter(path, Path(args.trace), args.mission_rate)
+    check_shown(found, path)
     write_profile(found, path.parent, report=not args.no_figures, name=path.name)
     if not is_quiet():
         show(found)

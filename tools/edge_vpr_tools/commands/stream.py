@@ -16,7 +16,6 @@ from pathlib import Path
 
 from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr.events import Events, Sensor
-from edge_vpr.pipeline import map_traverse
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, duration_us
@@ -27,9 +26,12 @@ from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder
 from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, match_flags
 from edge_vpr_tools.arguments.stream_arguments import check_arguments
+from edge_vpr_tools.output.cleaning import warn_if_much
 from edge_vpr_tools.output.interrupt import stopped_by_signals
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early, open_view
+from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.rerun_view import RerunView, open_rerun
+from edge_vpr_tools.runs.mapping import map_recording
 from edge_vpr_tools.runs.schedule import parse_every
 
 #: More than a protocol's beginning takes, and than a bad line puts together by chance.
@@ -70,7 +72,7 @@ def _learn(args: argparse.Namespace, settings: Settings) -> None:
     drive = folder / "drive.npz"
     try:
         _follow(args, None, drive)
-        reference = map_traverse(open_recording(drive), settings)
+        reference, removed, _ = map_recording(open_recording(drive), settings)
         reference.save(output)
         drive.unlink()
     finally:
@@ -81,8 +83,11 @@ def _learn(args: argparse.Namespace, settings: Settings) -> None:
             kept_as = f"edge-vpr map {printable(kept)} -o {printable(output)}"
             print(f"the drive is kept: {kept_as}", file=sys.stderr)
         folder.rmdir()
+    warn_if_much(removed, args.port, "keep them with --bursts keep")
     if not args.json:
-        print(f"{printable(output)}: {len(reference)} places at {len(reference.pixel_map)} pixels")
+        summary(
+            f"{printable(output)}: {len(reference)} places at {len(reference.pixel_map)} pixels"
+        )
 
 
 def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Path | None) -> None:
@@ -113,7 +118,7 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
         )
         stack.callback(reader.stop)
         # files only now, or a camera that is not there would cost the run before
-        view = stack.enter_context(open_view(args.json, args.log, len(reference or ())))
+        view = stack.enter_context(open_view(args.json, args.log, reference))
         raw = [
             stack.enter_context(Path(name).open("wb", buffering=0))
             for name in args.record

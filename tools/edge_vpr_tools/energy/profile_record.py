@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from dataclasses import dataclass
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
+from edge_vpr.plain_values import read_json, understood
 from edge_vpr_tools.energy.conditions import Conditions
 from edge_vpr_tools.energy.design_trials import DesignResult
 from edge_vpr_tools.energy.energy_record import Energy, Outcome
@@ -149,14 +149,12 @@ class Profile:
         UsageError
             If it is none, or of another version.
         """
+        what, remedy = "a profile", "make one by edge-vpr profile"
+        values = read_json(path, what, remedy)
+        if values.get("schema") != SCHEMA or "throughput" not in values:
+            raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")
         try:
-            values = json.loads(path.read_text(encoding="utf-8"))
-            if values["schema"] != SCHEMA or "throughput" not in values:
-                raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")
-            return from_json(cls, values)
+            with understood(path, what, remedy):
+                return from_json(cls, values)
         except RecordError as error:
             raise UsageError(f"{path} is a damaged profile: {error}: make it again") from error
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            raise UsageError(
-                f"cannot read a profile from {path} ({error}): make one by edge-vpr profile"
-            ) from error

@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from edge_vpr.errors import UsageError
+from edge_vpr.plain_values import understood
 from edge_vpr_tools.energy.conditions import Conditions, void_because
 from edge_vpr_tools.energy.design_trials import compare
 from edge_vpr_tools.energy.designs import PIXELS
 from edge_vpr_tools.energy.drives import Load
 from edge_vpr_tools.energy.energy_record import NotMeasured, Outcome
 from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
+from edge_vpr_tools.energy.meter_trace import align, check_turns, read_csv
 from edge_vpr_tools.energy.profile_record import LoadRecord, MapSize, Moments, Profile, Provenance
-from edge_vpr_tools.energy.sampling import Trace, align, read_csv
+from edge_vpr_tools.energy.sampling import Trace
 from edge_vpr_tools.energy.sensors.sensor import ROOT, About, Missing, Sensor, SensorError
 from edge_vpr_tools.energy.speed import sparse_against_all
 from edge_vpr_tools.energy.throughput import measure_throughput
@@ -163,6 +165,8 @@ def with_meter(path: Path, meter: Path, rate: float) -> Profile:
     windows = found.energy.windows if isinstance(found.energy, NotMeasured) else ()
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
+    with understood(path, "the turns of a profile", "make it again with edge-vpr profile"):
+        check_turns(windows)
     time_s, watts = read_csv(meter)
     ahead = align(windows, time_s, watts)
     about = About(

@@ -1,20 +1,16 @@
-"""Samples of power over time, the energy between two moments, and traces of external meters."""
+"""Samples of power over time, and the energy between two moments."""
 
 from __future__ import annotations
 
-import csv
 import resource
 import threading
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import UsageError
 from edge_vpr_tools.energy.sensors.sensor import Sensor, SensorError
 
 Floats = npt.NDArray[np.float64]
@@ -158,95 +154,3 @@ def _commands_s() -> float:
     """Processor time of all commands that this process has run."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
-
-
-def read_csv(path: Path) -> tuple[Floats, Floats]:
-    """Read times and watts that an external meter wrote.
-
-    Parameters
-    ----------
-    path : path
-        With a header: a column of time in seconds (``time``, ``time_s``, ``timestamp``), and either
-        of power in watts (``power``, ``power_w``) or of volts and amperes (``voltage``,
-        ``current``, with ``_v`` and ``_a`` or not).
-
-    Returns
-    -------
-    time_s, watts : ndarray of float64, shape (n,)
-
-    Raises
-    ------
-    UsageError
-        If columns are missing, a cell is no number, or time does not increase.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            header, *rows = [row for row in csv.reader(file) if row]
-    except (OSError, ValueError) as error:
-        raise UsageError(f"cannot read a power trace from {path}: {error}") from error
-    names = [name.strip().lower() for name in header]
-    values = np.empty((len(rows), len(names)))
-    for i, row in enumerate(rows):
-        try:
-            values[i] = [float(cell) for cell, _ in zip(row, names, strict=True)]
-        except ValueError:
-            raise UsageError(
-                f"cannot read a power trace from {path}, sample {i + 1}, {','.join(row)!r}: "
-                f"expected {len(names)} numbers with commas between them, time in seconds"
-            ) from None
-
-    def column(*choices: str) -> Floats | None:
-        found = next((names.index(name) for name in choices if name in names), None)
-        return None if found is None else values[:, found]
-
-    if len(values) < 2:
-        raise UsageError(f"{path}: a power trace needs two samples or more")
-    when, watts = column("time", "time_s", "timestamp"), column("power", "power_w")
-    if watts is None:
-        volts, amperes = column("voltage", "voltage_v"), column("current", "current_a")
-        watts = None if volts is None or amperes is None else volts * amperes
-    if when is None or watts is None:
-        raise UsageError(
-            f"{path} has the columns {', '.join(names)}: expected time_s, and power_w or both "
-            "voltage_v and current_a"
-        )
-    if not (np.diff(when) > 0).all() or not np.isfinite(values).all():
-        raise UsageError(f"{path}: time does not increase from row to row, or a cell is no number")
-    return when, watts
-
-
-def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
-    """Find by how much a meter's clock is ahead: where its trace steps as the load did.
-
-    Parameters
-    ----------
-    windows : sequence of Window
-    time_s, watts : ndarray of float64, shape (n,)
-
-    Returns
-    -------
-    float
-        To be subtracted from `time_s`.
-
-    Raises
-    ------
-    UsageError
-        If the trace is shorter than the windows.
-    """
-    start, end = windows[0].start_s, windows[-1].end_s
-    span = end - start
-    room = time_s[-1] - time_s[0] - span
-    if room < 0:
-        raise UsageError(
-            f"the meter's trace of {time_s[-1] - time_s[0]:g} s is shorter than the measurement of "
-            f"{span:g} s: let it run before and after"
-        )
-    step = min(0.05, span / 2_000)
-    grid = np.arange(0.0, span, step)
-    edges = np.array([window.start_s - start for window in windows])
-    which = np.searchsorted(edges, grid, side="right") - 1
-    loaded = np.array([window.load for window in windows], dtype=np.float64)[which]
-    pattern = loaded - loaded.mean()
-    fine = np.interp(np.arange(0.0, room + span, step), time_s - time_s[0], watts)
-    scores = np.correlate(fine - fine.mean(), pattern, mode="valid")
-    return float(time_s[0] + int(np.argmax(scores)) * step - start)

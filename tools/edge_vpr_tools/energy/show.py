@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+from edge_vpr.plain_values import understood
 from edge_vpr_tools.energy.profile_files import write_spreadsheet
 from edge_vpr_tools.energy.profile_record import Profile
 from edge_vpr_tools.energy.profile_text import DESIGNS, designs, notes, rows
@@ -38,6 +40,8 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
         If one cannot be read.
     """
     found = [Profile.load_file(path) for path in (first, second)]
+    for path, one in zip((first, second), found, strict=True):
+        check_shown(one, path)
     sides = [{number.name: number for number in numbers(one)} for one in found]
     told, cells = [], []
     for name in dict.fromkeys(name for side in sides for name in side):
@@ -51,6 +55,16 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
             say(f"{path}: {line}", width=_WIDTH)
     if spreadsheet is not None:
         write_spreadsheet(spreadsheet, ("quantity", str(first), str(second), "times"), cells)
+
+
+def check_shown(found: Profile, path: Path) -> None:
+    """Raise `UsageError` unless all that is shown of a profile can be shown."""
+    with understood(path, "a profile", "make it again with edge-vpr profile"):
+        _ = rows(found), designs(found), notes(found)
+        for number in numbers(found):
+            for value in number[1:4]:
+                if value is not None and not math.isfinite(value):
+                    raise ValueError(f"{number.name} is {value}")
 
 
 def _cell(of: Number) -> str:

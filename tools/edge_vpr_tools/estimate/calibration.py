@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
+from edge_vpr.plain_values import understood
 from edge_vpr_tools.energy.energy_record import Energy
 from edge_vpr_tools.energy.profile_record import Profile
 from edge_vpr_tools.estimate.targets import Constant, Spread
@@ -42,11 +44,16 @@ def calibrated(path: Path) -> Constant:
     # an external meter's windows do not tell the processor time: the throughput does
     seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
     low, high = figures.marginal_j_per_match_interval
+    with understood(path, "energy and clock", "profile the board again"):
+        picojoules = [1e12 * joules / (seconds * clock) for joules in (low, marginal, high)]
+        if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
+            raise ValueError(f"{picojoules} pJ a cycle are no interval")
+        year = int(profile.run.finished_utc[:4])
     return Constant(
         "a cycle of this board",
         "pJ/cycle",
-        Spread(*(1e12 * joules / (seconds * clock) for joules in (low, marginal, high))),
-        int(profile.run.finished_utc[:4]),
+        Spread(*picojoules),
+        year,
         profile.run.machine.processor,
         f"calibrated on the profile {path}",
         "interval of the measurement; one point: another load may cost another energy a cycle",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edge_vpr.archive import damaged
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.estimate.fit import Budget, broken_by, memory_bytes
 from edge_vpr_tools.estimate.model import Cost, Mission, cost
@@ -142,6 +142,26 @@ class Asked:
         )
 
 
+def evaluation_of(metrics: Path) -> tuple[float, int] | None:
+    """Read P@100R and the number of queries of a run; None if it was not evaluated.
+
+    Raises
+    ------
+    MapError
+        If the file is damaged.
+    """
+    remedy = "match and evaluate again"
+    values = read_json(metrics, remedy)
+    with damaged(metrics, remedy):
+        told = from_json(Metrics, values).evaluation
+        if told is None:
+            return None
+        right, queries = told.precision_at_100_recall, told.queries
+        if not 0 <= right <= 1 or queries < 1:
+            raise MapError(f"P@100R is {right} of {queries} queries")
+    return right, queries
+
+
 def evaluated_runs(folder: Path) -> list[Evaluated]:
     """Find every evaluated run below a folder.
 
@@ -156,14 +176,10 @@ def evaluated_runs(folder: Path) -> list[Evaluated]:
     for metrics in sorted(folder.rglob(results.METRICS)):
         if not (metrics.parent / results.MAP).is_file():
             continue
-        values = read_json(metrics, "match and evaluate again")
-        with damaged(metrics, "match and evaluate again"):
-            told = from_json(Metrics, values).evaluation
-        if told is None:
-            continue
-        reference = ReferenceMap.load(metrics.parent / results.MAP)
-        accuracy = told.precision_at_100_recall
-        found.append(Evaluated(str(metrics.parent), accuracy, told.queries, reference))
+        told = evaluation_of(metrics)
+        if told is not None:
+            reference = ReferenceMap.load(metrics.parent / results.MAP)
+            found.append(Evaluated(str(metrics.parent), *told, reference))
     if not found:
         raise UsageError(f"no evaluated run in {folder}: edge-vpr match, then edge-vpr evaluate")
     return found

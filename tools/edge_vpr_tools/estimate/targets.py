@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
@@ -10,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
+from edge_vpr.plain_values import read_toml, understood
 from edge_vpr_tools.estimate.emulation import scaling
 
 _HERE = Path(__file__).parent
 KINDS = ("processor", "fpga", "datapath")
+_FASTEST_HZ, _MOST_BLOCKS = 1e15, 1 << 32
 
 
 @dataclass(frozen=True)
@@ -113,9 +114,11 @@ class Target:
         for name in ("name", "kind", "clock_hz"):
             if name not in values:
                 raise UsageError(f"{path} lacks {name}: name it")
+        with understood(path, "a target", "check its values"):
+            _check_types(values)
         if values["kind"] not in KINDS:
             raise UsageError(f"{path}: kind = {values['kind']!r}: choose from {', '.join(KINDS)}")
-        if not values["clock_hz"] > 0:
+        if not 0 < values["clock_hz"] <= _FASTEST_HZ:
             raise UsageError(f"{path}: clock_hz = {values['clock_hz']}: expected a positive number")
         for name in ("block_shapes", "large_block_shapes"):
             values[name] = tuple((depth, width) for depth, width in values.get(name, ()))
@@ -164,6 +167,31 @@ def constants() -> Mapping[str, Constant]:
     }
 
 
+def _check_types(values: dict[str, Any]) -> None:
+    """Raise ValueError where a value is of another type than its name asks for."""
+    for name, value in values.items():
+        if name in ("block_shapes", "large_block_shapes"):
+            fits = len(value) <= _MOST_BLOCKS and all(
+                len(shape) == 2 and all(_is_size(side) and side for side in shape)
+                for shape in value
+            )
+        elif name in ("blocks", "large_blocks"):
+            fits = _is_size(value)
+        elif name in ("clock_hz", "cpi"):
+            numbers = value if name == "cpi" else [value]
+            fits = isinstance(numbers, list) and all(
+                type(number) in (int, float) and abs(number) <= _FASTEST_HZ for number in numbers
+            )
+        else:
+            fits = isinstance(value, str)
+        if not fits:
+            raise ValueError(f"{name} is not what the files in estimate/targets have")
+
+
+def _is_size(value: object) -> bool:
+    return type(value) is int and 0 <= value <= _MOST_BLOCKS
+
+
 def _check_processor(target: Target, path: str | Path) -> None:
 
     if target.core not in scaling():
@@ -175,7 +203,4 @@ def _check_processor(target: Target, path: str | Path) -> None:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"cannot read {path}: {error}") from error
+    return read_toml(path, "a target", "name a TOML file as those in estimate/targets")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from edge_vpr.confidence import Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
@@ -31,7 +32,7 @@ PRECISION = 0.99
 _CUT = (220, 330)
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | None = None) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Judge the shipped table on every pair of real drives, as Markdown tables.
 
     Parameters
@@ -42,7 +43,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         Draws of pixels.
     on_start : callable
         Told the name of each pair as it begins.
-    figure : path, optional
+    *figures : path
         Where to draw the reliability diagram of all pairs together.
     """
     rows = {smooth: _Rows() for smooth in (True, False)}
@@ -60,10 +61,8 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
                 for case in drawn[: min(seeds, 2)]
             ]
             first.append(first_row(pair.name, default_confidence(), live))
-    if figure is not None:
-        pooled = joined(everything)
-        given = default_confidence(smoothed=True).probability_of(pooled.trust)
-        save(reliability_diagram(reliability(given, pooled.correct)), figure)
+    if figures:
+        save(draw(joined(everything)), *figures)
     parts = []
     for smooth, tables in rows.items():
         how = "smoothed" if smooth else "window by window"
@@ -77,6 +76,12 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         ]  # fmt: skip
     parts += ["Switched on in mid-route:", markdown_table(HEADER, first), _intervals(data, last)]
     return "\n\n".join(parts)
+
+
+def draw(smoothed: Sample) -> Figure:
+    """Draw how often smoothed matches of each probability are right."""
+    given = default_confidence(smoothed=True).probability_of(smoothed.trust)
+    return reliability_diagram(reliability(given, smoothed.correct))
 
 
 _REJECTED = ("drives", "right of those on the map", "found at 99 % precision over all",

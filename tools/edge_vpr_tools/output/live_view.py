@@ -14,11 +14,15 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_vpr.errors import printable
+from edge_vpr.matching.matches_csv import ALONG
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.health import Health
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr_tools.output.live_panel import Panel, open_panel
+from edge_vpr_tools.output.messages import is_quiet, warning
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
 #: A silence of so long is told.
@@ -51,8 +55,8 @@ class View:
     as_json : bool
         JSON lines on standard output.
     log : text file or None
-    places : int
-        In the map; 0 without one.
+    reference : ReferenceMap or None
+        Where it has positions, matches have the columns of `matches_csv`.
     panel : Panel or None
         On a terminal.
 
@@ -64,9 +68,19 @@ class View:
         Which file was given up and why, if one was.
     """
 
-    def __init__(self, as_json: bool, log: TextIO | None, places: int, panel: Panel | None) -> None:
-        self._json, self._log, self._places, self._panel = as_json, log, places, panel
-        self._goal = "match" if places else "event"
+    def __init__(
+        self,
+        as_json: bool,
+        log: TextIO | None,
+        reference: ReferenceMap | None,
+        panel: Panel | None,
+    ) -> None:
+        self._json, self._log, self._panel = as_json, log, panel
+        self._places = len(reference or ())
+        self._route = None if reference is None else reference.route
+        self._within = 0 if reference is None else reference.settings.exclusion
+        self._quiet = is_quiet() or as_json
+        self._goal = "match" if self._places else "event"
         self.unread = False
         self.unwritten = ""
         self._begin = self._shown = self._logged = self._heard = time.monotonic()
@@ -87,17 +101,28 @@ class View:
             self._lag_s = lag_s
             self._lags.add(lag_s)
         names = result.matches.dtype.names or ()
-        for row in result.matches.tolist():
-            match = dict(zip(names, row, strict=True))
+        places = self._located(result.matches["place"])
+        for row, place in zip(result.matches.tolist(), places, strict=True):
             # JSON has no not-a-number
-            for name in ("ratio", "probability"):
-                match[name] = match[name] if match[name] == match[name] else None
+            match = {
+                name: value if value == value else None
+                for name, value in (*zip(names, row, strict=True), *place)
+            }
             self._last = {"kind": "match", **match, "incomplete": result.incomplete}
             self.matched += 1
             self._write(self._last)
         if self._json and result.matches.size:
             # a program at the other end of a pipe waits for this
             self._print()
+
+    def _located(self, place: npt.NDArray[np.int64]) -> list[list[tuple[str, float]]]:
+        """Name position, metres along the route, and interval of each match, if they are known."""
+        if self._route is None:
+            return [[] for _ in place]
+        found = self._route.locate(place, self._within)
+        along = np.column_stack([found.position, found.along_m, found.from_m, found.to_m])
+        names = (*self._route.coordinates, *ALONG)
+        return [list(zip(names, row, strict=True)) for row in along.tolist()]
 
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
         """Say that something happened, or that it is over."""
@@ -108,8 +133,10 @@ class View:
         text = printable(text)
         if self._panel is not None:
             self._panel.notice(kind, text, over=over)
-        elif not self._json:
+        elif not self._quiet:
             self._print(text)
+        elif not (self._json or over):
+            warning(text)
 
     def give_up(self, text: str) -> None:
         """Say that a file is given up; the run goes on without it."""
@@ -133,13 +160,13 @@ class View:
             share = None if "place" not in said else self._share(live.filled)
             self._panel.show(said, share, stale=self._closed or self._silent_s() > SILENT_S)
             self.unread |= self._panel.lost
-        elif not self._json:
+        elif not self._quiet:
             self._print(" | ".join(self._said(health, live.filled).values()))
 
     def summary(self, health: Health, bursts_removed: int) -> None:
         """Say how it went."""
         self._write({**self._health(health), "kind": "summary", "matches": self.matched})
-        if self._json:
+        if self._quiet:
             return
         if self._panel is not None:
             # notices go with the screen
@@ -175,6 +202,8 @@ class View:
                 f"place {self._last['place']} of {self._places}"
                 f" ({100 * self._position():.0f} % of the route)"
             )
+            if self._last.get("along_m") is not None:
+                said["place"] += f", at {self._last['along_m']:,.1f} m"
             ratio, probability = self._last["ratio"], self._last["probability"]
             said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
@@ -242,15 +271,16 @@ def ends_early(path: str, error: OSError) -> str:
 
 
 @contextmanager
-def open_view(as_json: bool, log: str | None, places: int) -> Iterator[View]:
+def open_view(as_json: bool, log: str | None, reference: ReferenceMap | None) -> Iterator[View]:
     """Open a view, and its log until the block ends."""
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
     try:
-        if as_json or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-            yield View(as_json, file, places, None)
+        plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
+        if plain or not sys.stdout.isatty():
+            yield View(as_json, file, reference, None)
         else:
             with open_panel() as panel:
-                yield View(as_json, file, places, panel)
+                yield View(as_json, file, reference, panel)
     finally:
         if file is not None:
             # lines are flushed as they are written, and what failed then was told then
