@@ -162,6 +162,12 @@ RUNS = [
     ("experiment codes --data {f} --seeds 1 --figures pdf", 2),
     # 2: calibration alone writes a table, and drives a dozen streets for it
     ("experiment codes --data {f} --seeds 1 --table {f}", 2),
+    ("sweep {f}/sweep.toml -o {f}/swept --workers 1", 0),
+    ("sweep {f}/sweep.toml -o {f}/swept --workers 1 --retry-failed", 0),
+    # 2: an address without a port
+    ("sweep {f}/sweep.toml -o {f}/swept --scheduler nowhere", 2),
+    ("compare {f}/swept -o {f}/compared", 0),
+    ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure recall_at_1", 0),
     ("completion bash", 0),
     ("demo -o {f}/demo --seed 1 --overwrite", 0),
 ]  # fmt: skip
@@ -215,6 +221,11 @@ def folder(tmp_path_factory):
     rows = [f"{t},{x},{y},{int(p)}" for t, x, y, p in events.tolist()]
     (folder / "table.txt").write_text("\n".join(rows) + "\n")
     np.savez(folder / "frames.npz", frames=rng.integers(0, 9, (12, 12, 16)))
+    (folder / "sweep.toml").write_text(
+        '[settings]\npreset = "paper"\npixels = 5\nsigma = 1.0\ntau = "100ms"\n'
+        '[drives.flags]\nreference = "reference.npz"\nquery = "query.npz"\n'
+        'ground_truth = "truth.csv"\ntolerance = 0.2\n'
+    )
     (folder / "settings.toml").write_text("sigma = 2.0\n")
     (folder / "hot.txt").write_text("1, 1\n")
     (folder / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")

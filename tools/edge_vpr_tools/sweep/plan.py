@@ -73,8 +73,8 @@ def read_plan(path: Path) -> Plan:
     ----------
     path : Path
         TOML: ``seeds`` (a number, or a list), ``[settings]`` of all variants, ``[grid]`` with a
-        list of values for each setting, every combination of which is a variant, ``[variants.NAME]``
-        with further ones, and ``[drives.NAME]`` with the fields of `PairOfDrives`.
+        list of values for each setting, every combination of which is a variant;
+        ``[variants.NAME]`` with further ones; ``[drives.NAME]`` with the fields of `PairOfDrives`.
 
     Returns
     -------

@@ -1,0 +1,113 @@
+"""A sweep: what is not known yet is computed and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from edge_vpr_tools.sweep.plan import NamedTrial, Plan
+from edge_vpr_tools.sweep.running import run_all
+from edge_vpr_tools.sweep.store import ListedTrial, Store
+from edge_vpr_tools.sweep.trial import KeptFailure, KeptResult, Trial, TrialResult, run_trial
+from edge_vpr_tools.sweep.workers import Workers
+
+#: called with trials that ended, trials to compute, and failures among them
+Progress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepRun:
+    """What a run of a sweep did.
+
+    Attributes
+    ----------
+    trials : int
+        By name, all of the plan.
+    different : int
+        Of them with different settings or inputs.
+    known : int
+        Whose result or failure was kept from before.
+    computed, failed : int
+    """
+
+    trials: int
+    different: int
+    known: int
+    computed: int
+    failed: int
+
+
+def run_sweep(
+    plan: Plan,
+    store: Store,
+    workers: Workers,
+    *,
+    retry_failed: bool = False,
+    progress: Progress = lambda done, of, failed: None,
+    run: Callable[[Trial], TrialResult] = run_trial,
+) -> SweepRun:
+    """Compute every trial of a plan whose result is not kept yet.
+
+    Parameters
+    ----------
+    plan : Plan
+    store : Store
+        Opened.
+    workers : Workers
+    retry_failed : bool
+        Compute those again that failed before.
+    progress : callable
+        See `Progress`.
+    run : callable
+        From trial to result, a function of a module.
+
+    Returns
+    -------
+    SweepRun
+
+    Raises
+    ------
+    EdgeVprError
+        If an input or a kept file cannot be read, or the cluster is gone.
+    """
+    named = list(plan.trials())
+    keys = [one.trial.key for one in named]
+    store.list_trials([_listed(one, key) for one, key in zip(named, keys, strict=True)])
+    trials = dict(zip(keys, (one.trial for one in named), strict=True))
+    missing = {
+        key: trial
+        for key, trial in trials.items()
+        if store.result(key) is None and (retry_failed or store.failure(key) is None)
+    }
+    failed = 0
+    progress(0, len(missing), 0)
+    for done, outcome in enumerate(run_all(missing, run, workers), 1):
+        key, trial = outcome.key, missing[outcome.key]
+        if outcome.result is not None:
+            store.keep_result(KeptResult(key=key, trial=trial, found=outcome.result))
+        else:
+            failed += 1
+            store.keep_failure(
+                KeptFailure(key=key, trial=trial, error=outcome.error, where=outcome.where)
+            )
+        progress(done, len(missing), failed)
+    return SweepRun(
+        trials=len(named),
+        different=len(trials),
+        known=len(trials) - len(missing),
+        computed=len(missing) - failed,
+        failed=failed,
+    )
+
+
+def failures(store: Store) -> list[tuple[ListedTrial, str]]:
+    """Return the trials that have failed and have no result, with their errors."""
+    return [
+        (trial, error)
+        for trial in store.listed()
+        if store.result(trial.key) is None and (error := store.failure(trial.key)) is not None
+    ]
+
+
+def _listed(one: NamedTrial, key: str) -> ListedTrial:
+    return ListedTrial(variant=one.variant, drives=one.drives, seed=one.seed, key=key)
