@@ -39,6 +39,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
+from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
@@ -105,6 +106,14 @@ def test_the_filter_suite_reaches_every_corner(window, code):
     sequences = replace(design, matching="sequence", length=3)
     assert ("filter" in standard_suites(sequences, 0)) == (code == "own-mean")
     assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
+
+
+@pytest.mark.parametrize("full_scale", [1, 3, 15])
+def test_own_mean_designs_of_any_full_scale_have_their_cases(full_scale):
+    design = replace(
+        DESIGN, matching="filter", length=1, code="own-mean", full_scales=(full_scale,)
+    )
+    assert len(filter_cases(design)) > 10
 
 
 def test_the_manifest_names_every_file_and_its_hash(vectors):

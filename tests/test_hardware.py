@@ -6,13 +6,23 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
-from firmware_model.hardware import boards, proof, replay, report, simulation, sources
+from firmware_model.hardware import (
+    boards,
+    mutants,
+    proof,
+    registers,
+    replay,
+    report,
+    simulation,
+    sources,
+)
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.vectors import (
     check_files,
@@ -361,8 +371,11 @@ KINDS = [
 def test_the_sources_are_free_of_lint(tmp_path, design):
     """All of Verilator's warnings, for designs of several kinds."""
     (tmp_path / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
+    (tmp_path / f"{registers.PACKAGE}.sv").write_text(registers.package(design), encoding="ascii")
     files = [tmp_path / f"{PACKAGE}.sv", *(sources.FOLDER / name for name in sources.DEVICE)]
-    for top, chosen in (("vpr_device", files), ("vpr_spi", [sources.FOLDER / "vpr_spi.sv"])):
+    axi = [tmp_path / f"{registers.PACKAGE}.sv", *files, sources.FOLDER / sources.AXI]
+    spi = [sources.FOLDER / "vpr_spi.sv"]
+    for top, chosen in (("vpr_device", files), ("vpr_spi", spi), ("vpr_axi_lite", axi)):
         command = ["verilator", "--lint-only", "-Wall", "--top-module", top, *map(str, chosen)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
@@ -393,6 +406,81 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     assert verdict.compared["match"] == len(cases[0].trace().matches) > 0
 
 
+@needs_iverilog
+@pytest.mark.parametrize(
+    ("suite", "name", "design"),
+    [
+        ("corners", "tie_of_three", replace(DESIGN, lanes=13, full_scales=(7, 3))),
+        ("filter", "own_means", ADAPTIVE),
+        ("random", "random_0", replace(FILTER, timestamp_bits=40, places=5)),
+    ],
+)
+def test_a_map_is_loaded_and_matches_are_read_over_axi_lite(tmp_path, suite, name, design):
+    """Tables that start undefined, places of one and two parts, and events, as a driver writes."""
+    cases = [case for case in standard_suites(design, 3)[suite] if case.name == name]
+    (chosen,) = [replace(case, events=case.events[:600]) for case in cases]
+    write_suites(tmp_path / "v", design, {suite: [chosen]}, 3, rtl=True)
+    case = tmp_path / "v" / suite / name
+    (case / f"{registers.PACKAGE}.sv").write_text(registers.package(chosen.design), "ascii")
+    files = [case / f"{PACKAGE}.sv", case / f"{registers.PACKAGE}.sv"]
+    names = (*sources.DEVICE, sources.AXI, sources.AXI_BENCH)
+    files += [sources.FOLDER / source for source in names]
+    command = ["iverilog", "-g2012", "-s", "vpr_axi_bench", "-o", str(tmp_path / "axi.vvp")]
+    subprocess.run([*command, *map(str, files)], check=True)
+    words = [f"+case={suite}/{name}", f"+results={tmp_path / 'results.csv'}", "+stall=30"]
+    done = subprocess.run(
+        ["vvp", "-n", str(tmp_path / "axi.vvp"), *words],
+        cwd=case,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    verdict = verify(tmp_path / "v", read_results(tmp_path / "results.csv"), kinds=("match",))
+    assert (verdict.differences, done.stdout) == ([], "")
+    assert verdict.compared["match"] == len(chosen.trace().matches) > 0
+
+
+def test_package_header_and_documentation_have_the_same_registers():
+    """All of them are made of one list; the header's constants are those of the design."""
+    text, header = registers.package(ADAPTIVE), registers.header(ADAPTIVE)
+    addresses = [register.address for register in registers.REGISTERS]
+    assert sorted(set(addresses)) == addresses
+    assert all(address % 4 == 0 for address in addresses)
+    for register in registers.REGISTERS:
+        assert f" {register.name} = 8'h{register.address:02x};" in text
+        assert f"#define VPR_{register.name} {register.address:#04x}U " in header
+    assert f"#define VPR_PLACES {ADAPTIVE.places}U" in header
+    used = set(re.findall(r"vpr_registers::(\w+)", (sources.FOLDER / sources.AXI).read_text()))
+    known = {register.name for register in registers.REGISTERS} | {"PLACE_PARTS"}
+    assert used == known | {"ID_VALUE", "DESIGN_VALUE"}
+    page = Path(__file__).parents[1] / "docs" / "hardware.md"
+    assert registers.table() in page.read_text(encoding="utf-8")
+
+
+def test_a_mutant_changes_one_line_of_a_unit():
+    """Each is of a line that does something, and no two are the same."""
+    found = mutants.all_mutants()
+    assert len(set(found)) == len(found) > 500
+    assert {mutant.file for mutant in found} == set(sources.UNITS)
+    for mutant in found:
+        before = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")[mutant.line]
+        assert mutant.text != before
+        assert not before.lstrip().startswith(("//", "localparam", "input", "output"))
+
+
+@needs_iverilog
+def test_a_mutant_of_the_filter_is_found_and_the_source_is_not(tmp_path):
+    """By a case of the vectors that the command replays."""
+    bench = mutants.Bench(tmp_path, 1, only=("walk_of_kept_distances",))
+    assert bench.found_by(None) is None
+    text = (sources.FOLDER / "vpr_prediction.sv").read_text(encoding="ascii").split("\n")
+    (line,) = [n for n, code in enumerate(text) if "found <= right < left" in code]
+    fault = mutants.Mutant("vpr_prediction.sv", line, text[line].replace("right < left", "1'b1"))
+    assert bench.found_by(fault) == "filter/walk_of_kept_distances"
+    assert bench.found_by(None) is None
+
+
 @needs("yosys", "yosys-smtbmc", "z3")
 def test_the_search_is_proved_and_broken_ones_are_refused():
     """One size and one broken version; the command has all."""
@@ -400,6 +488,13 @@ def test_the_search_is_proved_and_broken_ones_are_refused():
     name = "of equal sums the highest place is best"
     assert proof.refuted(proof.SMALL, proof.broken(name))
     assert all(proof.broken(name) for name in proof.BROKEN)
+
+
+@needs("yosys", "yosys-smtbmc", "z3")
+def test_broken_predictions_of_the_filter_are_refused():
+    """The command proves the prediction as it is, which takes a minute."""
+    for name in proof.BROKEN_PREDICTIONS:
+        assert not proof.prove_prediction(proof.broken_prediction(name))
 
 
 @needs("yosys")

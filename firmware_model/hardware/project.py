@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from firmware_model.hardware import sources
+from firmware_model.hardware import registers, sources
 from firmware_model.hardware.boards import BOARDS, Board
 from firmware_model.hardware.parameters import PACKAGE, package, tables
 from firmware_model.memories import Memories
@@ -71,9 +71,14 @@ def write_project(folder: Path, memories: Memories, seed: int) -> None:
     """
     design = memories.design
     beside = dict.fromkeys(name for board in BOARDS.values() for name in board.sources)
-    names = (*sources.DEVICE, *beside, sources.BENCH, sources.UP5K_BENCH)
+    benches = (sources.BENCH, sources.UP5K_BENCH, sources.AXI_BENCH)
+    names = (*sources.DEVICE, *beside, sources.AXI, *benches)
     sources.copy_sources(folder / "src", names)
     (folder / "src" / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
+    (folder / "src" / f"{registers.PACKAGE}.sv").write_text(
+        registers.package(design), encoding="ascii"
+    )
+    (folder / registers.HEADER).write_text(registers.header(design), encoding="ascii")
     for board in BOARDS.values():
         pins = (sources.FOLDER / board.pins).read_text(encoding="ascii")
         (folder / board.pins).write_text(pins, encoding="ascii")

@@ -1,8 +1,8 @@
-"""Prove the search of the core: ``python -m firmware_model.hardware.proof``.
+"""Prove search and prediction of the core: ``python -m firmware_model.hardware.proof``.
 
 By yosys and its yosys-smtbmc with the solver z3 (``apt install yosys z3``, or the package
-``z3-solver``). ``formal/vpr_search_properties.sv`` says what must hold; the proof is by induction,
-for any number of sums at any times. Deliberately broken versions must each be refused.
+``z3-solver``). The files in ``formal/`` say what must hold; the proofs are by induction, for any
+number of sums or metrics at any times. Deliberately broken versions must each be refused.
 """
 
 from __future__ import annotations
@@ -119,6 +119,73 @@ def refuted(size: Size, source: str, *, seconds: int = 300) -> bool:
         return not _solve(model, ["-t", str(BOUND)], seconds)
 
 
+#: parameters of the prediction that is proved: steps of 0, 1 and 2 places, and one back
+_PREDICTION = {
+    "STEPS": "3",
+    "BACK": "1",
+    "STEP_PRICES": f"160'h{2 | 1 << 2 * 10:040x}",
+    "BACK_PRICES": "160'h3",
+    "RESTART": "9",
+    "METRIC_BITS": "4",
+}
+#: broken versions of the prediction: text of ``vpr_prediction.sv`` and what replaces it
+BROKEN_PREDICTIONS = {
+    "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
+    "a place off the map is one to come from": ("off || !below", "!below"),
+}
+
+
+def prove_prediction(source: str | None = None, *, seconds: int = 600) -> bool:
+    """Prove that each prediction is the price of the cheapest way, and a restart at most.
+
+    Parameters
+    ----------
+    source : str, optional
+        Of ``vpr_prediction.sv``; by default as it is.
+    seconds : int
+        After which the solver is ended.
+
+    Returns
+    -------
+    bool
+        Whether base case and induction hold; of a source that is given, the base case alone, in
+        which a broken version must fail.
+
+    Raises
+    ------
+    ToolError
+        As of `prove`.
+    """
+    text = _source("vpr_prediction.sv") if source is None else source
+    chosen = " ".join(f"-set {name} {value}" for name, value in _PREDICTION.items())
+    with tempfile.TemporaryDirectory() as name:
+        unit, model = Path(name) / "unit.sv", Path(name) / "prediction.smt2"
+        unit.write_text(text, encoding="ascii")
+        properties = FOLDER / "formal" / "vpr_prediction_properties.sv"
+        script = (
+            f"read_verilog -formal -sv {unit}; chparam {chosen} vpr_prediction; "
+            "hierarchy -top vpr_prediction; proc; flatten; expose vpr_prediction/w:entries; "
+            f"read_verilog -formal -sv {properties}; hierarchy -top vpr_prediction_properties; "
+            f"proc; flatten; opt_clean; write_smt2 -wires {model}"
+        )
+        done = _run(["yosys", "-q", "-p", script], 60)
+        if done.returncode:
+            raise ToolError(f"yosys refuses the prediction: {(done.stderr + done.stdout).strip()}")
+        base = _solve(model, ["-t", "8"], seconds)
+        return base and (source is not None or _solve(model, ["-i", "-t", "8"], seconds))
+
+
+def broken_prediction(name: str) -> str:
+    """Return the source of a broken version, by its name in `BROKEN_PREDICTIONS`.
+
+    Raises
+    ------
+    ToolError
+        If the text that it replaces does not occur once.
+    """
+    return _replaced("vpr_prediction.sv", *BROKEN_PREDICTIONS[name])
+
+
 def broken(name: str) -> str:
     """Return the source of a broken version, by its name in `BROKEN`.
 
@@ -127,14 +194,22 @@ def broken(name: str) -> str:
     ToolError
         If the text that it replaces does not occur once.
     """
-    source, (old, new) = _search(None), BROKEN[name]
+    return _replaced("vpr_search.sv", *BROKEN[name])
+
+
+def _replaced(file: str, old: str, new: str) -> str:
+    source = _source(file)
     if source.count(old) != 1:
-        raise ToolError(f"vpr_search.sv has {source.count(old)} times {old!r}: mend {__name__}")
+        raise ToolError(f"{file} has {source.count(old)} times {old!r}: mend {__name__}")
     return source.replace(old, new)
 
 
+def _source(file: str) -> str:
+    return (FOLDER / file).read_text(encoding="ascii")
+
+
 def _search(source: str | None) -> str:
-    return (FOLDER / "vpr_search.sv").read_text(encoding="ascii") if source is None else source
+    return _source("vpr_search.sv") if source is None else source
 
 
 def _translate(folder: Path, size: Size, source: str, *, induction: bool) -> Path:
@@ -209,6 +284,13 @@ def main(words: Sequence[str] | None = None) -> int:
             print(f"{size}: {'proved' if holds else 'NOT PROVED'}", flush=True)
         for name in BROKEN:
             refused = refuted(SMALL, broken(name))
+            failures += not refused
+            print(f"{name}: {'refused' if refused else 'NOT REFUSED'}", flush=True)
+        holds = prove_prediction()
+        failures += not holds
+        print(f"prediction of the place filter: {'proved' if holds else 'NOT PROVED'}", flush=True)
+        for name in BROKEN_PREDICTIONS:
+            refused = not prove_prediction(broken_prediction(name))
             failures += not refused
             print(f"{name}: {'refused' if refused else 'NOT REFUSED'}", flush=True)
     except ToolError as error:

@@ -72,6 +72,7 @@ def replay(
     seed: int = 1,
     stall: int = 0,
     resets: int = 0,
+    seconds: float | None = None,
 ) -> Replay:
     """Replay a case.
 
@@ -91,6 +92,8 @@ def replay(
         Per cent of clocks in which each side waits.
     resets : int
         After which the case begins again.
+    seconds : float, optional
+        After which a simulation that does not end is a fault.
 
     Returns
     -------
@@ -109,7 +112,7 @@ def replay(
         "resets": resets,
     }
     words = [f"+{key}={value}" for key, value in arguments.items()]
-    said = _run([RUNTIME, "-n", str(program.resolve()), *words], case)
+    said = _run([RUNTIME, "-n", str(program.resolve()), *words], case, seconds)
     cycles = re.search(r"cycles a match (\d+) to (\d+)", said)
     if cycles is None:
         raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
@@ -164,9 +167,13 @@ def replay_vectors(
         )
 
 
-def _run(command: Sequence[str], folder: Path | None = None) -> str:
+def _run(command: Sequence[str], folder: Path | None = None, seconds: float | None = None) -> str:
     try:
-        done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, cwd=folder, timeout=seconds, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ToolError(f"{command[0]} took more than {seconds} s") from error
     except FileNotFoundError as error:
         raise ToolError(
             f"simulating the core needs {command[0]}, which is not installed: install Icarus "

@@ -38,6 +38,10 @@ BENCH = "vpr_bench.sv"
 SIMULATED = (*DEVICE, BENCH)
 #: the device behind SPI, as the tops of boards have it
 SPI = ("vpr_spi.sv", "vpr_spi_device.sv")
+#: the device behind registers on AXI4-Lite; its generated package comes first
+AXI = "vpr_axi_lite.sv"
+#: replays a case over AXI4-Lite
+AXI_BENCH = "vpr_axi_bench.sv"
 #: replays a case through the SPI of a board with an iCE40UP5K
 UP5K_BENCH = "vpr_up5k_bench.sv"
 

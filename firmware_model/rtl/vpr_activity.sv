@@ -41,10 +41,12 @@ module vpr_activity #(
     logic [ACTIVITY_SHIFT-1:0] delayed;
     logic                      borrow, carry;
 
-    wire of_ended   = step >= STEP_BITS'(FRACTION) && ended[0];
-    wire of_usual   = step < STEP_BITS'(ACTIVITY_BITS) && usual[0];
+    // which bits of each are at hand; registers, as comparing the step takes its time
+    logic has_ended, has_usual, shifts, below_event;
+
+    wire of_ended   = has_ended && ended[0];
+    wire of_usual   = has_usual && usual[0];
     wire difference = of_ended ^ of_usual ^ borrow;
-    wire shifts     = step >= STEP_BITS'(ACTIVITY_SHIFT);
     wire waits      = delayed[ACTIVITY_SHIFT-1];
     wire next       = waits ^ difference ^ carry;
 
@@ -57,15 +59,24 @@ module vpr_activity #(
             step    <= '0;
             borrow  <= 1'b0;
             carry   <= 1'b0;
+            partly  <= 1'b0;
+            has_ended   <= 1'b0;
+            has_usual   <= 1'b1;
+            shifts      <= 1'b0;
+            below_event <= 1'b1;
         end else if (!settled) begin
             step    <= step + 1'b1;
             settled <= step == STEP_BITS'(STEPS - 1);
             borrow  <= (!of_ended && (of_usual || borrow)) || (of_usual && borrow);
             delayed <= ACTIVITY_SHIFT'({delayed, of_usual});
             if (shifts) carry <= (waits && (difference || carry)) || (difference && carry);
-            if (step >= STEP_BITS'(FRACTION)) ended <= ended >> 1;
+            if (has_ended) ended <= ended >> 1;
             usual   <= {next, usual[ACTIVITY_BITS-1:1]};
-            if (step < STEP_BITS'(ACTIVITY_SHIFT + DROPPED)) partly <= shifts && (partly || next);
+            if (shifts && below_event && next) partly <= 1'b1;
+            if (step == STEP_BITS'(FRACTION - 1)) has_ended <= 1'b1;
+            if (step == STEP_BITS'(ACTIVITY_BITS - 1)) has_usual <= 1'b0;
+            if (step == STEP_BITS'(ACTIVITY_SHIFT - 1)) shifts <= 1'b1;
+            if (step == STEP_BITS'(ACTIVITY_SHIFT + DROPPED - 1)) below_event <= 1'b0;
         end
         if (load) begin
             usual   <= start_activity;

@@ -62,10 +62,18 @@ module vpr_core #(
     parameter int          EVIDENCE_BITS       = 8,
     parameter int          TRUST_BITS          = 14,
     parameter int          MATCH_BITS          = 39,
-    parameter              MEMORY_STYLE      = "auto"
+    parameter              MEMORY_STYLE      = "auto",
+    parameter              PLACES_FILE       = "",
+    parameter              LOADABLE          = 0
 ) (
     input  logic                                   clk,
     input  logic                                   rst,
+
+    // tables that are loaded before a reset (LOADABLE): displacement, lookup, codes, code_tables, means
+    input  logic [4:0]                             load,
+    input  logic [19:0]                            load_address,
+    input  logic [31:0]                            load_word,
+
     input  logic [TIMESTAMP_BITS-1:0]              start_time,
     input  logic [ACTIVITY_BITS-1:0]               start_activity,
 
@@ -113,9 +121,11 @@ module vpr_core #(
         .TAU_US(TAU_US), .WINDOW_EVENTS(WINDOW_EVENTS), .EVENT_TIME_BITS(EVENT_TIME_BITS),
         .TIMESTAMP_BITS(TIMESTAMP_BITS), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
         .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
-        .COUNT_BITS(COUNT_BITS), .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS)
+        .COUNT_BITS(COUNT_BITS), .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS),
+        .LOADABLE(LOADABLE)
     ) events (
-        .clk(clk), .rst(rst), .start_time(start_time),
+        .clk(clk), .rst(rst), .load(load[1:0]), .load_address(load_address), .load_word(load_word),
+        .start_time(start_time),
         .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),
         .s_event_tdata(s_event_tdata),
         .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
@@ -130,9 +140,10 @@ module vpr_core #(
         .SLOTS(SLOTS), .WORDS(WORDS), .LANES(LANES), .TABLES(TABLES), .COUNT_MAX(COUNT_MAX),
         .OWN_MEAN(OWN_MEAN), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS),
         .TABLE_BITS(TABLE_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
-        .CODE_BITS(CODE_BITS)
+        .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE)
     ) encoder (
-        .clk(clk), .rst(rst), .start(window_end), .paused(paused), .clearing(clearing),
+        .clk(clk), .rst(rst), .load(load[4:2]), .load_address(load_address), .load_word(load_word),
+        .start(window_end), .paused(paused), .clearing(clearing),
         .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot),
         .word_valid(m_window_tvalid), .word_ready(m_window_tready),
@@ -171,7 +182,8 @@ module vpr_core #(
 
     vpr_place_memory #(
         .PLACES(PLACES), .WORDS(WORDS), .WORD_BITS(LANES * CODE_BITS),
-        .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE)
+        .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE),
+        .FILE(PLACES_FILE)
     ) place_memory (
         .clk(clk), .rst(rst), .busy(busy),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),

@@ -1,9 +1,14 @@
 // The place recogniser of one design: vpr_core with the parameters of the generated package.
 module vpr_device #(
-    parameter MEMORY_STYLE = "auto"  // of the places and of past distances, see vpr_ram_single
+    parameter MEMORY_STYLE = "auto",  // of the places and of past distances, see vpr_ram_single
+    parameter PLACES_FILE  = "",      // of the places; they may be loaded instead
+    parameter LOADABLE     = 0        // tables are loaded, in place of their files
 ) (
     input  logic clk,
     input  logic rst,
+    input  logic [4:0]  load,
+    input  logic [19:0] load_address,
+    input  logic [31:0] load_word,
     input  logic [vpr_design::TIMESTAMP_BITS-1:0] start_time,
     input  logic [vpr_design::ACTIVITY_BITS-1:0]  start_activity,
 
@@ -56,9 +61,10 @@ module vpr_device #(
         .DISTANCE_TOTAL_BITS(vpr_design::DISTANCE_TOTAL_BITS),
         .RECIPROCAL_BITS(vpr_design::RECIPROCAL_BITS), .EVIDENCE_BITS(vpr_design::EVIDENCE_BITS),
         .TRUST_BITS(vpr_design::TRUST_BITS), .MATCH_BITS(vpr_design::MATCH_BITS),
-        .MEMORY_STYLE(MEMORY_STYLE)
+        .MEMORY_STYLE(MEMORY_STYLE), .PLACES_FILE(PLACES_FILE), .LOADABLE(LOADABLE)
     ) core (
-        .clk(clk), .rst(rst), .start_time(start_time), .start_activity(start_activity),
+        .clk(clk), .rst(rst), .load(load), .load_address(load_address), .load_word(load_word),
+        .start_time(start_time), .start_activity(start_activity),
         .s_place_tvalid(s_place_tvalid),
         .s_place_tready(s_place_tready), .s_place_tdata(s_place_tdata),
         .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),

@@ -15,12 +15,16 @@ module vpr_encoder #(
     parameter int          ENTRY_BITS = 1,
     parameter int          MEAN_BITS  = 1,
     parameter int          CODE_BITS  = 1,
+    parameter bit          LOADABLE         = 0,
     parameter              CODES_FILE       = "codes.mem",
     parameter              CODE_TABLES_FILE = "code_tables.mem",
     parameter              MEANS_FILE       = "means.mem"
 ) (
     input  logic                       clk,
     input  logic                       rst,
+    input  logic [2:0]                 load,  // see vpr_rom
+    input  logic [19:0]                load_address,
+    input  logic [31:0]                load_word,
     input  logic                       start,
     input  logic                       paused,
     output logic                       clearing,
@@ -102,30 +106,36 @@ module vpr_encoder #(
 
     generate
         if (OWN_MEAN) begin : g_own_mean
+            wire unused = load[1];
             vpr_own_mean #(
                 .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .SLOT_BITS(SLOT_BITS),
                 .COUNT_BITS(COUNT_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
-                .CODE_BITS(CODE_BITS), .CODES_FILE(CODES_FILE), .MEANS_FILE(MEANS_FILE)
+                .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE), .CODES_FILE(CODES_FILE),
+                .MEANS_FILE(MEANS_FILE)
             ) own_mean (
-                .clk(clk), .rst(rst), .step(step), .clearing(clearing), .hold(paused),
+                .clk(clk), .rst(rst), .load({load[2], load[0]}), .load_address(load_address),
+                .load_word(load_word), .step(step), .clearing(clearing), .hold(paused),
                 .valid(clear), .last(counted && counted_last), .slot(clear_slot), .count(drained),
                 .code(code)
             );
         end else begin : g_table
             logic [INDEXED_BITS-1:0] entry;
-            wire                     unused = paused;
+            wire                     unused = &{1'b0, paused, load};
             vpr_rom #(
-                .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS), .FILE(CODES_FILE)
+                .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS),
+                .FILE(CODES_FILE), .LOADABLE(LOADABLE)
             ) codes (
-                .clk(clk), .enable(step), .address(entry), .word(code)
+                .clk(clk), .enable(step), .address(entry), .word(code),
+                .load(load[0]), .load_address(load_address), .load_word(load_word)
             );
             if (TABLES > 1) begin : g_tables
                 logic [TABLE_BITS-1:0] code_table;
                 vpr_rom #(
                     .DEPTH(SLOTS), .BITS(TABLE_BITS), .ADDRESS_BITS(SLOT_BITS),
-                    .FILE(CODE_TABLES_FILE)
+                    .FILE(CODE_TABLES_FILE), .LOADABLE(LOADABLE)
                 ) code_tables (
-                    .clk(clk), .enable(step), .address(drain_slot), .word(code_table)
+                    .clk(clk), .enable(step), .address(drain_slot), .word(code_table),
+                    .load(load[1]), .load_address(load_address), .load_word(load_word)
                 );
                 assign entry = INDEXED_BITS'(code_table) * INDEXED_BITS'(STRIDE)
                                + INDEXED_BITS'(drained);

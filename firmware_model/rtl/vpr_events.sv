@@ -22,10 +22,14 @@ module vpr_events #(
     parameter int          OWNER_BITS        = 2,
     parameter int          SLOT_BITS         = 1,
     parameter int          COUNT_BITS        = 1,
-    parameter int          WINDOW_COUNT_BITS = 1
+    parameter int          WINDOW_COUNT_BITS = 1,
+    parameter bit          LOADABLE          = 0
 ) (
     input  logic                            clk,
     input  logic                            rst,
+    input  logic [1:0]                      load,  // see vpr_rom
+    input  logic [19:0]                     load_address,
+    input  logic [31:0]                     load_word,
     input  logic [TIMESTAMP_BITS-1:0]       start_time,
     input  logic                            s_event_tvalid,
     output logic                            s_event_tready,
@@ -97,9 +101,11 @@ module vpr_events #(
     vpr_pixel_lookup #(
         .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
         .DEPTH(LOOKUP_DEPTH), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
-        .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS)
+        .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
+        .LOADABLE(LOADABLE)
     ) pixel_lookup (
-        .clk(clk), .take(take),
+        .clk(clk), .load(load), .load_address(load_address), .load_word(load_word),
+        .take(take),
         .column(s_event_tdata[EVENT_TIME_BITS+:16]),
         .row(s_event_tdata[EVENT_TIME_BITS+16+:15]),
         .on(s_event_tdata[EVENT_TIME_BITS+31]),

@@ -12,11 +12,15 @@ module vpr_own_mean #(
     parameter int ENTRY_BITS = 9,
     parameter int MEAN_BITS  = 17,
     parameter int CODE_BITS  = 1,
+    parameter bit LOADABLE   = 0,
     parameter     CODES_FILE = "codes.mem",
     parameter     MEANS_FILE = "means.mem"
 ) (
     input  logic                  clk,
     input  logic                  rst,
+    input  logic [1:0]            load,  // see vpr_rom
+    input  logic [19:0]           load_address,
+    input  logic [31:0]           load_word,
     input  logic                  step,
     input  logic                  clearing,
     input  logic                  hold,
@@ -68,15 +72,19 @@ module vpr_own_mean #(
     assign code = octaves > HIGHEST ? '1 : octaves < LOWEST ? '0 : CODE_BITS'(octaves - LOWEST);
 
     vpr_rom #(
-        .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE(CODES_FILE)
+        .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE(CODES_FILE),
+        .LOADABLE(LOADABLE)
     ) levels (
-        .clk(clk), .enable(step), .address(count), .word(level)
+        .clk(clk), .enable(step), .address(count), .word(level),
+        .load(load[0]), .load_address(load_address), .load_word(load_word)
     );
 
     vpr_rom #(
-        .DEPTH(SLOTS), .BITS(ENTRY_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE(MEANS_FILE)
+        .DEPTH(SLOTS), .BITS(ENTRY_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE(MEANS_FILE),
+        .LOADABLE(LOADABLE)
     ) first_means (
-        .clk(clk), .enable(step), .address(slot), .word(first_mean)
+        .clk(clk), .enable(step), .address(slot), .word(first_mean),
+        .load(load[1]), .load_address(load_address), .load_word(load_word)
     );
 
     vpr_ram #(

@@ -13,10 +13,14 @@ module vpr_pixel_lookup #(
     parameter int ADDRESS_BITS = 1,
     parameter int OWNER_BITS   = 2,
     parameter int SLOT_BITS    = 1,
+    parameter bit LOADABLE          = 0,
     parameter     DISPLACEMENT_FILE = "displacement.mem",
     parameter     LOOKUP_FILE       = "lookup.mem"
 ) (
     input  logic                 clk,
+    input  logic [1:0]           load,  // see vpr_rom
+    input  logic [19:0]          load_address,
+    input  logic [31:0]          load_word,
     input  logic                 take,
     input  logic [15:0]          column,
     input  logic [14:0]          row,
@@ -45,18 +49,21 @@ module vpr_pixel_lookup #(
     end
 
     vpr_rom #(
-        .DEPTH(HEIGHT), .BITS(ADDRESS_BITS), .ADDRESS_BITS(ROW_BITS), .FILE(DISPLACEMENT_FILE)
+        .DEPTH(HEIGHT), .BITS(ADDRESS_BITS), .ADDRESS_BITS(ROW_BITS),
+        .FILE(DISPLACEMENT_FILE), .LOADABLE(LOADABLE)
     ) displacements (
-        .clk(clk), .enable(take), .address(row[ROW_BITS-1:0]), .word(displacement)
+        .clk(clk), .enable(take), .address(row[ROW_BITS-1:0]), .word(displacement),
+        .load(load[0]), .load_address(load_address), .load_word(load_word)
     );
 
     wire [ADDRESS_BITS-1:0] address = ADDRESS_BITS'(held_column) + displacement;
 
     vpr_rom #(
         .DEPTH(DEPTH), .BITS(OWNER_BITS + SLOT_BITS), .ADDRESS_BITS(ADDRESS_BITS),
-        .FILE(LOOKUP_FILE)
+        .FILE(LOOKUP_FILE), .LOADABLE(LOADABLE)
     ) entries (
-        .clk(clk), .enable(1'b1), .address(address), .word(entry)
+        .clk(clk), .enable(1'b1), .address(address), .word(entry),
+        .load(load[1]), .load_address(load_address), .load_word(load_word)
     );
 
     wire [OWNER_BITS-1:0] owner = entry[SLOT_BITS+:OWNER_BITS];

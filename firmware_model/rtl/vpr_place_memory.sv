@@ -1,12 +1,13 @@
 // Codes of all places, WORDS words each, in the order of places.mem. One address serves to load and
 // to read them: it returns to the first word after the last, after reset and with `start`. A load
-// that a match interrupts begins again.
+// that a match interrupts begins again. They may also come from a file for $readmemh.
 module vpr_place_memory #(
     parameter int PLACES       = 1,
     parameter int WORDS        = 1,
     parameter int WORD_BITS    = 1,
     parameter int ADDRESS_BITS = 1,
-    parameter     MEMORY_STYLE = "auto"
+    parameter     MEMORY_STYLE = "auto",
+    parameter     FILE         = ""
 ) (
     input  logic                    clk,
     input  logic                    rst,
@@ -35,7 +36,7 @@ module vpr_place_memory #(
 
     vpr_ram_single #(
         .DEPTH(PLACES * WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(ADDRESS_BITS),
-        .STYLE(MEMORY_STYLE)
+        .STYLE(MEMORY_STYLE), .FILE(FILE)
     ) places (
         .clk(clk), .write(load), .address(address),
         .write_word(s_place_tdata), .read_word(word)

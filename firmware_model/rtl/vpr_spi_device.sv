@@ -48,7 +48,8 @@ module vpr_spi_device #(
     vpr_device #(
         .MEMORY_STYLE(MEMORY_STYLE)
     ) device (
-        .clk(clk), .rst(rst), .start_time(start_value[vpr_design::TIMESTAMP_BITS-1:0]),
+        .clk(clk), .rst(rst), .load('0), .load_address('0), .load_word('0),
+        .start_time(start_value[vpr_design::TIMESTAMP_BITS-1:0]),
         .start_activity(vpr_design::ACTIVITY_BITS'(start_value >> TIME_BITS)),
         .s_place_tvalid(place_tvalid), .s_place_tready(place_tready), .s_place_tdata(place_tdata),
         .s_event_tvalid(event_tvalid), .s_event_tready(event_tready), .s_event_tdata(event_tdata),

@@ -34,7 +34,7 @@ module vpr_trust #(
     localparam logic signed [BITS-1:0] HIGHEST = BITS'(LAST);
 
     logic [4:0]                    phase;
-    logic                          placed, follows, stays, falls;
+    logic                          placed, below, beyond, stays, falls;
     logic [PLACE_BITS-1:0]         place;
     logic [METRIC_BITS-1:0]        margin;
     logic signed [BITS-1:0]        step;
@@ -52,12 +52,13 @@ module vpr_trust #(
         margin     <= second_sum - best_sum;
         if (!has_second) margin <= '1;
         step       <= $signed(BITS'(best)) - $signed(BITS'(place));
-        follows    <= placed && step >= LOWEST && step <= HIGHEST;
+        below      <= step < LOWEST;
+        beyond     <= step > HIGHEST;
         stays      <= placed && step == 0;
         difference <= $signed({1'b0, margin, {FRACTION{1'b0}}}) - $signed({1'b0, trust});
         falls      <= stays && !more[TRUST_BITS];
         moves      <= stays && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
-        if (phase[1] && !follows) trust <= '0;
+        if (phase[1] && (!placed || below || beyond)) trust <= '0;
         if (phase[4]) begin
             // the inverse of the fall, and a carry
             trust  <= TRUST_BITS'(({trust, 1'b1} + {moves, falls}) >> 1);

@@ -181,7 +181,7 @@ def _means(design: Design) -> list[Case]:
         _drive("own_means_of_sequences", sequences, route * 3, high),
         _drive("all_shifts", few, route * 130, high),
         _drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
-        _halves(few),
+        *_halves(few),
         _late_shifts(few),
     ]
     if design.window == "time":
@@ -189,16 +189,22 @@ def _means(design: Design) -> list[Case]:
     return cases
 
 
-def _halves(design: Design) -> Case:
-    """Bring means to half a unit of a logarithm, and just below, where the code depends on it."""
-    ways = [_way_to_half(design, end) for end in (1 << (MEAN_BITS - 1), (1 << (MEAN_BITS - 1)) - 1)]
+def _halves(design: Design) -> list[Case]:
+    """Bring means to half a unit of a logarithm, and just below, where the code depends on it.
+
+    With a full scale of 1 to 3 there is no such case: no code depends on it.
+    """
+    half = 1 << (MEAN_BITS - 1)
+    ways = [way for end in (half, half - 1) if (way := _way_to_half(design, end)) is not None]
+    if len(ways) < 2:
+        return []
     chosen = [ways[slot % 2] for slot in range(design.slots)]
     means = [mean for mean, _ in chosen]
     windows = [[counts[i] for _, counts in chosen] for i in range(3)]
-    return _counted("means_of_halves", design, means, windows)
+    return [_counted("means_of_halves", design, means, windows)]
 
 
-def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]]:
+def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] | None:
     """Find a mean and two counts that end `end` above a whole unit, and a count that tells it.
 
     Returns
@@ -206,9 +212,12 @@ def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]]:
     mean : int
     counts : tuple of int
         The code of the third is another one if the mean is rounded the other way.
+
+    None if there are none.
     """
     levels, unit = design.tables[0], 1 << LEVEL_BITS
-    for mean, first, second in product(range(3 * unit), range(1, 8), range(1, 8)):
+    counts = range(1, min(60, len(levels)))  # a higher one has the level of the full scale
+    for mean, first, second in product(range(3 * unit), counts[:7], counts[:7]):
         running = RunningMean(np.array([mean]))
         for count in (first, second):
             running.update(np.array([levels[count]]))
@@ -216,10 +225,10 @@ def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]]:
         if total % (1 << MEAN_BITS) != end:
             continue
         whole = total >> MEAN_BITS
-        for count in range(1, 60):
+        for count in counts:
             if (levels[count] - whole) % unit == unit // 2 and 0 <= levels[count] - whole < unit:
                 return mean, (first, second, count)
-    raise ValueError(f"no counts bring a mean to {end}")
+    return None
 
 
 def _late_shifts(design: Design) -> Case:

@@ -45,5 +45,5 @@ def run(args: argparse.Namespace) -> None:
         write_project(folder, memories, args.seed)
     summary(
         f"{args.output}: core of {design.pixels} pixels and {design.places} places; make builds it "
-        "for an iCE40UP5K, make test holds it to its vectors"
+        "for an iCEBreaker or a ULX3S, make test holds it to its vectors"
     )

@@ -1,0 +1,210 @@
+"""Generated faults of the core: ``python -m firmware_model.hardware.mutants``.
+
+Each changes one operator or constant of the sources, or leaves a statement out. Vectors of a design
+with sequences and of one with the place filter and own-mean codes are replayed until a case finds
+it, with stalls and a reset; the command lists those that no case finds. Needs Icarus Verilog.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_model.design import Design
+from firmware_model.errors import ToolError, VectorError
+from firmware_model.hardware import simulation, sources
+from firmware_model.hardware.parameters import PACKAGE
+from firmware_model.vectors.suite import standard_suites, write_suites
+from firmware_model.vectors.verify import verify
+
+#: seconds after which a simulation that does not end is ended: the fault is found
+LIMIT = 20
+_SEQUENCES = Design(
+    width=24, height=16, pixels=9, places=20, length=3, full_scales=(15,), window_events=12, lanes=4
+)
+DESIGNS = (_SEQUENCES, replace(_SEQUENCES, matching="filter", length=1, code="own-mean"))
+#: cases that find most faults come first
+FIRST = ("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time")
+_CHANGES = (
+    (re.compile(r" == "), " != "),
+    (re.compile(r" != "), " == "),
+    (re.compile(r" && "), " || "),
+    (re.compile(r" \|\| "), " && "),
+    (re.compile(r" \+ "), " - "),
+    (re.compile(r" - "), " + "),
+    (re.compile(r" < "), " > "),
+    (re.compile(r" > "), " >= "),
+    (re.compile(r" >= "), " > "),
+    (re.compile(r" >> "), " << "),
+    (re.compile(r"1'b1\b"), "1'b0"),
+    (re.compile(r"1'b0\b"), "1'b1"),
+    (re.compile(r"'0\b"), "'1"),
+    (re.compile(r"!(?=[a-z(])"), ""),
+    (re.compile(r" - 1\)"), ")"),
+)
+_STATEMENT = re.compile(r"^\s+(?:if \([^;]*\) |else )?\w[\w\[\]:]*\s+<= .*;$")
+#: lines that state what there is, and not what it does
+_STATED = re.compile(
+    r"^\s*(?://|parameter|localparam|input|output|logic [^=]*;|\.|genvar|for |module|wire unused)"
+)
+
+
+class Mutant(NamedTuple):
+    """A changed line of a source."""
+
+    file: str
+    line: int
+    text: str
+
+
+def mutants(file: str, source: str) -> Iterator[Mutant]:
+    """Change each line of a source in every way.
+
+    Parameters
+    ----------
+    file, source : str
+
+    Yields
+    ------
+    Mutant
+    """
+    for number, line in enumerate(source.split("\n")):
+        code = line.partition("//")[0].rstrip()
+        if not code or _STATED.match(code):
+            continue
+        for pattern, new in _CHANGES:
+            for found in pattern.finditer(code):
+                yield Mutant(file, number, code[: found.start()] + new + code[found.end() :])
+        if _STATEMENT.match(code):
+            yield Mutant(file, number, ";" if code.lstrip().startswith(("if", "else")) else "")
+
+
+def all_mutants() -> list[Mutant]:
+    """List those of all units of the core."""
+    return [
+        mutant
+        for file in sources.UNITS
+        for mutant in mutants(file, (sources.FOLDER / file).read_text(encoding="ascii"))
+    ]
+
+
+class Bench:
+    """Vectors of `DESIGNS` in a folder, and what finds a mutant of their sources.
+
+    Parameters
+    ----------
+    folder : path
+        An empty one.
+    seed : int
+        Of the vectors, and of stalls and resets.
+    only : collection of str, optional
+        Names of the cases; by default all.
+
+    Attributes
+    ----------
+    cases : list of (path, str)
+        Folder of vectors, and suite and case, in the order in which they are replayed.
+    """
+
+    def __init__(self, folder: Path, seed: int, only: Collection[str] | None = None) -> None:
+        self._seed = seed
+        self.cases: list[tuple[Path, str]] = []
+        self._rtl = folder / "rtl"
+        sources.copy_sources(self._rtl, sources.SIMULATED)
+        self._work = folder
+        for number, design in enumerate(DESIGNS):
+            suites = standard_suites(design, seed)
+            if number:  # those of sequences are there already
+                del suites["corners"]
+            for suite, cases in suites.items():
+                suites[suite] = [case for case in cases if only is None or case.name in only]
+            vectors = folder / str(number)
+            write_suites(vectors, design, suites, seed, rtl=True)
+            names = (f"{suite}/{case.name}" for suite, cases in suites.items() for case in cases)
+            self.cases += [(vectors, name) for name in names]
+        self.cases.sort(key=lambda case: case[1].partition("/")[2] not in FIRST)
+
+    def found_by(self, mutant: Mutant | None) -> str | None:
+        """Return the case that finds a mutant, or None; of no mutant, the case that fails."""
+        if mutant is not None:
+            source = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")
+            source[mutant.line] = mutant.text
+            (self._rtl / mutant.file).write_text("\n".join(source), encoding="ascii")
+        try:
+            programs: dict[str, Path] = {}
+            for vectors, name in self.cases:
+                if not self._holds(vectors, name, programs):
+                    return name
+            return None
+        finally:
+            if mutant is not None:
+                shutil.copyfile(sources.FOLDER / mutant.file, self._rtl / mutant.file)
+
+    def _holds(self, vectors: Path, name: str, programs: dict[str, Path]) -> bool:
+        package = vectors / name / f"{PACKAGE}.sv"
+        text = package.read_text(encoding="ascii")
+        try:
+            if text not in programs:
+                programs[text] = self._work / f"{len(programs)}.vvp"
+                simulation.compile_bench(package, programs[text], self._rtl)
+            done = simulation.replay(
+                programs[text],
+                vectors / name,
+                name,
+                self._work / "results.csv",
+                seed=self._seed,
+                stall=30,
+                resets=1,
+                seconds=LIMIT,
+            )
+            return not verify(vectors, done.records).differences
+        except (ToolError, VectorError):
+            return False
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    words : sequence of str, optional
+        The command line.
+
+    Returns
+    -------
+    int
+        1 if a mutant is not found, or a tool is missing.
+    """
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--mutants", type=int, default=60, metavar="N", help="drawn of all")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args(words)
+    if not simulation.available():
+        print("mutants need Icarus Verilog: run apt install iverilog", file=sys.stderr)
+        return 1
+    every = all_mutants()
+    drawn = np.random.default_rng(args.seed).permutation(len(every))[: args.mutants]
+    left = 0
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(Path(folder), args.seed)
+        for at in sorted(drawn.tolist()):
+            mutant = every[at]
+            case = bench.found_by(mutant)
+            left += case is None
+            told = "NOT FOUND" if case is None else f"found by {case}"
+            print(f"{mutant.file}:{mutant.line + 1}: {mutant.text.strip()}: {told}", flush=True)
+    print(f"{len(drawn)} of {len(every)} mutants, {left} not found")
+    return int(left > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

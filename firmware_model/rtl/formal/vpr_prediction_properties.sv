@@ -1,0 +1,102 @@
+// What vpr_prediction must compute, for any metrics at any times: properties for yosys-smtbmc.
+//
+// The metrics of the last places are kept here as they came, and the cheapest way is taken from them
+// with as many bits as it may need. Metrics come two clocks apart at least. The entries are seen
+// through a port that the proof's script adds.
+module vpr_prediction_properties #(
+    parameter METRIC_BITS = 4,
+    parameter RESTART     = 9
+) (
+    input logic                   clk,
+    input logic                   clear,
+    input logic                   shift,
+    input logic                   off,
+    input logic [METRIC_BITS-1:0] metric
+);
+    // prices of steps of 0, 1 and 2 places, and of one back, as the script sets them
+    localparam ENTRIES = 4;
+    localparam LATENCY = 5;  // of a tree of three levels, from the clock that shifts
+    localparam WIDE    = 12;
+
+    (* anyconst *) logic                   paused;
+    (* anyconst *) logic                   placed;
+    (* anyconst *) logic [METRIC_BITS-1:0] least;
+
+    logic [METRIC_BITS-1:0] prediction;
+    localparam BITS = $clog2(RESTART + 1);
+    logic [ENTRIES*BITS-1:0] entries;
+
+    vpr_prediction predictions (
+        .clk(clk), .clear(clear), .shift(shift), .off(off), .metric(metric), .paused(paused),
+        .placed(placed), .least(least), .prediction(prediction), .entries(entries)
+    );
+
+    logic                   begun = 1'b0;
+    logic                   shifted = 1'b0;
+    logic [ENTRIES-1:0]     there;
+    logic [METRIC_BITS-1:0] come_0, come_1, come_2, come_3;
+
+    always_ff @(posedge clk) begin
+        shifted <= shift && !clear;
+        if (clear) begin
+            begun <= 1'b1;
+            there <= '0;
+        end else if (shift) begin
+            there  <= {there[2:0], !off};
+            come_0 <= metric;
+            come_1 <= come_0;
+            come_2 <= come_1;
+            come_3 <= come_2;
+        end
+    end
+
+    always_comb begin
+        if (!begun) assume (clear);
+        if (shift) assume (!shifted && (off || metric >= least));
+    end
+
+    function automatic [WIDE-1:0] way(input is, input [METRIC_BITS-1:0] from, input [WIDE-1:0] price);
+        way = is ? WIDE'(from) - WIDE'(least) + price : '1;
+    endfunction
+    function automatic [WIDE-1:0] lesser(input [WIDE-1:0] a, input [WIDE-1:0] b);
+        lesser = b < a ? b : a;
+    endfunction
+
+    // the newest is the place ahead
+    wire [WIDE-1:0] moving = lesser(
+        lesser(way(there[0], come_0, 3), way(there[1], come_1, 2)),
+        lesser(way(there[2], come_2, 0), way(there[3], come_3, 1)));
+    wire [WIDE-1:0] standing = lesser(
+        lesser(way(there[1], come_1, 0), way(there[2], come_2, 0)), way(there[3], come_3, 4));
+    wire [WIDE-1:0] cheapest = lesser(paused ? standing : moving, WIDE'(RESTART));
+
+    logic [WIDE-1:0]    due_1, due_2, due_3, due_4, due_5;
+    logic [LATENCY-1:0] follows = '0;
+    always_ff @(posedge clk) begin
+        follows <= {follows[LATENCY-2:0], shift && !clear && begun};
+        due_1   <= cheapest;  // of the metric that was shifted in the clock before
+        due_2   <= due_1;
+        due_3   <= due_2;
+        due_4   <= due_3;
+    end
+
+    function automatic [BITS-1:0] held(input is, input [METRIC_BITS-1:0] from);
+        held = is && from - least < RESTART ? BITS'(from - least) : BITS'(RESTART);
+    endfunction
+
+    always_comb begin
+        if (begun) begin
+            assert (!there[0] || come_0 >= least);
+            assert (!there[1] || come_1 >= least);
+            assert (!there[2] || come_2 >= least);
+            assert (!there[3] || come_3 >= least);
+            assert (entries == {held(there[3], come_3), held(there[2], come_2),
+                                held(there[1], come_1), held(there[0], come_0)});
+            if (follows[LATENCY-1]) begin
+                assert (prediction == (placed ? due_4[METRIC_BITS-1:0] : '0));
+                assert (prediction <= RESTART);
+                assert (due_4 <= RESTART);
+            end
+        end
+    end
+endmodule
