@@ -54,7 +54,7 @@ tolerance = 0.2
 class Inline(Workers):
     """Jobs in this thread."""
 
-    at_once = 2
+    count, at_once = 1, 2
 
     def __init__(self):
         self.jobs = 0
@@ -262,10 +262,11 @@ def test_a_worker_of_a_cluster_may_die_in_mid_run(plan_file, tmp_path, scheduler
             plan_file, workers, tmp_path / "far", progress=kill_one, run=sweep_jobs.slow_trial
         )
     assert killed
-    assert (done.computed, done.failed) == (4, 0)
+    assert (done.computed, done.failed, done.workers) == (4, 0, 2)
+    assert 0 < done.busy_share <= 1
     # the same as here, but for the times that it took
     near, _ = swept(plan_file, Inline(), tmp_path / "near")
-    times = dict.fromkeys(("mapping_s", "counting_s", "microseconds_per_match"), 0.0)
+    times = dict.fromkeys(("mapping_s", "counting_s", "microseconds_per_match", "elapsed_s"), 0.0)
     for trial in store.listed():
         far, here = store.result(trial.key), near.result(trial.key)
         assert replace(far, **times) == replace(here, **times)

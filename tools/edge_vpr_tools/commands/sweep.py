@@ -49,6 +49,8 @@ def run(args: argparse.Namespace) -> None:
         f"{store.folder}: {done.trials} trials, {done.different} of them different; {done.known} "
         f"were known, {done.computed} computed now, {done.failed} failed now"
     )
+    if done.computed:
+        summary(f"{done.workers} workers, busy {done.busy_share:.0%} of the time")
     lost = failures(store)
     for trial, error in lost[:_MOST_SHOWN]:
         warning(f"{trial.variant}, {trial.drives}, seed {trial.seed} ({trial.key}): {error}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -28,6 +29,10 @@ class SweepRun:
     known : int
         Whose result or failure was kept from before.
     computed, failed : int
+    workers : int
+    busy_share : float
+        Of their time, until the last trial ended, that the workers computed trials that did not
+        fail; the start of their processes counts as idle.
     """
 
     trials: int
@@ -35,6 +40,8 @@ class SweepRun:
     known: int
     computed: int
     failed: int
+    workers: int
+    busy_share: float
 
 
 def run_sweep(
@@ -79,11 +86,12 @@ def run_sweep(
         for key, trial in trials.items()
         if store.result(key) is None and (retry_failed or store.failure(key) is None)
     }
-    failed = 0
+    failed, busy_s, begin = 0, 0.0, time.perf_counter()
     progress(0, len(missing), 0)
     for done, outcome in enumerate(run_all(missing, run, workers), 1):
         key, trial = outcome.key, missing[outcome.key]
         if outcome.result is not None:
+            busy_s += outcome.result.elapsed_s
             store.keep_result(KeptResult(key=key, trial=trial, found=outcome.result))
         else:
             failed += 1
@@ -97,6 +105,8 @@ def run_sweep(
         known=len(trials) - len(missing),
         computed=len(missing) - failed,
         failed=failed,
+        workers=workers.count,
+        busy_share=busy_s / (max(time.perf_counter() - begin, 1e-9) * max(workers.count, 1)),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -133,6 +134,8 @@ class TrialResult:
     queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
     mapping_s, counting_s, microseconds_per_match : float
         Times of this machine, under the load that it had.
+    elapsed_s : float
+        Of the whole trial on its worker.
     """
 
     precision_at_100_recall: float
@@ -148,6 +151,7 @@ class TrialResult:
     mapping_s: float
     counting_s: float
     microseconds_per_match: float
+    elapsed_s: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +199,7 @@ def run_trial(trial: Trial) -> TrialResult:
     EdgeVprError
         If an input cannot be used, or this is another version of edge-vpr.
     """
+    begin = time.perf_counter()
     if trial.version != edge_vpr.__version__:
         raise UsageError(
             f"this worker has edge-vpr {edge_vpr.__version__} and the sweep is of {trial.version}: "
@@ -234,4 +239,5 @@ def run_trial(trial: Trial) -> TrialResult:
         mapping_s=mapped.seconds,
         counting_s=matched.counting_s,
         microseconds_per_match=1e6 * matched.matching_s / len(matches),
+        elapsed_s=time.perf_counter() - begin,
     )

@@ -22,10 +22,13 @@ class Workers(ABC):
 
     Attributes
     ----------
+    count : int
+        Jobs that they run at a time, when they were asked for.
     at_once : int
         Jobs that are given to them at a time.
     """
 
+    count: int
     at_once: int
 
     @abstractmethod
@@ -42,7 +45,7 @@ class Workers(ABC):
 
 class _Processes(Workers):
     def __init__(self, workers: int) -> None:
-        self.at_once = workers
+        self.count = self.at_once = workers
         self._broken = False
         self._pool = self._new()
 
@@ -73,7 +76,8 @@ class _Cluster(Workers):
     def __init__(self, client: Any) -> None:
         self._executor = client.get_executor(pure=False)
         # some wait at the scheduler, so that no worker waits for us
-        self.at_once = 4 + 2 * sum(client.ncores().values())
+        self.count = sum(client.ncores().values())
+        self.at_once = 4 + 2 * self.count
 
     def submit(self, run: Callable[[Job], Result], job: Job) -> Future[Result]:
         future: Future[Result] = self._executor.submit(run, job)
