@@ -121,6 +121,18 @@ def test_a_key_is_of_settings_contents_and_version_and_not_of_names(plan_file, t
         run_trial(replace(trial, version="9.9.9"))
 
 
+def test_drives_are_read_from_and_up_to_the_seconds_of_the_plan(plan_file):
+    more = 'start = ["0.1", "0"]\nend = [1.0, 1.2]\nsensor = "16x12"\n'
+    plan_file.write_text(PLAN + more)
+    drives = read_plan(plan_file).drives["evening"]
+    reference, query = drives.open(0), drives.open(1)
+    assert max(chunk["t"].max() for chunk in reference) < 900_000
+    assert 900_000 < max(chunk["t"].max() for chunk in query) < 1_200_000
+    plan_file.write_text(PLAN + f'start_offset = ["{reference.start_us / 1e6:.6f}", "0"]\n')
+    late = read_plan(plan_file).drives["evening"].open(0)
+    assert late.start_us == reference.start_us
+
+
 def test_a_folder_is_hashed_by_names_and_contents(tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,7 +49,7 @@ class Row:
     run: str
     variant: str
     drives: str
-    values: dict[str, tuple[float, ...]]
+    values: Mapping[str, tuple[float, ...]]
     failed: int = 0
 
     @property

@@ -160,7 +160,7 @@ def _drives(values: object, where: str, folder: Path) -> PairOfDrives:
         raise UsageError(f"{where} is {values!r}: give reference, query and ground_truth")
     _check_names(values, tuple(field.name for field in fields(PairOfDrives)), where)
     given = dict(values)
-    for name in ("start", "end"):
+    for name in ("start", "end", "start_offset"):
         if isinstance(given.get(name), list):
             given[name] = [str(value) for value in given[name]]
     if isinstance(given.get("ground_truth"), str):

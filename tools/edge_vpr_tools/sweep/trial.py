@@ -39,8 +39,9 @@ class PairOfDrives:
         As the flags of `evaluate` of these names.
     sensor, format, time_unit, topic, columns, on_fault
         As the flags of `map` of these names, for both drives.
-    start, end : (str, str), optional
-        Seconds of the reference and of the query to read from, and up to.
+    start, end, start_offset : (str, str), optional
+        Seconds of the reference and of the query to read from, up to, and to count from, as the
+        flags of these names.
     """
 
     reference: str
@@ -58,6 +59,7 @@ class PairOfDrives:
     on_fault: str = "error"
     start: tuple[str, str] | None = None
     end: tuple[str, str] | None = None
+    start_offset: tuple[str, str] | None = None
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -83,11 +85,15 @@ class PairOfDrives:
             time_unit=self.time_unit,
             columns=self.columns,
         )
-        if self.start is None and self.end is None:
+        if self.start is self.end is self.start_offset is None:
             return recording
-        start = "0" if self.start is None else self.start[which]
-        end = None if self.end is None else seconds_us(self.end[which], "end")
-        return recording.cropped(TimeCrop(start_us=seconds_us(start, "start"), end_us=end))
+        start, end, offset = (
+            None if pair is None else seconds_us(pair[which], name)
+            for name, pair in (
+                ("start", self.start), ("end", self.end), ("start_offset", self.start_offset)
+            )
+        )  # fmt: skip
+        return recording.cropped(TimeCrop(start_us=start or 0, end_us=end, offset_us=offset))
 
 
 @dataclass(frozen=True, kw_only=True)

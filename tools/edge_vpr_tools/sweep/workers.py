@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, TypeVar
 
 from edge_vpr.errors import MissingExtraError, UsageError
@@ -127,7 +128,7 @@ def cluster(scheduler: str) -> Iterator[Workers]:
         If distributed is not installed.
     """
     try:
-        import distributed
+        distributed: Any = import_module("distributed")
     except ImportError as error:
         raise MissingExtraError("a Dask cluster", "distributed", "dask") from error
     try:
