@@ -16,6 +16,8 @@ from packaging.requirements import Requirement
 
 from edge_vpr import __version__
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "edge_vpr": "edge_vpr",
