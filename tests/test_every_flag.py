@@ -103,6 +103,9 @@ RUNS = [
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
      "--exclusion 1", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
+    (f"{STREAM} --map {{f}}/map.npz --once --serve 0", 0),
+    # a broker that is not there: the run goes on; 2: the library is an extra
+    (f"{STREAM} --map {{f}}/map.npz --once --mqtt mqtt://127.0.0.1:9/rover", (0, 2)),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth", 0),

@@ -44,6 +44,7 @@ def filter_cases(design: Design) -> list[Case]:
         *_thresholds(plain),
         *_means(adaptive),
         _far(plain),
+        *_spreads_of_one(plain),
         *adaptive_event_cases(adaptive),
     ]
 
@@ -138,6 +139,38 @@ def _far(design: Design) -> Case:
     # a single near place, so that the second best is a far one
     places = [shown[1 if k == design.places // 2 else 2] for k in range(design.places)]
     return Case("far", Memories(design, pixels, places), tuple(stream.events))
+
+
+def _spreads_of_one(design: Design) -> list[Case]:
+    """Show what differs from all places by a few units of code, so that the spread is 1.
+
+    Its reciprocal, 2^16, has a bit more than any other. A place is two words long, if it can be.
+    """
+    lanes = -(-design.slots // 2)
+    near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
+    near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
+    pixels = choose_pixels(near)
+    stream = Stream(near, pixels)
+    for first in (20, 20, 20, 1, 20, 20):
+        stream.fill([first] + [3] * (near.slots - 1))
+    stream.close()
+    blank = Memories(near, pixels, [[0] * near.slots] * near.places)
+    shown = ended_windows(blank, stream)[0].codes
+    places = []
+    for place in range(near.places):
+        # a single nearest one, so that the second best has evidence against it
+        distance = 0 if place == near.places // 2 else 1 + place * 5 % 4
+        codes = list(shown)
+        for slot in range(min(distance, near.slots)):
+            codes[-1 - slot] += 1 if codes[-1 - slot] < near.code_max else -1
+        places.append(codes)
+    return [
+        Case(name, Memories(variant, pixels, places), tuple(stream.events))
+        for name, variant in {
+            "spread_of_one": near,
+            "spread_of_one_of_kept_distances": replace(near, keep_distances=True),
+        }.items()
+    ]
 
 
 def _pauses(design: Design) -> list[Case]:
