@@ -78,6 +78,8 @@ RUNS = [
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
     (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
      "--odometry {f}/odometry.csv", 0),
+    ("map {f}/reference.npz -o {f}/wide_map.npz --pixels 60 --sigma 0 --tau 100ms", 0),
+    ("match {f}/wide_map.npz {f}/query.npz -o {f}/registered --register --no-figures", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
      "--no-smooth --odometry {f}/odometry.csv", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),

@@ -9,10 +9,12 @@ from edge_vpr.pipeline.describing import (
 )
 from edge_vpr.pipeline.mapping import coded_map, map_traverse
 from edge_vpr.pipeline.query_matching import match_query, match_traverse, query_distances
+from edge_vpr.pipeline.registration import Registration, register
 from edge_vpr.pipeline.sources import EventSource, WindowSource, check_sensor
 
 __all__ = [
     "EventSource",
+    "Registration",
     "Removed",
     "WindowSource",
     "check_sensor",
@@ -25,5 +27,6 @@ __all__ = [
     "match_query",
     "match_traverse",
     "query_distances",
+    "register",
     "window_of",
 ]

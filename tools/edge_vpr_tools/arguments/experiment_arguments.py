@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
     )
     group.add_argument(
-        "--figure", metavar="FILE", help="also draw the figure (codes, place-filter and trust)"
+        "--figure", metavar="FILE", help="also draw the figure, where the experiment has one"
     )
     group.add_argument(
         "--figures",

@@ -38,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --online, when to give a match: event (at a selected pixel), N events, a time "
         "such as 10ms, window, or change (of the best place) (default: event)",
     )
+    parser.add_argument_group("mounting").add_argument(
+        "--register",
+        action="store_true",
+        help="estimate the shift of the camera's image from the query's first 128 windows, and "
+        "move the map's pixels by it",
+    )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",
         metavar="FILE",

@@ -22,9 +22,11 @@ from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import detail_settings, summary
 from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.registration import report_shift
 from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.runs.match_folder import write_match_folder
 from edge_vpr_tools.runs.matching import match_recording
+from edge_vpr_tools.runs.registration import mounted
 
 
 def run(args: argparse.Namespace) -> None:
@@ -60,9 +62,15 @@ def run(args: argparse.Namespace) -> None:
         return
     recording = open_source(args, args.recording)
 
+    camera = mounted(reference, recording, args.register)
+    report_shift(camera, reference)
+    reference = camera.reference
+    asked = reference.matched_with(
+        reference.settings.replaced(match_flags(args), "the command line")
+    )
     found = match_recording(asked, tracked(recording, "counting"), odometry)
     queries, matches = found.queries, found.matches
-    metrics = found.metrics(reference, recording.faults)
+    metrics = found.metrics(reference, recording.faults, camera.shift)
     with results.results_folder(output, args.overwrite) as folder:
         write_match_folder(folder, reference, matches, found.removed, metrics, inputs, queries)
         if not args.no_figures:

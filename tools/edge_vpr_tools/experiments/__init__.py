@@ -9,4 +9,6 @@ EXPERIMENTS = {
     "place-filter": "place_filter",
     "calibration": "calibration",
     "trust": "trust",
+    "mount-shift": "mount_shift",
+    "rivals": "rivals",
 }
