@@ -262,7 +262,8 @@ def test_period_and_start_come_from_the_metadata_beside_the_frames(tmp_path):
 @pytest.mark.parametrize(
     "text", ["", "[]", "{", '{"timewindow_ms": "1"}', '{"timewindow_ns": -1}',
              '{"timewindow_ms": Infinity}', '{"start_tick": 1, "ticks_per_second": 0}',
-             '{"start_time_ns": 1e300}', '{"timewindow_ms": true}', "[" * 100_000],
+             '{"start_time_ns": 1e300}', '{"timewindow_ms": true}', "[" * 100_000,
+             f'{{"timewindow_ns": 1{"0" * 400}}}'],
 )  # fmt: skip
 def test_damaged_metadata_of_frames_is_one_clear_error(text, tmp_path):
     np.save(tmp_path / "frame_0.npy", np.ones((2, 3), np.float32))

@@ -304,7 +304,7 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
 
 def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     folder, output = tmp_path / "out", tmp_path / "compared"
-    words = f"sweep {plan_file} -o {folder} --workers 2".split()
+    words = f"sweep {plan_file} -o {folder} --workers 1".split()
     assert cli.main(words) == 0
     said = capsys.readouterr().out
     assert "| out | pixels=3 | evening | 2 |" in said
@@ -338,6 +338,17 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     for measure in list(comparison.MEASURES)[:5]:
         assert seed_1.values[measure][0] == alone.values[measure][0]
     assert cli.main(f"compare {tmp_path}".split()) == 2
+    # two folders of one name are told apart, and a name out of a file is no escape sequence
+    listed = folder / "sweep.json"
+    listed.write_text(listed.read_text().replace('"again"', '"a\\u001b[2J|b"'))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "alone").rename(tmp_path / "other/out")
+    capsys.readouterr()
+    assert cli.main(f"compare {folder} {tmp_path}/other/out".split()) == 0
+    said = capsys.readouterr().out
+    assert f"| {folder} | pixels=3 |" in said
+    assert f"| {tmp_path}/other/out |  |" in said
+    assert "a\\x1b[2J\\|b" in said
 
 
 def test_only_the_best_of_many_rows_are_drawn(monkeypatch):

@@ -23,7 +23,7 @@ SENSOR = Sensor(16, 12)
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
     path = tmp_path_factory.mktemp("crop") / "drive.npz"
-    events = random_events(np.random.default_rng(0), 3_000, SENSOR, 1_000_000)
+    events = random_events(np.random.default_rng(0), 400, SENSOR, 1_000_000)
     write_recording(path, [events], sensor=SENSOR, start_us=5_000_000)
     return path
 

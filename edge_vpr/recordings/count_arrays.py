@@ -156,7 +156,7 @@ def read_metadata(folder: Path) -> tuple[Fraction | None, int]:
     try:
         with path.open("rb") as file:
             return _times(json.loads(file.read(_LONGEST_METADATA)))
-    except (ValueError, TypeError, AttributeError, ZeroDivisionError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise RecordingError(
             f"{path} is no readable metadata of frames ({printable(error, 200)}): write it again, "
             "or remove it and pass --frame-period"

@@ -37,7 +37,7 @@ class Row:
     Attributes
     ----------
     run : str
-        Folder.
+        Name of its folder; its path where two have one name.
     variant, drives : str
         Empty for a single match.
     values : mapping of str to tuple of float
@@ -86,11 +86,13 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
         If one is neither, or a file in it is damaged.
     """
     found: list[Row] = []
-    for run in runs:
+    last = [run.resolve().name for run in runs]
+    for run, short in zip(runs, last, strict=True):
+        name = short if last.count(short) == 1 else str(run)
         if (run / SWEEP).is_file():
-            found += _of_sweep(run)
+            found += _of_sweep(run, name)
         elif (run / results.METRICS).is_file():
-            found.append(_of_match(run))
+            found.append(_of_match(run, name))
         else:
             raise UsageError(f"{run} is no run: name a folder of edge-vpr sweep or edge-vpr match")
     return found
@@ -161,7 +163,7 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
     return drawing
 
 
-def _of_sweep(run: Path) -> list[Row]:
+def _of_sweep(run: Path, name: str) -> list[Row]:
     store = Store(run)
     found: dict[tuple[str, str], dict[str, list[float]]] = {}
     failed: dict[tuple[str, str], int] = defaultdict(int)
@@ -172,21 +174,21 @@ def _of_sweep(run: Path) -> list[Row]:
         if result is None:
             failed[names] += 1
             continue
-        for name in MEASURES:
-            values[name].append(float(getattr(result, name)))
+        for measure in MEASURES:
+            values[measure].append(float(getattr(result, measure)))
     return [
         Row(
-            run=run.name,
+            run=name,
             variant=names[0],
             drives=names[1],
-            values={name: tuple(listed) for name, listed in values.items()},
+            values={measure: tuple(listed) for measure, listed in values.items()},
             failed=failed[names],
         )
         for names, values in found.items()
     ]
 
 
-def _of_match(run: Path) -> Row:
+def _of_match(run: Path, name: str) -> Row:
     path = run / results.METRICS
     metrics = read_json(path, "metrics", _REMEDY)
     if "evaluation" not in metrics:
@@ -199,7 +201,7 @@ def _of_match(run: Path) -> Row:
             values["packed_bytes_per_place"] = metrics["packed_bytes_per_place"]
             values["microseconds_per_match"] = 1e6 * metrics["matching_s"] / metrics["queries"]
         numbers = {name: (float(values[name]),) if name in values else () for name in MEASURES}
-    return Row(run=run.name, variant="", drives="", values=numbers)
+    return Row(run=name, variant="", drives="", values=numbers)
 
 
 def _cells(row: Row) -> list[str]:

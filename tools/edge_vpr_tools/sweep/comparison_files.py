@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from edge_vpr.archive import replacing
+from edge_vpr.errors import printable
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import RUN
 from edge_vpr_tools.report.style import save
@@ -18,8 +19,8 @@ NAME = "compare"
 def markdown(rows: Sequence[Row]) -> str:
     """Return the table as Markdown."""
     head, lines = table_of(rows)
-    # a bar in a name would end its cell
-    cells = [[cell.replace("|", "\\|") for cell in line] for line in [head, *lines]]
+    # names are out of files: a bar would end a cell, an escape sequence reach the terminal
+    cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in [head, *lines]]
     cells.insert(1, ["---"] * len(head))
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
 
