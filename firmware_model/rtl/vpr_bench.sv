@@ -1,9 +1,9 @@
 // Replays a case of golden vectors in the folder where it runs, and writes records that
 // `edge-vpr golden verify` reads. Both sides stall at random; resets come in the middle, after which
 // the case begins again; whatever is undefined where it must not be, or changes before it is
-// taken, ends the simulation.
+// taken, ends the simulation. So does a core that takes nothing for far longer than a match lasts.
 //
-// +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N
+// +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +trace=FILE.vcd
 `timescale 1ns / 1ps
 module vpr_bench;
     import vpr_design::*;
@@ -11,6 +11,8 @@ module vpr_bench;
     localparam int EVENT_BITS = EVENT_TIME_BITS + 32;
     localparam int WORD_BITS  = LANES * CODE_BITS;
     localparam int SEEN_BITS  = SLOT_BITS + COUNT_BITS + 1;
+    // more clocks than a match takes, of sequences and of the filter
+    localparam int MATCH_CLOCKS = 200 + 4 * (SLOTS + 3 * PLACES * (WORDS + LENGTH));
 
     logic                      clk = 1'b0;
     logic                      rst = 1'bx;
@@ -39,7 +41,7 @@ module vpr_bench;
 
     // Arguments
 
-    string       case_name, results;
+    string       case_name, results, trace;
     logic [63:0] start, activity;
     integer      seed, stall, resets, start_file;
     initial begin
@@ -59,6 +61,10 @@ module vpr_bench;
         if (!$value$plusargs("seed=%d", seed)) seed = 1;
         if (!$value$plusargs("stall=%d", stall)) stall = 0;
         if (!$value$plusargs("resets=%d", resets)) resets = 0;
+        if ($value$plusargs("trace=%s", trace)) begin
+            $dumpfile(trace);
+            $dumpvars(1, vpr_bench);
+        end
     end
 
     function automatic logic chance(input integer per_cent);
@@ -68,7 +74,7 @@ module vpr_bench;
     // Inputs: files are read word by word. A word that was offered stays until it is taken.
 
     integer events_file, places_file, scanned, out;
-    integer events_given, idle_clocks, restart_at;
+    integer events_given, idle_clocks, stuck_clocks, restart_at;
     logic   event_there, place_there, running;
 
     task automatic restart;
@@ -93,6 +99,7 @@ module vpr_bench;
             s_place_tdata = 'x;
             events_given = 0;
             idle_clocks = 0;
+            stuck_clocks = 0;
             rst = 1'b1;
             repeat (1 + $unsigned($random(seed)) % 3) @(negedge clk);
             rst = 1'b0;
@@ -152,7 +159,7 @@ module vpr_bench;
         repeat (2) @(negedge clk);
         restart;
         restart_at = 20 + $unsigned($random(seed)) % 400;
-        while (idle_clocks < 200 + 4 * (SLOTS + 3 * PLACES * (WORDS + LENGTH))) begin
+        while (idle_clocks < MATCH_CLOCKS) begin
             @(negedge clk);
             if (event_taken) begin
                 events_given = events_given + 1;
@@ -173,6 +180,9 @@ module vpr_bench;
             m_match_tready  = !chance(stall);
             idle_clocks = event_there || place_there || m_match_tvalid || m_window_tvalid
                           ? 0 : idle_clocks + 1;
+            stuck_clocks = event_taken || place_taken ? 0 : stuck_clocks + 1;
+            if (stuck_clocks > 10 * MATCH_CLOCKS * 100 / (101 - stall))
+                fail("neither takes an event nor comes to an end");
             restart_at = restart_at - 1;
             if (resets > 0 && restart_at <= 0) begin
                 resets = resets - 1;
@@ -191,6 +201,7 @@ module vpr_bench;
     string  line;  // events come between the words of a window
     integer events_seen, windows_seen, words_seen, lane;
     logic   match_before;
+    wire    window_end = device.core.window_end;
     integer clock_now, ended_at, least_cycles, most_cycles;
     initial begin
         clock_now    = 0;
@@ -226,7 +237,7 @@ module vpr_bench;
                 else $fwrite(out, "event,%0d,-1,%0d\n", events_seen, seen_count);
                 events_seen = events_seen + 1;
             end
-            if (device.core.window_end) ended_at = clock_now;
+            if (window_end) ended_at = clock_now;
             if (m_window_tvalid && m_window_tready) begin
                 if (words_seen == 0)
                     line = $sformatf("window,%0d,%0d", windows_seen, m_window_tuser);

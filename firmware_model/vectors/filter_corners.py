@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
 from dataclasses import replace
 from itertools import product
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from firmware_model.design import Design
 from firmware_model.memories import Memories
+from firmware_model.running import ActivityModel
 from firmware_model.vectors.case import Case
+from firmware_model.vectors.drives import PAUSE, counts_at, drive
 from firmware_model.vectors.event_corners import adaptive_event_cases
-from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows
+from firmware_model.widths import ACTIVITY_BITS, EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
-
-#: a window that shows nothing
-PAUSE = -1
 
 
 def filter_cases(design: Design) -> list[Case]:
@@ -39,11 +39,12 @@ def filter_cases(design: Design) -> list[Case]:
         bits = min(design.code_bits, 8)
         adaptive = replace(adaptive, code="own-mean", code_bits=bits, full_scales=(0,))
     return [
-        *(_drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
+        *(drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
         *_pauses(plain),
         *_thresholds(plain),
         *_means(adaptive),
         _far(plain),
+        *_spreads_of_one(plain),
         *adaptive_event_cases(adaptive),
     ]
 
@@ -85,46 +86,6 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
     }
 
 
-def _drive(
-    name: str,
-    design: Design,
-    route: Sequence[int],
-    mean: Sequence[int] | None = None,
-    activity: int = 0,
-    alike: bool = False,
-) -> Case:
-    """Show places one after another; of a map that is `alike`, all are the first."""
-    pixels = choose_pixels(design)
-    longest = max(_counts(design, place)[1] for place in range(design.places))
-    if design.window == "count":
-        design = replace(design, window_events=longest)
-    stream = Stream(design, pixels)
-    for place in route:
-        if place == PAUSE:
-            stream.at(*unselected_pixel(design, pixels))
-            stream.end()
-        else:
-            stream.fill(_counts(design, place)[0])
-    stream.close()
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places, None, None, mean)
-    shown = Stream(design, pixels)
-    for place in range(design.places):
-        shown.fill(_counts(design, place)[0])
-    shown.close()
-    codes = [window.codes for window in ended_windows(blank, shown)]
-    places = [codes[0 if alike else place] for place in range(design.places)]
-    memories = Memories(design, pixels, places, None, None, mean, activity)
-    return Case(name, memories, tuple(stream.events))
-
-
-def _counts(design: Design, place: int) -> tuple[list[int], int]:
-    """Return the counts of each slot at a place, and their sum; those of near places differ."""
-    counts = [(place * (slot + 3) + slot * slot) % 7 for slot in range(design.slots)]
-    # at some pixel something happens
-    counts[place % design.slots] += 9
-    return counts, sum(counts)
-
-
 def _far(design: Design) -> Case:
     """Show what is as far from all places, and then what is at half of them."""
     design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
@@ -140,32 +101,84 @@ def _far(design: Design) -> Case:
     return Case("far", Memories(design, pixels, places), tuple(stream.events))
 
 
+def _spreads_of_one(design: Design) -> list[Case]:
+    """Show what differs from all places by a few units of code, so that the spread is 1.
+
+    Its reciprocal, 2^16, has a bit more than any other. A place is two words long, if it can be.
+    """
+    lanes = -(-design.slots // 2)
+    near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
+    near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
+    pixels = choose_pixels(near)
+    stream = Stream(near, pixels)
+    for first in (20, 20, 20, 1, 20, 20):
+        stream.fill([first] + [3] * (near.slots - 1))
+    stream.close()
+    blank = Memories(near, pixels, [[0] * near.slots] * near.places)
+    shown = ended_windows(blank, stream)[0].codes
+    places = []
+    for place in range(near.places):
+        # a single nearest one, so that the second best has evidence against it
+        distance = 0 if place == near.places // 2 else 1 + place * 5 % 4
+        codes = list(shown)
+        for slot in range(min(distance, near.slots)):
+            codes[-1 - slot] += 1 if codes[-1 - slot] < near.code_max else -1
+        places.append(codes)
+    return [
+        Case(name, Memories(variant, pixels, places), tuple(stream.events))
+        for name, variant in {
+            "spread_of_one": near,
+            "spread_of_one_of_kept_distances": replace(near, keep_distances=True),
+        }.items()
+    ]
+
+
 def _pauses(design: Design) -> list[Case]:
     forward = replace(design, exclusion=1)
     route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
     # as usual: so many events that the first windows pause though they have some
-    total = max(_counts(forward, place)[1] for place in range(forward.places))
+    total = max(counts_at(forward, place)[1] for place in range(forward.places))
     busy = min((total << 12) + (total << 8), 0x7FFF_FF00)
     cases = [
-        _drive("usually_more_events", forward, list(range(12)), None, busy),
-        _drive("places_alike", forward, [0, 1, 2, 3], alike=True),
+        drive("usually_more_events", forward, list(range(12)), None, busy),
+        drive("places_alike", forward, [0, 1, 2, 3], alike=True),
+    ]
+    at = _activity_at_threshold(forward, 6)
+    cases += [
+        drive("pause_at_threshold", forward, list(range(12)), None, at),
+        drive("busy_at_threshold", forward, list(range(12)), None, at - 1),
     ]
     if design.window == "time":
-        cases.append(_drive("pauses", forward, route))
+        cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))
-        cases.append(_drive("pauses_of_kept_distances", kept, route))
+        cases.append(drive("pauses_of_kept_distances", kept, route))
     return cases
+
+
+def _activity_at_threshold(design: Design, window: int) -> int:
+    """Find the least usual number, before a drive by all places, with which this window pauses."""
+    events = [counts_at(design, place)[1] for place in range(design.places)]
+    if design.window == "count":
+        events = [max(events)] * len(events)
+
+    def pauses(start: int) -> bool:
+        activity = ActivityModel(start)
+        for number in events[:window]:
+            activity.update(number)
+        return activity.pauses(events[window])
+
+    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
 
 
 def _thresholds(design: Design) -> list[Case]:
     """Take a trust that occurs as the least that is accepted, and one more."""
     forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
     route = [0, 1, 2, 3, 4, 5, 6]
-    told = [match.trust for match in _drive("", forward, route).trace().matches]
+    told = [match.trust for match in drive("", forward, route).trace().matches]
     trust = min(max(told[4] or 0, 1), 0x3FEF)
     return [
-        _drive("trusted", replace(forward, trust=trust), route),
-        _drive("distrusted", replace(forward, trust=trust + 1), route),
+        drive("trusted", replace(forward, trust=trust), route),
+        drive("distrusted", replace(forward, trust=trust + 1), route),
     ]
 
 
@@ -177,15 +190,15 @@ def _means(design: Design) -> list[Case]:
     high = [min(4 * 256, design.entry_max) * (slot % 2) for slot in slots]
     route = [0, 1, 2, 3]
     cases = [
-        _drive("own_means", design, [*range(12)] * 2, high),
-        _drive("own_means_of_sequences", sequences, route * 3, high),
-        _drive("all_shifts", few, route * 130, high),
-        _drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
+        drive("own_means", design, [*range(12)] * 2, high),
+        drive("own_means_of_sequences", sequences, route * 3, high),
+        drive("all_shifts", few, route * 130, high),
+        drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
         *_halves(few),
         _late_shifts(few),
     ]
     if design.window == "time":
-        cases.append(_drive("means_and_pauses", few, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
+        cases.append(drive("means_and_pauses", few, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
     return cases
 
 

@@ -8,7 +8,14 @@ from firmware_model.comparator import MatchResult
 from firmware_model.descriptor import WindowResult
 from firmware_model.machine import Machine
 from firmware_model.place_filter import PAUSE_STEPS, evidence, reciprocal_of_spread
-from firmware_model.widths import EVIDENCE_TOP, FRACTION_BITS, METRIC_TOP
+from firmware_model.running import PAUSE_SHIFT
+from firmware_model.widths import (
+    ACTIVITY_BITS,
+    EVIDENCE_TOP,
+    FRACTION_BITS,
+    METRIC_TOP,
+    RECIPROCAL_BITS,
+)
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 #: what is counted, and what one of it is
@@ -18,7 +25,11 @@ FILTER_CORNERS = {
     "pause": "a window that pauses, and is not the first",
     "pause_with_events": "a window that pauses though it has events at selected pixels",
     "long_pause": "a window that pauses behind one that pauses",
+    "pause_at_threshold": "a window that pauses, and would not if 1/256 event less were usual",
+    "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
     "spread_of_nothing": "a window with the same distance to all places",
+    "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
+    "that differ to places of two words",
     "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
     "metric_saturated": "a place whose metric is at its largest, and would be above it",
     "restarted": "a place that nothing leads to for less than a restart",
@@ -75,6 +86,10 @@ class FilterCoverage:
         found["first_window_pauses"] += first and paused
         found["pause"] += paused and not first
         found["pause_with_events"] += paused and self.machine.descriptor.counted > 0
+        counted, usual = self.machine.descriptor.counted, self.machine.descriptor.activity.usual
+        threshold = counted << (ACTIVITY_BITS + PAUSE_SHIFT)
+        found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
+        found["busy_at_threshold"] += counted > 0 and usual == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
         if not first and design.restart:
@@ -87,6 +102,12 @@ class FilterCoverage:
         found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
         scale = model.reciprocal or reciprocal_of_spread(distances)
         least = min(distances)
+        found["spread_of_one"] += (
+            scale == 1 << RECIPROCAL_BITS
+            and not first
+            and max(distances) > least
+            and design.words == 2
+        )
         for distance, predicted in zip(distances, model.predictions(False), strict=True):
             against = evidence(distance - least, scale)
             found["evidence_saturated"] += against == EVIDENCE_TOP and (

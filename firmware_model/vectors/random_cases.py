@@ -16,7 +16,9 @@ from firmware_model.vectors.case import Case
 EVENTS = 2000
 
 
-def random_cases(design: Design, rng: np.random.Generator, number: int = 3) -> list[Case]:
+def random_cases(
+    design: Design, rng: np.random.Generator, number: int = 3, events: int = EVENTS
+) -> list[Case]:
     """Make the cases of the suite ``random``.
 
     Parameters
@@ -25,20 +27,22 @@ def random_cases(design: Design, rng: np.random.Generator, number: int = 3) -> l
     rng : numpy.random.Generator
     number : int
         Of cases, each with pixels, places and a stimulus of its own.
+    events : int
+        Of a stimulus.
 
     Returns
     -------
     list of Case
     """
-    return [_case(f"random_{i}", design, rng) for i in range(number)]
+    return [_case(f"random_{i}", design, rng, events) for i in range(number)]
 
 
-def _case(name: str, design: Design, rng: np.random.Generator) -> Case:
+def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> Case:
     flat = rng.choice(design.width * design.height, design.pixels, replace=False)
     pixels = [(f % design.width, f // design.width) for f in flat.tolist()]
     tables = rng.integers(0, len(design.full_scales), design.slots).tolist()
     start = int(rng.integers(0, 1 << min(design.timestamp_bits, 62)))
-    events = _stream(design, pixels, start, rng)
+    events = _stream(design, pixels, start, rng, number)
     blank = replace(design, places=design.length)
     mean, activity = _learnt(design, rng)
     no_places = [[0] * design.slots] * design.length
@@ -76,17 +80,21 @@ def _learnt(design: Design, rng: np.random.Generator) -> _Learnt:
 
 
 def _stream(
-    design: Design, pixels: list[tuple[int, int]], start: int, rng: np.random.Generator
+    design: Design,
+    pixels: list[tuple[int, int]],
+    start: int,
+    rng: np.random.Generator,
+    number: int,
 ) -> list[Event]:
     longest = (1 << (design.timestamp_bits - 1)) - design.tau_us
-    # some thirty windows by time, and now and then a pause of up to three
+    # some thirty windows by time in EVENTS, and now and then a pause of up to three
     step = max(1, design.tau_us * 30 // EVENTS)
-    steps = rng.integers(0, 2 * step + 1, EVENTS)
-    pauses = rng.random(EVENTS) < 0.002
-    steps = np.where(pauses, rng.integers(0, 3 * design.tau_us + 1, EVENTS), steps)
+    steps = rng.integers(0, 2 * step + 1, number)
+    pauses = rng.random(number) < 0.002
+    steps = np.where(pauses, rng.integers(0, 3 * design.tau_us + 1, number), steps)
     times = start + np.cumsum(np.minimum(steps, longest).astype(object))
     # a few pixels are busy, as on a real sensor
-    busy = rng.integers(0, design.pixels, EVENTS) * rng.integers(0, 2, EVENTS)
+    busy = rng.integers(0, design.pixels, number) * rng.integers(0, 2, number)
     events = []
     for t, choice in zip(times.tolist(), busy.tolist(), strict=True):
         x, y = pixels[choice]

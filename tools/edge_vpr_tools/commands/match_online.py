@@ -16,12 +16,13 @@ from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.output.registration import report_shift
+from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.runs.match_folder import write_match_folder
 from edge_vpr_tools.runs.online import localise, made_causal
 from edge_vpr_tools.runs.registration import mounted
 from edge_vpr_tools.runs.schedule import parse_every
 
-ONLINE_FIGURE = "online.png"
+ONLINE_FIGURE = "online"
 
 
 def match_online(
@@ -66,7 +67,9 @@ def match_online(
             from edge_vpr_tools.report.figures import online_places
             from edge_vpr_tools.report.style import save
 
-            save(online_places(matches), folder / ONLINE_FIGURE)
+            drawing = online_places(matches)
+            kinds = read_formats(args.figures)
+            save(drawing, *(folder / f"{ONLINE_FIGURE}.{kind}" for kind in kinds))
     summary(
         f"{output}: {len(matches):,} matches of {found.events:,} events over "
         f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}"

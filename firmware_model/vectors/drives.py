@@ -1,0 +1,54 @@
+"""Drives by a small map: windows that show one place after another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from firmware_model.design import Design
+from firmware_model.memories import Memories
+from firmware_model.vectors.case import Case
+from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+
+#: a window that shows nothing
+PAUSE = -1
+
+
+def drive(
+    name: str,
+    design: Design,
+    route: Sequence[int],
+    mean: Sequence[int] | None = None,
+    activity: int = 0,
+    alike: bool = False,
+) -> Case:
+    """Show places one after another; of a map that is `alike`, all are the first."""
+    pixels = choose_pixels(design)
+    longest = max(counts_at(design, place)[1] for place in range(design.places))
+    if design.window == "count":
+        design = replace(design, window_events=longest)
+    stream = Stream(design, pixels)
+    for place in route:
+        if place == PAUSE:
+            stream.at(*unselected_pixel(design, pixels))
+            stream.end()
+        else:
+            stream.fill(counts_at(design, place)[0])
+    stream.close()
+    blank = Memories(design, pixels, [[0] * design.slots] * design.places, None, None, mean)
+    shown = Stream(design, pixels)
+    for place in range(design.places):
+        shown.fill(counts_at(design, place)[0])
+    shown.close()
+    codes = [window.codes for window in ended_windows(blank, shown)]
+    places = [codes[0 if alike else place] for place in range(design.places)]
+    memories = Memories(design, pixels, places, None, None, mean, activity)
+    return Case(name, memories, tuple(stream.events))
+
+
+def counts_at(design: Design, place: int) -> tuple[list[int], int]:
+    """Return the counts of each slot at a place, and their sum; those of near places differ."""
+    counts = [(place * (slot + 3) + slot * slot) % 7 for slot in range(design.slots)]
+    # at some pixel something happens
+    counts[place % design.slots] += 9
+    return counts, sum(counts)
