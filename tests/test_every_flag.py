@@ -159,7 +159,8 @@ RUNS = [
     (f"{PROFILE.replace('query.npz', 'frames.npz')} --frame-period 1/10 -o {{f}}/refused "
      "--meter-port {f}/no_meter", 1),
     ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
-    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --no-figures", 0),
+    # 2: the meter's three readings need not follow the load
+    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --no-figures", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),

@@ -67,8 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--json", action="store_true", help="JSON lines on standard output")
     output.add_argument(
         "--serve", metavar="[HOST:]PORT",
-        help="the same lines for every program that connects to this TCP port (default host: "
-        "127.0.0.1)",
+        help="the same lines for every program that connects to this TCP port; a port alone is of "
+        "this machine only (default: none)",
     )  # fmt: skip
     output.add_argument(
         "--mqtt", metavar="mqtt://HOST/TOPIC", help="send the same lines to a broker of MQTT"
