@@ -163,11 +163,58 @@ def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Sur
     return result
 
 
+def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:
+    """Select mutants by where they are.
+
+    Parameters
+    ----------
+    every : iterable of Mutant
+    places : sequence of str
+        ``FILE:LINE``, or the name of a function; none selects all mutants.
+
+    Returns
+    -------
+    list of Mutant
+        In their order.
+
+    Raises
+    ------
+    ToolError
+        If a place has no mutant.
+    """
+    every = list(every)
+    named = {place: [m for m in every if place in _places(m)] for place in places}
+    for place, found in named.items():
+        if not found:
+            raise ToolError(
+                f"no mutant is at {place!r}: give FILE:LINE or a function of the firmware"
+            )
+    return [m for m in every if not places or not _places(m).isdisjoint(named)]
+
+
+def _places(mutant: Mutant) -> set[str]:
+    return {f"{mutant.file}:{mutant.number}", mutant.function}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run all mutants; say which survive, and why; 1 if one of them has no proof."""
+    """Run the mutants; print which survive, and why; return 1 if one of them has no proof."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.parse_args(arguments)
-    proved, every = proofs(), all_mutants()
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="PLACE",
+        help="run the mutants of these lines (vpr.c:300) or functions alone",
+    )
+    options = parser.parse_args(arguments)
+    try:
+        every = chosen(all_mutants(), options.only)
+    except ToolError as error:
+        parser.error(str(error))
+    keys = {mutant.key for mutant in every}
+    known = proofs()
+    # of a part, only its own proofs can be stale
+    proved = {k: why for k, why in known.items() if not options.only or k in keys}
     with tempfile.TemporaryDirectory() as folder:
         result = survey(Bench(folder), every, proved)
     for mutant in result.equal:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from firmware_model.build import SOURCES
-from firmware_model.mutants import Bench, all_mutants, proofs, survey
+from firmware_model.mutants import Bench, all_mutants, chosen, main, proofs, survey
 from firmware_model.mutation import DELETED, mutants
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
@@ -67,6 +67,24 @@ def test_every_proof_is_of_a_mutant_and_says_something():
     keys = {m.key for m in all_mutants()}
     assert [key for key in proofs() if key not in keys] == []
     assert all(len(why) > 10 for why in proofs().values())
+
+
+def test_mutants_are_chosen_by_their_line_or_their_function():
+    """So that a survivor is run again without all the others."""
+    every = all_mutants()
+    line = next(m for m in every if m.function == "quotient")
+    place = f"{line.file}:{line.number}"
+    assert {(m.file, m.number) for m in chosen(every, [place])} == {(line.file, line.number)}
+    both = chosen(every, ["quotient", "sad"])
+    assert {m.function for m in both} == {"quotient", "sad"}
+    assert chosen(every, []) == every
+
+
+def test_a_place_without_a_mutant_is_refused(capsys):
+    """Beside another that has some."""
+    with pytest.raises(SystemExit):
+        main(["--only", "sad", "vpr.c:1"])
+    assert "no mutant is at 'vpr.c:1'" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
