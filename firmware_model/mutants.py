@@ -36,6 +36,12 @@ FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scal
 #: seconds after which a mutant loops for ever: the firmware takes some hundredths of one
 PATIENCE_S = 3.0
 
+#: what a microcontroller would fault at, or would write over: an unaligned access, an index beyond
+SANITISED = (
+    "-fsanitize=alignment,array-bounds",
+    "-fsanitize-trap=alignment,array-bounds",
+)
+
 Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]
 
@@ -97,7 +103,7 @@ class Bench:
             file.write_text(original, encoding="ascii")
 
     def _run(self) -> Outcome:
-        options = ("-O1", "-w")
+        options = ("-O1", "-w", *SANITISED)
         try:
             program = build(
                 HOST,

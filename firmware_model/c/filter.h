@@ -86,7 +86,9 @@ static uint32_t cheapest(const prices_t *p, const uint16_t *metric, uint32_t at)
 /* Move the delay line of the metrics above by one place. */
 static void shift_ahead(prices_t *p, uint16_t metric)
 {
-    p->above = lesser(p->above + 1U, p->back_count);
+    if (p->above < p->back_count) {
+        p->above++;
+    }
     for (uint32_t i = p->above; i > 1U; i--) {
         p->ahead[i - 1U] = p->ahead[i - 2U];
     }

@@ -45,8 +45,10 @@ static void put_window(writer_t *w, const vpr_design_t *d, const vpr_state_t *s,
 
 static void put_match(writer_t *w, const vpr_design_t *d, const vpr_match_t *m)
 {
+    /* of sequences trust is 0 and not written: if it is not 0, the record differs */
+    const bool trust = (d->steps != 0U) || (m->trust != 0U);
     put(w, VPR_RECORD_MATCH);
-    put(w, (d->steps != 0U) ? 8U : 7U);
+    put(w, trust ? 8U : 7U);
     put(w, m->window);
     put(w, m->place);
     put(w, m->sum);
@@ -54,7 +56,7 @@ static void put_match(writer_t *w, const vpr_design_t *d, const vpr_match_t *m)
     put(w, m->second_sum);
     put(w, m->ties);
     put(w, m->accepted ? 1U : 0U);
-    if (d->steps != 0U) {
+    if (trust) {
         put(w, m->trust);
     }
 }

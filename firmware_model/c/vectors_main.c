@@ -7,6 +7,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
+#include "quotient.h"
 #include "replay.h"
 
 #define WORDS (1U << 23)
@@ -139,6 +140,22 @@ static int check_cases(void)
     return 0;
 }
 
+/* Sums of distances reach 32 bits only of maps too large for a case. */
+static int check_quotients(void)
+{
+    static const uint32_t numbers[] = {1U,          2U,          3U,          0x10000U,
+                                       0x7FFFFFFFU, 0x80000000U, 0x80000001U, 0xFFFFFFFFU};
+    const uint32_t count = (uint32_t)(sizeof numbers / sizeof *numbers);
+    for (uint32_t i = 0U; i < (count * count); i++) {
+        const uint32_t dividend = numbers[i / count];
+        const uint32_t divisor = numbers[i % count];
+        if (quotient(dividend, divisor) != (dividend / divisor)) {
+            return differs("quotient", i);
+        }
+    }
+    return (quotient(0U, 1U) != 0U) ? differs("quotient of zero", 0U) : 0;
+}
+
 int main(int argc, char **argv)
 {
     FILE *const file = (argc == 2) ? fopen(argv[1], "rb") : NULL;
@@ -154,5 +171,5 @@ int main(int argc, char **argv)
         (void)fprintf(stderr, "vectors: the bundle is empty or too large, or memory is short\n");
         return 2;
     }
-    return ((check_images() != 0) || (check_cases() != 0)) ? 1 : 0;
+    return ((check_quotients() != 0) || (check_images() != 0) || (check_cases() != 0)) ? 1 : 0;
 }

@@ -18,7 +18,8 @@ def adaptive(**changes: object) -> Draft:
     design = Design(**(BASE.to_dict() | values | changes))
     places = [[(k + slot) % 4 for slot in range(design.slots)] for k in range(design.places)]
     mean = [256 * (slot % 2) for slot in range(design.slots)] if design.own_mean else None
-    return Draft(image(Memories(design, PIXELS, places, mean=mean, activity=99)))
+    pixels = (*PIXELS, *((x, 1) for x in range(8)))[: design.pixels]
+    return Draft(image(Memories(design, pixels, places, mean=mean, activity=99)))
 
 
 def _words(**changes: int) -> tuple[str, bytes]:
@@ -46,6 +47,8 @@ def accepted_adaptive() -> Named:
     yield "sixteen_steps", _many(16, 16).pack()
     yield "price_at_its_limit", adaptive().poke(Word.PRICE_TABLE, "H", 3, _PRICE).pack()
     yield "level_at_its_limit", adaptive().poke(Word.CODE_TABLE, "H", 3, _LEVEL).pack()
+    padded = adaptive().grow(Word.CODE_TABLE, 16).poke(Word.CODE_TABLE, "H", 4, 0xFFFF)
+    yield "padding_behind_the_levels", padded.pack()
     yield "mean_at_its_limit", adaptive().poke(Word.MEAN_TABLE, "H", 5, _LEVEL).pack()
     wide = adaptive(code_bits=8, accept="ratio", ratio=(65_534, 65_535))
     yield "eight_bits_of_own_mean", wide.pack()
@@ -56,6 +59,15 @@ def accepted_adaptive() -> Named:
 
 def _many(steps: int, back: int) -> Draft:
     return adaptive().header(steps=steps, back=back).grow(Word.PRICE_TABLE, 2 * (steps + back))
+
+
+def _cut_means() -> bytes:
+    """End the image within its means, of which 32 bytes are left and none follow."""
+    draft = adaptive(pixels=11, code_bits=2, lookup_depth=32)
+    whole = draft.pack()
+    cut = draft.words[Word.MEAN_TABLE] + 32
+    draft.header(bytes=cut)
+    return draft.raw(whole[HEADER_WORDS * 4 : cut])
 
 
 def refused_adaptive() -> Named:
@@ -98,5 +110,8 @@ def refused_adaptive() -> Named:
         whole = draft.pack()
         draft.header(**{table.name.lower(): len(whole)})
         yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
+    # nine prices take more than the room before the means, which would do for prices
+    yield "prices_reach_the_means", adaptive().header(steps=5, back=4).pack()
+    yield "means_end_behind_the_image", _cut_means()
     levels = adaptive().header(count_max=8)
     yield "levels_reach_the_next_table", levels.pack()

@@ -14,6 +14,8 @@ from firmware_model.running import ActivityModel
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.drives import PAUSE, counts_at, drive
 from firmware_model.vectors.event_corners import adaptive_event_cases
+from firmware_model.vectors.evidence_corners import evidence_cases
+from firmware_model.vectors.ram_corners import ram_cases
 from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows
 from firmware_model.widths import ACTIVITY_BITS, EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
@@ -43,8 +45,8 @@ def filter_cases(design: Design) -> list[Case]:
         *_pauses(plain),
         *_thresholds(plain),
         *_means(adaptive),
-        _far(plain),
-        *_spreads_of_one(plain),
+        *evidence_cases(plain),
+        *ram_cases(plain, adaptive),
         *adaptive_event_cases(adaptive),
     ]
 
@@ -70,6 +72,11 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
         "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
         "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
         "by_three_places": (replace(forward, steps=(1, 0, 0, 1)), [0, 3, 6, 9, 9, 0, 3, 3]),
+        # the steps beyond the third are the free ones, from the first place on
+        "by_four_places": (replace(forward, steps=(9, 9, 9, 9, 0)), [0, 4, 8, 8, 0, 4]),
+        "by_five_places": (replace(forward, steps=(9, 9, 9, 9, 9, 0)), [0, 5, 10, 10, 0, 5]),
+        "free_way_back": (replace(forward, back=(9, 0)), [0, 0, last - 1, last, last, last - 2]),
+        "dear_near_steps": (replace(dear, back=()), [0, 0, 5, 5, 11, 0, 3, 3]),
         "free_steps": (replace(forward, steps=(0, 0, 0), restart=0), jumps),
         "sixteen_steps": (
             replace(long, steps=tuple(range(16)), back=tuple(range(16)), restart=40),
@@ -86,53 +93,6 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
     }
 
 
-def _far(design: Design) -> Case:
-    """Show what is as far from all places, and then what is at half of them."""
-    design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
-    pixels = choose_pixels(design)
-    stream = Stream(design, pixels)
-    for count in (101, 1, 201, 1):
-        stream.fill([count] + [0] * (design.slots - 1))
-    stream.close()
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places)
-    shown = [window.codes for window in ended_windows(blank, stream)]
-    # a single near place, so that the second best is a far one
-    places = [shown[1 if k == design.places // 2 else 2] for k in range(design.places)]
-    return Case("far", Memories(design, pixels, places), tuple(stream.events))
-
-
-def _spreads_of_one(design: Design) -> list[Case]:
-    """Show what differs from all places by a few units of code, so that the spread is 1.
-
-    Its reciprocal, 2^16, has a bit more than any other. A place is two words long, if it can be.
-    """
-    lanes = -(-design.slots // 2)
-    near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
-    near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
-    pixels = choose_pixels(near)
-    stream = Stream(near, pixels)
-    for first in (20, 20, 20, 1, 20, 20):
-        stream.fill([first] + [3] * (near.slots - 1))
-    stream.close()
-    blank = Memories(near, pixels, [[0] * near.slots] * near.places)
-    shown = ended_windows(blank, stream)[0].codes
-    places = []
-    for place in range(near.places):
-        # a single nearest one, so that the second best has evidence against it
-        distance = 0 if place == near.places // 2 else 1 + place * 5 % 4
-        codes = list(shown)
-        for slot in range(min(distance, near.slots)):
-            codes[-1 - slot] += 1 if codes[-1 - slot] < near.code_max else -1
-        places.append(codes)
-    return [
-        Case(name, Memories(variant, pixels, places), tuple(stream.events))
-        for name, variant in {
-            "spread_of_one": near,
-            "spread_of_one_of_kept_distances": replace(near, keep_distances=True),
-        }.items()
-    ]
-
-
 def _pauses(design: Design) -> list[Case]:
     forward = replace(design, exclusion=1)
     route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
@@ -143,11 +103,18 @@ def _pauses(design: Design) -> list[Case]:
         drive("usually_more_events", forward, list(range(12)), None, busy),
         drive("places_alike", forward, [0, 1, 2, 3], alike=True),
     ]
+    # metrics that fill their room in the RAM
+    eight = replace(forward, places=8)
+    cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
     at = _activity_at_threshold(forward, 6)
     cases += [
         drive("pause_at_threshold", forward, list(range(12)), None, at),
         drive("busy_at_threshold", forward, list(range(12)), None, at - 1),
     ]
+    # exactly at the threshold, and by the least part of an event more
+    first = counts_at(forward, 0)[1] if design.window == "time" else total
+    for name, usual in {"first_busy": first << 12, "first_pauses": (first << 12) + 1}.items():
+        cases.append(drive(name, forward, [0, 1, 2], None, min(usual, 0x7FFF_FF00)))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))

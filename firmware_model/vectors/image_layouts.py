@@ -12,7 +12,16 @@ from firmware_model.vectors.image_draft import NOBODY, Named, base, deep_draft
 def refused_layouts() -> Named:
     """Make images whose tables are not where they may be, by name."""
     whole = base().pack()
-    for size in (0, 4, 64, HEADER_WORDS * 4 - 4, HEADER_WORDS * 4, len(whole) - 16, len(whole) - 4):
+    for size in (
+        0,
+        4,
+        64,
+        112,
+        HEADER_WORDS * 4 - 4,
+        HEADER_WORDS * 4,
+        len(whole) - 16,
+        len(whole) - 4,
+    ):
         yield f"cut_to_{size}", whole[:size]
         cut = bytearray(whole[:size])
         if size >= 12:
@@ -30,6 +39,10 @@ def refused_layouts() -> Named:
     yield "unaligned", _unaligned()
     yield "overlap", _overlapping()
     yield "table_in_the_header", _in_the_header()
+    # a table in the last words of the header, which are zero, as a displacement may be
+    draft = deep_draft(16)
+    body = draft.pack()[HEADER_WORDS * 4 :]
+    yield "table_in_the_last_words", draft.header(displacement_table=112).raw(body)
     yield "displacement_reaches_the_lookup", deep_draft(16).header(height=9).pack()
     short = deep_draft(16).header(code_max=255)
     # what follows would do for the last two entries

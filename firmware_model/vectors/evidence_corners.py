@@ -1,0 +1,108 @@
+"""Corner cases of the place filter's evidence: distances large and small, and their spread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from firmware_model.design import Design
+from firmware_model.memories import Memories
+from firmware_model.vectors.case import Case
+from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows
+
+
+def evidence_cases(design: Design) -> list[Case]:
+    """Make the cases.
+
+    Parameters
+    ----------
+    design : Design
+        With the place filter, and codes of logarithms or linear ones.
+
+    Returns
+    -------
+    list of Case
+    """
+    return [_far(design), _beyond_a_byte(design), *_small_spreads(design)]
+
+
+def _far(design: Design) -> Case:
+    """Show what is as far from all places, and then what is at half of them."""
+    design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
+    pixels = choose_pixels(design)
+    stream = Stream(design, pixels)
+    for count in (101, 1, 201, 1):
+        stream.fill([count] + [0] * (design.slots - 1))
+    stream.close()
+    blank = Memories(design, pixels, [[0] * design.slots] * design.places)
+    shown = [window.codes for window in ended_windows(blank, stream)]
+    # a single near place, so that the second best is a far one
+    places = [shown[1 if k == design.places // 2 else 2] for k in range(design.places)]
+    return Case("far", Memories(design, pixels, places), tuple(stream.events))
+
+
+def _beyond_a_byte(design: Design) -> Case:
+    """Show places whose distances need more than eight bits, if there are two counters.
+
+    Cut to eight bits, the farthest would be nearer than the others.
+    """
+    design = replace(design, code="linear", code_bits=8, full_scales=(0,))
+    # the zone is as wide as the places of a kind
+    design = replace(design, exclusion=design.places // 4 - 1)
+    design = replace(design, window_events=411, steps=(0,), back=(), restart=0)
+    pixels = choose_pixels(design)
+    rest = [0] * max(0, design.slots - 2)
+    stream = Stream(design, pixels)
+    kinds = [[counts, counts][: design.slots] + rest for counts in (1, 101, 181, 201)]
+    for counts in (*kinds, *kinds):
+        stream.fill(counts)
+    stream.close()
+    blank = Memories(design, pixels, [[0] * design.slots] * design.places)
+    shown = [window.codes for window in ended_windows(blank, stream)]
+    places = [shown[(0, 2, 1, 3)[place * 4 // design.places]] for place in range(design.places)]
+    return Case("distances_beyond_a_byte", Memories(design, pixels, places), tuple(stream.events))
+
+
+def _small_spreads(design: Design) -> list[Case]:
+    """Show what differs from all places by a few units of code, so that the spread is 1 or 0.
+
+    The reciprocal of both, 2^16, has a bit more than any other. A place is two words long, if it
+    can be.
+    """
+    lanes = -(-design.slots // 2)
+    near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
+    near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
+    pixels = choose_pixels(near)
+    stream = Stream(near, pixels)
+    for first in (20, 20, 20, 1, 20, 20):
+        stream.fill([first] + [3] * (near.slots - 1))
+    stream.close()
+    blank = Memories(near, pixels, [[0] * near.slots] * near.places)
+    shown = ended_windows(blank, stream)[0].codes
+    memories = Memories(near, pixels, _at_distances(near, shown, lambda place: 1 + place * 5 % 4))
+    alike = Memories(near, pixels, _at_distances(near, shown, lambda _: 1))
+    kept = replace(near, keep_distances=True)
+    return [
+        Case("spread_of_one", memories, tuple(stream.events)),
+        Case(
+            "spread_of_one_of_kept_distances",
+            replace(memories, design=kept),
+            tuple(stream.events),
+        ),
+        Case("spread_of_none", alike, tuple(stream.events)),
+    ]
+
+
+def _at_distances(
+    design: Design, shown: Sequence[int], distance_of: Callable[[int], int]
+) -> list[list[int]]:
+    """Make places that differ by these units of code from one that is shown in the middle."""
+    places = []
+    for place in range(design.places):
+        # a single nearest one, so that the second best has evidence against it
+        distance = 0 if place == design.places // 2 else distance_of(place)
+        codes = list(shown)
+        for slot in range(min(distance, design.slots)):
+            codes[-1 - slot] += 1 if codes[-1 - slot] < design.code_max else -1
+        places.append(codes)
+    return places
