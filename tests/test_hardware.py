@@ -99,6 +99,7 @@ FILTER_CASES = (
     *("one_place_of_a_filter", "pauses_of_kept_distances", "places_alike"),
     *("means_and_pauses", "means_from_the_top", "own_means_of_sequences", "usually_more_events"),
     *("spread_of_one", "spread_of_one_of_kept_distances", "means_of_halves"),
+    *("by_five_places", "first_busy", "first_pauses", "spread_of_none"),
 )
 
 
