@@ -102,6 +102,7 @@ FILTER_CASES = (
 )
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp_path):
     """Fixed codes and own means, pauses, kept distances, steps back; the command has all cases."""
@@ -471,6 +472,7 @@ def test_a_mutant_changes_one_line_of_a_unit():
     found = mutants.all_mutants()
     assert len(set(found)) == len(found) > 500
     assert {mutant.file for mutant in found} == set(sources.UNITS)
+    assert set(mutants.EQUAL) <= {(mutant.file, mutant.text.strip()) for mutant in found}
     for mutant in found:
         before = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")[mutant.line]
         assert mutant.text != before
