@@ -188,6 +188,12 @@ def read_npy(path: str | Path) -> npt.NDArray[Any]:
         return _read_array(file, "in it", os.fstat(file.fileno()).st_size)
 
 
+def write_npy(path: str | Path, array: npt.NDArray[Any]) -> None:
+    """Write one array as ``.npy``, atomically."""
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.save(file, array, allow_pickle=False)
+
+
 def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
     """Read one array of `size` bytes with its header."""
     version = np.lib.format.read_magic(stream)

@@ -9,7 +9,9 @@ from hypothesis import HealthCheck, settings
 
 # A kernel's first call compiles it: no test of a property is about time.
 settings.register_profile(
-    "edge-vpr", deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    "edge-vpr",
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 settings.load_profile("edge-vpr")
 

@@ -403,7 +403,7 @@ def smoothed_filter(
     k, scale, evidence, ways = len(distances[0]), None, [], []
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
-    given, usual = (forward, back, restart, 0, activity, jumps, along, travelled), activity
+    given, usual = (forward, back, restart, 0, activity, None, jumps, along, travelled), activity
     metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
     for d, count, way in zip(distances, events, travelled, strict=True):
         own = 65536 // max(sum(abs(x - sum(d) // k) for x in d) // k, 1)
@@ -521,3 +521,32 @@ def calibration_error(probability: Sequence[float], correct: Sequence[bool], bin
         ]
         error += abs(sum(c for _, c in inside) - sum(p for p, _ in inside))
     return error / len(probability)
+
+
+def likeness(
+    places: Sequence[Sequence[int]], windows: Sequence[Sequence[int]], length: int
+) -> list[float]:
+    """Of each sequence of windows, the mean correlation with the most similar one of places.
+
+    Correlated are logarithms in 1/16 octave, less each counter's mean.
+    """
+
+    def levels(rows: Sequence[Sequence[int]]) -> list[list[int]]:
+        logs = [[round(256 * math.log2(1 + min(c, 1023))) for c in row] for row in rows]
+        means = [math.floor(sum(column) / len(column) + 0.5) for column in zip(*logs, strict=True)]
+        return [[(v - m) // 16 for v, m in zip(row, means, strict=True)] for row in logs]
+
+    def correlation(a: Sequence[int], b: Sequence[int]) -> float:
+        n = len(a)
+        spread = [math.sqrt(n * sum(v * v for v in c) - sum(c) ** 2) for c in (a, b)]
+        cross = n * sum(u * v for u, v in zip(a, b, strict=True)) - sum(a) * sum(b)
+        return cross / (spread[0] * spread[1]) if all(spread) else 0.0
+
+    found = [[correlation(a, b) for b in levels(windows)] for a in levels(places)]
+    return [
+        max(
+            sum(found[k + i][j + i] for i in range(length)) / length
+            for k in range(len(places) - length + 1)
+        )
+        for j in range(len(windows) - length + 1)
+    ]

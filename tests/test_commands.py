@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
+from importlib import import_module
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES
 from streams import random_events
 
 from edge_vpr.archive import read_archive, write_archive
@@ -239,6 +241,16 @@ def test_an_evaluation_of_nothing(capsys, tmp_path):
 def test_an_experiment_without_its_data(capsys, tmp_path):
     arguments = ("experiment", "speck-walks", "--data", tmp_path)
     refused(capsys, *arguments, code=2, says="--data")
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
+    folder = getattr(
+        import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}"), "FOLDER", None
+    )
+    if folder is not None:
+        arguments = ("experiment", name, "--data", tmp_path)
+        refused(capsys, *arguments, code=2, says=SOURCES[folder])
 
 
 def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monkeypatch):

@@ -28,7 +28,10 @@ from firmware_model import Design
 
 SENSOR = Sensor(16, 12)
 SMALL = "--pixels 5 --sigma 1 --tau 100ms -L 2"
-TABLE = "--sensor 16x12 --on-fault drop --format csv --time-unit us --columns txyp"
+TABLE = (
+    "--sensor 16x12 --on-fault drop --format csv --time-unit us --columns txyp "
+    "--start 0 --end 3 --start-offset 0.001"
+)
 SETTINGS = (
     "--preset tiny --config {f}/settings.toml --pixels 5 --strategy random --sigma 1.5 --seed 3 "
     "--window count --tau 100ms --events-per-pixel 4 --polarity --keep-incomplete "
@@ -50,7 +53,8 @@ RUNS = [
     ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed-range 1.5 --stops 1", 0),
     ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
     ("doctor --compile --json", 0),
-    ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json", 0),
+    ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json "
+     "--start 0.1 --end 1.5 --start-offset 0.01", 0),
     ("info {f}/query.h5 --sensor 16x12 --topic left", 0),
     ("info {f}/frames.npz --frame-period 1/10", 0),
     (f"convert {{f}}/table.txt {{f}}/out.csv {TABLE}", 0),
@@ -68,11 +72,14 @@ RUNS = [
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --no-smooth", 0),
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --smooth --overwrite", 0),
     (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
-    ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1", 0),
+    ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1 "
+     "--figures png,pdf,svg --matrix {f}/distances.npy", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
     (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
      "--odometry {f}/odometry.csv", 0),
+    ("map {f}/reference.npz -o {f}/wide_map.npz --pixels 60 --sigma 0 --tau 100ms", 0),
+    ("match {f}/wide_map.npz {f}/query.npz -o {f}/registered --register --no-figures", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
      "--no-smooth --odometry {f}/odometry.csv", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
@@ -81,7 +88,8 @@ RUNS = [
      "--frames-as-windows", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.csv --tolerance 0.2 --score ratio "
      "--recall-denominator all-with-place --thresholds 20", 0),
-    ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10", 0),
+    ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10 "
+     "--figures pdf", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference", 0),
     ("evaluate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
      "--offset 0 0.05", 0),
@@ -97,6 +105,9 @@ RUNS = [
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
      "--exclusion 1", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
+    (f"{STREAM} --map {{f}}/map.npz --once --serve 0", 0),
+    # a broker that is not there: the run goes on; 2: the library is an extra
+    (f"{STREAM} --map {{f}}/map.npz --once --mqtt mqtt://127.0.0.1:9/rover", (0, 2)),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth", 0),
@@ -148,12 +159,21 @@ RUNS = [
     (f"{PROFILE.replace('query.npz', 'frames.npz')} --frame-period 1/10 -o {{f}}/refused "
      "--meter-port {f}/no_meter", 1),
     ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
-    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --no-figures", 0),
+    # 2: the meter's three readings need not follow the load
+    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --no-figures", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
+    ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png --figures pdf,svg", 0),
+    ("experiment codes --data {f} --seeds 1 --figures pdf", 2),
     # 2: calibration alone writes a table, and drives a dozen streets for it
     ("experiment codes --data {f} --seeds 1 --table {f}", 2),
+    ("sweep {f}/sweep.toml -o {f}/swept --workers 1", 0),
+    ("sweep {f}/sweep.toml -o {f}/swept --workers 1 --retry-failed", 0),
+    # 2: an address without a port
+    ("sweep {f}/sweep.toml -o {f}/swept --scheduler nowhere", 2),
+    ("compare {f}/swept -o {f}/compared", 0),
+    ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure recall_at_1", 0),
     ("completion bash", 0),
     ("demo -o {f}/demo --seed 1 --overwrite", 0),
 ]  # fmt: skip
@@ -207,6 +227,11 @@ def folder(tmp_path_factory):
     rows = [f"{t},{x},{y},{int(p)}" for t, x, y, p in events.tolist()]
     (folder / "table.txt").write_text("\n".join(rows) + "\n")
     np.savez(folder / "frames.npz", frames=rng.integers(0, 9, (12, 12, 16)))
+    (folder / "sweep.toml").write_text(
+        '[settings]\npreset = "paper"\npixels = 5\nsigma = 1.0\ntau = "100ms"\n'
+        '[drives.flags]\nreference = "reference.npz"\nquery = "query.npz"\n'
+        'ground_truth = "truth.csv"\ntolerance = 0.2\n'
+    )
     (folder / "settings.toml").write_text("sigma = 2.0\n")
     (folder / "hot.txt").write_text("1, 1\n")
     (folder / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
@@ -250,7 +275,7 @@ def small_loads(monkeypatch):
     monkeypatch.setattr(codes_frontier, "pairs", lambda data: map(_Pair, "abcdef"))
     monkeypatch.setattr(codes_frontier, "score", scores)
     for module in ("edge_vpr_tools.commands.evaluate", "edge_vpr_tools.report.traverse"):
-        monkeypatch.setattr(f"{module}.write_report", lambda *unused: None)
+        monkeypatch.setattr(f"{module}.write_report", lambda *unused, **more: None)
     street = partial(simulate_pair, length_m=60.0)
     monkeypatch.setattr("edge_vpr_tools.commands.demo.simulate_pair", street)
 

@@ -49,7 +49,8 @@ def test_metrics_answers_and_trust_equal_the_oracle(
     found = PlaceFilter(places, priced, exclusion, usual, jumps=pairs, along_mm=along)
     told = naive.place_filter(
         distances.tolist(), events.tolist(), priced.forward, priced.back, priced.restart,
-        exclusion, usual, pairs.tolist(), [] if along is None else along.tolist(), travelled,
+        exclusion, usual, jumps=pairs.tolist(),
+        along=[] if along is None else along.tolist(), travelled=travelled,
     )  # fmt: skip
     for row, count, way, (metric, best, second, trust) in zip(
         distances, events, travelled, told, strict=True

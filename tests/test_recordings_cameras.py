@@ -186,6 +186,19 @@ def test_evt21_vectors_give_an_event_for_each_bit_from_the_left(tmp_path):
     assert events.tolist()[3:] == [(328, x, 1, False) for x in range(96, 128)]
 
 
+@pytest.mark.parametrize("chunk", [1, 2, 3, 7, 1_000])
+def test_low_time_bits_before_any_high_ones_date_nothing_however_the_file_is_cut(tmp_path, chunk):
+    """Low bits, high bits, an event without low bits of its own; then low bits, and an event."""
+    words = [0x6005, 0x8001, 0x0003, 0x2804, 0x6007, 0x2805]
+    path = tmp_path / "a.raw"
+    path.write_bytes(files.raw_header("3.0", *SENSOR) + np.array(words, "<u2").tobytes())
+    recording = open_recording(path, on_fault="drop", chunk_events=chunk)
+    events = np.concatenate(list(recording))
+    assert events[["x", "y"]].tolist() == [(5, 3)]
+    assert recording.start_us == 4096 + 7
+    assert recording.faults.undated == 1
+
+
 def test_evt3_vectors_go_on_where_the_last_one_ended(tmp_path):
     words = [0x8001, 0x6002, 100, 3 << 12 | 1 << 11 | 20, 4 << 12 | 0x801, 5 << 12 | 0xFF]
     path = tmp_path / "a.raw"

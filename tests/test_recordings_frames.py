@@ -213,3 +213,76 @@ def test_the_real_walk_has_exactly_as_many_events_as_counted(shared_data):
     assert per_pixel.sum() == 9_084_341
     assert np.array_equal(per_pixel, frames.sum(axis=0, dtype=np.int64))
     assert np.array_equal(per_frame, frames.sum(axis=(1, 2), dtype=np.int64))
+
+
+def test_a_folder_of_float_arrays_is_read_as_its_png_would_be(tmp_path):
+    rng = np.random.default_rng(3)
+    frames = rng.integers(0, 4, (12, 6, 8)).astype(np.float32)
+    np.savez(tmp_path / "a.npz", frames=frames)
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for i, frame in enumerate(frames):
+        np.save(folder / f"frame_{i}.npy", frame)  # frame_10 before frame_2
+    # times of the frames, which lie in the same folder and are no frame
+    np.save(folder / "event_frame_times_ticks.npy", np.arange(12))
+    expected = events_of(tmp_path / "a.npz", frame_period=THIRTIETH)
+    assert np.array_equal(events_of(folder, frame_period=THIRTIETH), expected)
+    np.save(tmp_path / "stack.npy", frames)
+    assert np.array_equal(events_of(tmp_path / "stack.npy", frame_period=THIRTIETH), expected)
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+def test_on_and_off_counts_apart_are_added(stacked, tmp_path):
+    frames = np.random.default_rng(4).integers(0, 5, (3, 4, 5, 2)).astype(np.float32)
+    path = tmp_path / "stack.npy"
+    if stacked:
+        np.save(path, frames)
+    else:
+        path = tmp_path
+        for i, frame in enumerate(frames):
+            np.save(tmp_path / f"frame_{i}.npy", frame)
+    assert np.array_equal(read_count_frames(path).load(), frames.sum(axis=3).reshape(3, -1))
+
+
+def test_period_and_start_come_from_the_metadata_beside_the_frames(tmp_path):
+    np.save(tmp_path / "frame_0.npy", np.ones((2, 3), np.float32))
+    metadata = tmp_path / "metadata.json"
+    metadata.write_text('{"start_tick": 7000000, "ticks_per_second": 1e9, "timewindow_ms": 66.6}')
+    recording = open_recording(tmp_path)
+    assert (recording.start_us, recording.sensor) == (7_000, Sensor(3, 2))
+    assert read_count_frames(tmp_path).period == Fraction(666, 10_000)
+    metadata.write_text('{"start_time_ns": 5000000000, "timewindow_ns": 100000000}')
+    assert open_recording(tmp_path).start_us == 5_000_000
+    assert read_count_frames(tmp_path).period == Fraction(1, 10)
+    metadata.write_text('{"timewindow_ns": 0}')  # frames of a fixed number of events
+    with pytest.raises(UsageError, match="does not say how long a frame lasts"):
+        open_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{", '{"timewindow_ms": "1"}', '{"timewindow_ns": -1}',
+             '{"timewindow_ms": Infinity}', '{"start_tick": 1, "ticks_per_second": 0}',
+             '{"start_time_ns": 1e300}', '{"timewindow_ms": true}', "[" * 100_000,
+             f'{{"timewindow_ns": 1{"0" * 400}}}'],
+)  # fmt: skip
+def test_damaged_metadata_of_frames_is_one_clear_error(text, tmp_path):
+    np.save(tmp_path / "frame_0.npy", np.ones((2, 3), np.float32))
+    (tmp_path / "metadata.json").write_text(text)
+    with pytest.raises(RecordingError, match="no readable metadata"):
+        open_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        (np.ones((2, 3, 3)), "a count frame is numbers of shape"),
+        (np.ones(3), "a count frame is numbers of shape"),
+        (np.full((2, 3), 0.5, np.float32), "frame 1 counts 0.5 events at pixel 0"),
+        (np.ones((3, 2)), "2x3 pixels and the first frame 3x2"),
+    ],
+)
+def test_an_array_that_is_no_count_frame_says_why(frame, words, tmp_path):
+    np.save(tmp_path / "frame_0.npy", np.ones((2, 3), np.float32))
+    np.save(tmp_path / "frame_1.npy", frame)
+    with pytest.raises(RecordingError, match=words):
+        events_of(tmp_path, frame_period=THIRTIETH)

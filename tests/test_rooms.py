@@ -104,7 +104,7 @@ def test_help_loads_neither_numba_nor_matplotlib():
 
 
 #: optional extras, which are imported where they are used
-EXTRAS = ("rerun", "firmware_model.emulator", "firmware_model.instructions")
+EXTRAS = ("rerun", "paho.mqtt", "firmware_model.emulator", "firmware_model.instructions")
 
 
 def test_modules_import_at_their_top():

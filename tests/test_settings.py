@@ -208,3 +208,7 @@ def test_the_events_of_a_window_are_not_known_before_the_reference():
 def test_the_docstring_has_every_attribute():
     doc = Settings.__doc__
     assert all(f"    {name} : " in doc for name in SETTING_FIELDS)
+
+
+def test_a_word_of_a_setting_of_words_is_read_as_what_it_means():
+    assert Settings(score="ratio").replaced({"score": "auto"}, "a file").score is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from fractions import Fraction
@@ -15,6 +16,8 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Faults, read_count_frames
 from edge_vpr.recordings.count_images import MOST_PIXELS
+from edge_vpr.recordings.frame_expansion import Counts
+from edge_vpr.recordings.time_crop import TimeCrop
 
 T = TypeVar("T")
 
@@ -30,6 +33,8 @@ class PublishedWindows:
         Seconds a frame, if the file does not say.
     sensor : Sensor, optional
         If the file does not say.
+    crop : TimeCrop, optional
+        Only the frames that lie wholly in this part are read.
 
     Attributes
     ----------
@@ -39,7 +44,7 @@ class PublishedWindows:
     counted : ndarray of bool, shape (height, width)
         Which pixels the frames count.
     start_us : int
-        0: time starts with the first frame.
+        The first frame that is read, on the clock of the frames in microseconds.
     faults : Faults
         None: damaged frames are errors.
 
@@ -51,17 +56,29 @@ class PublishedWindows:
         If the file cannot be read.
     """
 
-    start_us = 0
-
     def __init__(
-        self, path: str | Path, *, period: Fraction | None = None, sensor: Sensor | None = None
+        self,
+        path: str | Path,
+        *,
+        period: Fraction | None = None,
+        sensor: Sensor | None = None,
+        crop: TimeCrop | None = None,
     ) -> None:
         frames = read_count_frames(path)
         self._frames = frames
+        start, end = (0, None) if crop is None else crop.span(frames.start_us)
         self._period_us = _known(
             frames.period or period, path, "how long a frame lasts: pass --frame-period"
         ) * Fraction(1_000_000)
         self.window_us = max(1, round(self._period_us))
+        self._first = math.ceil(start / self._period_us)
+        self._last = frames.n_frames if end is None else math.floor(end / self._period_us)
+        if self._first >= min(self._last, frames.n_frames):
+            raise UsageError(
+                f"{path} has no whole frame in the part that --start and --end leave of its "
+                f"{float(frames.n_frames * self._period_us / 1_000_000):g} s: leave more"
+            )
+        self.start_us = frames.start_us + math.floor(self._first * self._period_us)
         self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass --sensor WxH")
         x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
         y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")
@@ -82,14 +99,15 @@ class PublishedWindows:
 
     def windows(self) -> Iterator[WindowCounts]:
         """Start anew and yield one window a frame, over all pixels, row by row."""
-        k = 0
-        for block in self._frames.blocks():
-            for row in block:
-                counts = np.zeros(self.sensor.pixels, dtype=np.int64)
-                counts[self._flat] = row
-                start, end = (math.floor(i * self._period_us) for i in (k, k + 1))
-                yield WindowCounts(counts, start, end, int(counts.sum()))
-                k += 1
+        for k, row in enumerate(self._rows()):
+            counts = np.zeros(self.sensor.pixels, dtype=np.int64)
+            counts[self._flat] = row
+            start, end = (math.floor(i * self._period_us) for i in (k, k + 1))
+            yield WindowCounts(counts, start, end, int(counts.sum()))
+
+    def _rows(self) -> Iterator[Counts]:
+        rows = (row for block in self._frames.blocks() for row in block)
+        return itertools.islice(rows, self._first, self._last)
 
 
 def _known(value: T | None, path: str | Path, what: str) -> T:

@@ -72,16 +72,9 @@ def match_descriptors(
     if confidence is None and settings.matching == "filter":
         confidence = default_confidence(settings.smooth)
     judge = Judge(confidence, settings.precision)
-    if places.counts.shape[1] != queries.counts.shape[1]:
-        raise MapError(
-            f"reference descriptors have {places.counts.shape[1]} counts and the query's "
-            f"{queries.counts.shape[1]}: describe both with the same map"
-        )
+    check_counts(places, queries)
     if settings.matching == "filter":
-        place_filter = PlaceFilter(
-            len(places), StepPrices.of(settings), settings.exclusion,
-            mean_activity(places.activity), jumps=jumps, along_mm=along_mm,
-        )  # fmt: skip
+        place_filter = filter_of(places, settings, jumps, along_mm)
         return _match_by_filter(place_filter, places, queries, settings, judge, odometry)
     check_no_ways(jumps, odometry is not None)
     length, exclusion = settings.sequence_length, settings.exclusion
@@ -115,6 +108,41 @@ def match_descriptors(
         probability=probability,
         lost=lost,
     )
+
+
+def check_counts(places: Descriptors, queries: Descriptors) -> None:
+    """Raise MapError if places and queries were not counted at the same pixels.
+
+    Parameters
+    ----------
+    places, queries : Descriptors
+    """
+    if places.counts.shape[1] != queries.counts.shape[1]:
+        raise MapError(
+            f"reference descriptors have {places.counts.shape[1]} counts and the query's "
+            f"{queries.counts.shape[1]}: describe both with the same map"
+        )
+
+
+def filter_of(
+    places: Descriptors,
+    settings: Settings,
+    jumps: npt.NDArray[np.int32] | None,
+    along_mm: npt.NDArray[np.int64] | None,
+) -> PlaceFilter:
+    """Return the place filter of a map, before its first window.
+
+    Parameters
+    ----------
+    places : Descriptors
+    settings : Settings
+    jumps, along_mm : ndarray or None
+        Of the map, see `match_descriptors`.
+    """
+    return PlaceFilter(
+        len(places), StepPrices.of(settings), settings.exclusion,
+        mean_activity(places.activity), jumps=jumps, along_mm=along_mm,
+    )  # fmt: skip
 
 
 def check_no_ways(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:

@@ -57,6 +57,7 @@ def filter_drive(
     odometry: Odometry | None = None,
     *,
     smooth: bool = False,
+    metrics: npt.NDArray[np.float64] | None = None,
 ) -> FilteredDrive:
     """Advance a filter over all windows of a drive.
 
@@ -72,6 +73,8 @@ def filter_drive(
         Of this drive.
     smooth : bool
         Let the windows after each one decide with.
+    metrics : ndarray of float64, shape (K, n), optional
+        Filled with the metric of each place after each window, the least of which is the match.
 
     Returns
     -------
@@ -98,7 +101,7 @@ def filter_drive(
         ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
     events = queries.activity.tolist()
     kept = (n, places) if smooth else (0, places)
-    metrics, evidence = np.empty(kept, dtype=np.uint16), np.empty(kept, dtype=np.uint8)
+    forward, evidence = np.empty(kept, dtype=np.uint16), np.empty(kept, dtype=np.uint8)
     windows: list[_Window] = []
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     candidates = []
@@ -117,21 +120,24 @@ def filter_drive(
             columns[j] = place_filter.advance(row, events[j])
             found[i] = place_filter.metric
         if smooth:
-            metrics[first : first + block] = found
+            forward[first : first + block] = found
         else:
+            if metrics is not None:
+                metrics[:, first : first + block] = found.T
             candidates.append(nearest_places(found.T))
     if smooth:
-        return _smoothed(place_filter, metrics, evidence, windows)
+        return _smoothed(place_filter, forward, evidence, windows, metrics)
     return FilteredDrive(columns, np.concatenate(candidates))
 
 
 def _smoothed(
     place_filter: PlaceFilter,
-    metrics: npt.NDArray[np.uint16],
+    forward: npt.NDArray[np.uint16],
     evidence: npt.NDArray[np.uint8],
     windows: list[_Window],
+    metrics: npt.NDArray[np.float64] | None,
 ) -> FilteredDrive:
-    n, places = metrics.shape
+    n, places = forward.shape
     backwards = place_filter.moves.reversed()
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     candidates = np.empty((n, CANDIDATES), dtype=np.int64)
@@ -141,10 +147,12 @@ def _smoothed(
         first = max(last - block, 0)
         summed = np.empty((last - first, places), dtype=np.int32)
         for j in range(last - 1, first - 1, -1):
-            np.add(metrics[j], onward, out=summed[j - first])
+            np.add(forward[j], onward, out=summed[j - first])
             columns[j] = match_of(summed[j - first], place_filter.exclusion)
             onward = _before(windows[j], evidence[j] + onward, backwards)
         candidates[first:last] = nearest_places(summed.T)
+        if metrics is not None:
+            metrics[:, first:last] = summed.T
     columns[:, -1] = _mean_trust(columns, windows, place_filter.moves)
     return FilteredDrive(columns, candidates)
 

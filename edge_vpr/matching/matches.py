@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import damaged, read_archive, write_archive
 from edge_vpr.array_checks import check_array, check_range, whole_number
-from edge_vpr.errors import MapError
+from edge_vpr.errors import MapError, MissingExtraError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.candidates import CANDIDATES
 from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.matching.runner_up import ratio_to_second
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
+
+if TYPE_CHECKING:
+    import pandas
 
 KIND = "set of matches"
 
@@ -169,6 +173,29 @@ class Matches:
             check_matches(found)
         return found
 
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a pandas table, one row a match.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns ``query``, ``time_s``, ``place``, ``distance``, ``second``, ``second_distance``,
+            ``ratio``, ``margin``, ``ties``, ``trust``, ``probability``, ``lost``; NaN where there
+            is no second or no probability.
+
+        Raises
+        ------
+        MissingExtraError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingExtraError("a table of matches", "pandas", "pandas") from error
+        time_s = self.time_us / 1e6
+        columns = {n: time_s if n == "time_s" else getattr(self, n) for n in _TABLE}
+        return pandas.DataFrame(columns)
+
     def save_csv(self, path: str | Path, route: Route | None = None) -> None:
         """Write as a table, see `matches_csv.write_csv`."""
         write_csv(path, self, route)
@@ -187,6 +214,11 @@ _COLUMNS = (
     "probability",
     "lost",
 )
+#: columns of `to_frame`, which says the time in seconds
+_TABLE = (
+    "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "margin", "ties",
+    "trust", "probability", "lost",
+)  # fmt: skip
 #: columns that the first files did not have
 _LATER = ("trust", "probability", "lost")
 

@@ -8,11 +8,13 @@ from edge_vpr.pipeline.describing import (
     window_of,
 )
 from edge_vpr.pipeline.mapping import coded_map, map_traverse
-from edge_vpr.pipeline.query_matching import match_query, match_traverse
+from edge_vpr.pipeline.query_matching import match_query, match_traverse, query_distances
+from edge_vpr.pipeline.registration import Registration, register
 from edge_vpr.pipeline.sources import EventSource, WindowSource, check_sensor
 
 __all__ = [
     "EventSource",
+    "Registration",
     "Removed",
     "WindowSource",
     "check_sensor",
@@ -24,5 +26,7 @@ __all__ = [
     "map_traverse",
     "match_query",
     "match_traverse",
+    "query_distances",
+    "register",
     "window_of",
 ]

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
+
 from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.matching.drive_distances import drive_distances
 from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.odometry import Odometry
@@ -64,5 +68,28 @@ def match_query(
     """
     return match_descriptors(
         reference.places, queries, reference.settings, reference.judge.confidence,
+        jumps=reference.jumps, along_mm=reference.along_mm, odometry=odometry,
+    )  # fmt: skip
+
+
+def query_distances(
+    reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
+) -> npt.NDArray[np.float64]:
+    """Return the distance of every place of a map to every described query window.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    queries : Descriptors
+    odometry : Odometry, optional
+        Of the query drive.
+
+    Returns
+    -------
+    ndarray of float64, shape (K, Q)
+        All finite, see `drive_distances`.
+    """
+    return drive_distances(
+        reference.places, queries, reference.settings,
         jumps=reference.jumps, along_mm=reference.along_mm, odometry=odometry,
     )  # fmt: skip

@@ -110,10 +110,10 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
                 n += 1
             else:
                 s.undated += 1
-        elif kind == 6:  # low time bits
+        elif kind == 6 and s.high >= 0:  # low time bits; without high ones they say nothing
             low = word & 4095
             time = (base << 12) | low
-            dated = s.high >= 0
+            dated = True
         elif kind == 0:  # row
             row = word & 2047
         elif kind == 4 or kind == 5:  # 12 or 8 columns, one bit each

@@ -6,7 +6,7 @@ The expansion to events is in :mod:`edge_vpr.recordings.frame_expansion`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -16,6 +16,16 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import LONGEST_SIDE, Sensor
+from edge_vpr.recordings.array_stream import ArrayStream
+from edge_vpr.recordings.count_arrays import (
+    both_polarities,
+    check_frame_shape,
+    frame_arrays,
+    read_array_frame,
+    read_metadata,
+    simplest_fraction,
+    whole_counts,
+)
 from edge_vpr.recordings.count_images import MOST_PIXELS, number_key, read_image
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.frame_expansion import Counts, Placed, expand, join
@@ -27,7 +37,9 @@ _BLOCK_BYTES = 1 << 20
 
 
 class CountFrames:
-    """Count frames of a ``.npz`` file or of a folder of PNG, read a few at a time.
+    """Count frames of a ``.npz`` or ``.npy`` file, or of a folder of PNG or ``.npy``.
+
+    They are read a few at a time.
 
     Attributes
     ----------
@@ -37,7 +49,9 @@ class CountFrames:
         Where the pixels of a frame lie; row by row for whole frames, None if the file has
         ``counts`` without ``pixel_x`` and ``pixel_y``.
     period : Fraction or None
-        Seconds a frame, if the file says (``window_s``).
+        Seconds a frame, if the file (``window_s``) or the folder (``metadata.json``) says.
+    start_us : int
+        When the first frame begins, on the clock that the folder's ``metadata.json`` names; else 0.
     n_frames, n_pixels : int
         F and J.
     """
@@ -48,9 +62,15 @@ class CountFrames:
         self.pixel_x: npt.NDArray[np.uint16] | None = None
         self.pixel_y: npt.NDArray[np.uint16] | None = None
         self.period: Fraction | None = None
+        self.start_us = 0
+        self._polarities = 0
         self._images: list[Path] = []
+        self._read_image: Callable[[Path, Sensor | None], Counts] = read_image
         if path.is_dir():
             self._find_images()
+        elif path.suffix.lower() == ".npy":
+            self._name = ""
+            self._read_array_layout()
         else:
             self._read_layout()
 
@@ -63,21 +83,24 @@ class CountFrames:
             If the frames are damaged or cut off (unless `log` allows that), or hold anything
             but whole numbers from 0 up.
         """
+        frame = 0
         if self._images:
             for image in self._images:
-                yield read_image(image, self.sensor).reshape(1, -1)
+                yield whole_counts(
+                    self._read_image(image, self.sensor).reshape(1, -1), frame, self.path
+                )
+                frame += 1
             return
-        frame = 0
         with (
             foreign_errors(self.path, lambda: f" after frame {frame:,}"),
-            Archive(self.path) as archive,
             ExitStack() as stack,
         ):
-            stream = archive.stream(self._name, stack)
+            stream = self._stream(stack)
             rows = max(1, _BLOCK_BYTES // max(1, stream.row_bytes))
             while frame < self.n_frames:
                 block, leftover = stream.read(rows)
-                yield self._whole(block.reshape(len(block), -1), frame)
+                counts = both_polarities(block, len(stream.shape) - self._polarities)
+                yield whole_counts(counts.reshape(len(block), -1), frame, self.path)
                 frame += len(block)
                 if leftover or not len(block):
                     lost = (self.n_frames - frame) * stream.row_bytes - leftover
@@ -89,29 +112,34 @@ class CountFrames:
         """All frames, shape ``(F, J)``: the windows themselves."""
         return np.concatenate(list(self.blocks()))
 
-    def _whole(self, block: Counts, begin: int) -> Counts:
-        """Check that counts are whole numbers from 0 up; integers come out."""
-        if block.dtype.kind == "u":
-            return block
-        if block.dtype.kind == "b":
-            return block.view(np.uint8)
-        with np.errstate(invalid="ignore", over="ignore"):
-            bad = ~((block >= 0) & (block == np.floor(block)) & (block < 2.0**53))
-        if bad.any():
-            frame, pixel = (int(i) for i in np.argwhere(bad)[0])
-            raise RecordingError(
-                f"{self.path}: frame {begin + frame} counts {block[frame, pixel]} events at pixel "
-                f"{pixel}: counts are whole numbers from 0 up"
-            )
-        return block.astype(np.int64)
-
     def _find_images(self) -> None:
-        self._images = sorted(self.path.glob("*.png"), key=number_key)
-        if not self._images:
-            raise RecordingError(f"{self.path} holds no *.png: name a folder of count frames")
-        first = read_image(self._images[0], None)
+        images = list(self.path.glob("*.png"))
+        if not images:
+            images, self._read_image = frame_arrays(self.path), read_array_frame
+        if not images:
+            raise RecordingError(
+                f"{self.path} holds no *.png and no *.npy: name a folder of count frames"
+            )
+        self._images = sorted(images, key=number_key)
+        first = self._read_image(self._images[0], None)
         self._grid(*first.shape)
         self.n_frames = len(self._images)
+        self.period, self.start_us = read_metadata(self.path)
+
+    def _stream(self, stack: ExitStack) -> ArrayStream:
+        if self._name:
+            return stack.enter_context(Archive(self.path)).stream(self._name, stack)
+        return ArrayStream(stack.enter_context(self.path.open("rb")), str(self.path))
+
+    def _read_array_layout(self) -> None:
+        with ExitStack() as stack:
+            stream = self._stream(stack)
+        check_frame_shape(stream.shape[1:], stream.dtype, str(self.path))
+        if not stream.shape[0]:
+            raise RecordingError(f"{self.path} holds no frames: save it again")
+        self._polarities = len(stream.shape) - 3
+        self.n_frames = stream.shape[0]
+        self._grid(*stream.shape[1:3])
 
     def _read_layout(self) -> None:
         with Archive(self.path) as archive, ExitStack() as stack:
@@ -148,7 +176,7 @@ class CountFrames:
                 self._pixels(archive)
             seconds = archive.scalar("window_s", "frame_period_s", "period_s")
             if seconds is not None:
-                self.period = _simplest(float(seconds), self.path)
+                self.period = simplest_fraction(float(seconds), self.path)
 
     def _grid(self, height: int, width: int) -> None:
         self.sensor = Sensor(width, height)
@@ -180,7 +208,10 @@ class CountFrames:
 
 
 def read_count_frames(path: str | Path) -> CountFrames:
-    """Open count frames: ``frames`` (F,H,W) or ``counts`` (F,J) in ``.npz``, or a PNG folder.
+    """Open count frames: ``frames`` (F,H,W) or ``counts`` (F,J) in ``.npz``, or a folder of them.
+
+    A folder holds PNG or ``.npy`` (H,W) or (H,W,2), one a frame, and may hold ``metadata.json``; a
+    ``.npy`` file holds all frames, (F,H,W) or (F,H,W,2). Floats are read if they are whole numbers.
 
     Raises
     ------
@@ -215,10 +246,10 @@ class FrameSource(Source):
     """Count frames, expanded to events by the rule of `frame_expansion`."""
 
     relative = True
-    start_us = 0
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.frames = read_count_frames(path)
+        self.start_us = self.frames.start_us
         super().__init__(path, options, self.frames.sensor)
         period = self.frames.period
         if period is None:
@@ -260,14 +291,6 @@ class FrameSource(Source):
             self.position = frame / self.frames.n_frames
         if waiting:
             yield join(waiting, x, y)
-
-
-def _simplest(seconds: float, path: Path) -> Fraction:
-    """Give the simplest fraction that is this float: 1/30, not its nearest multiple of 2**-57."""
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise RecordingError(f"{path}: window_s is {seconds}: a frame lasts more than 0 s")
-    simple = Fraction(seconds).limit_denominator(1_000_000)
-    return simple if float(simple) == seconds else Fraction(seconds)
 
 
 def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
 from edge_vpr.recordings.faults import FaultLog, Faults
 from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.source import Source
+from edge_vpr.recordings.time_crop import TimeCrop, cropped_events
 
 #: Rates that no event camera has on the move, in events/s; and the fewest events to judge by.
 _SLOWEST, _FASTEST, _FEWEST = 1_000.0, 2e9, 1_000
@@ -50,6 +52,7 @@ class Recording:
         self._source = source
         self._on_fault = on_fault
         self.remark = ""
+        self._span: tuple[int, int | None] = (0, None)
         self._origin_us, self.start_us = self._find_start()
 
     @property
@@ -60,7 +63,33 @@ class Recording:
     def __iter__(self) -> Iterator[Events]:
         log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
         self.faults = log.faults
-        return self._walk(log)
+        return self._walk(log) if self._span == (0, None) else self._cropped(log)
+
+    def cropped(self, crop: TimeCrop) -> Recording:
+        """Return the part of this recording between two moments; its time begins with the part.
+
+        Parameters
+        ----------
+        crop : TimeCrop
+
+        Returns
+        -------
+        Recording
+            Of the same file, with `start_us` at the part's beginning. A pass over a part without
+            events raises RecordingError.
+
+        Raises
+        ------
+        UsageError
+            If the part ends before the recording begins.
+        """
+        start, end = crop.span(self.start_us)
+        part = copy.copy(self)
+        first, last = self._span
+        part._span = (first + start, last if end is None else min(first + end, last or first + end))
+        part.start_us = self.start_us + start
+        part.faults = Faults()
+        return part
 
     def __repr__(self) -> str:
         return f"<Recording {self.path} ({self.format}, {self.sensor})>"
@@ -71,6 +100,20 @@ class Recording:
                 events = log.admit(columns)
                 if events.size:
                     yield events
+
+    def _cropped(self, log: FaultLog) -> Generator[Events, None, None]:
+        start, end = self._span
+        found = False
+        with contextlib.closing(self._walk(log)) as chunks:
+            for events in cropped_events(chunks, start, end):
+                found = True
+                yield events
+        if not found:
+            until = "its end" if end is None else f"{end / 1e6:g} s"
+            raise RecordingError(
+                f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
+                "--start and --end (edge-vpr info shows its times)"
+            )
 
     def _find_start(self) -> tuple[int, int]:
         """Read up to the first good event, so that an empty file is known at once."""

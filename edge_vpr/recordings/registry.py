@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.recordings.array_stream import ArrayStream
 from edge_vpr.recordings.faults import check_policy
 from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.recording import Recording
@@ -37,7 +39,7 @@ FORMATS: dict[str, Format] = {
         Format("npz", "NumPy archive of events", "npz", (".npz",), True),
         Format("npy", "NumPy array of events", "npy", (".npy",), True),
         Format("csv", "text, one event a line", "text", (".csv", ".txt"), True),
-        Format("frames", "count frames in .npz, or a folder of PNG", "frames"),
+        Format("frames", "count frames in .npz or .npy, or a folder of PNG or .npy", "frames"),
         Format("parquet", "Apache Parquet", "parquet", (".parquet",), True),
         Format("evt2", "Prophesee RAW EVT 2.0", "evt", (".raw",), True),
         Format("evt21", "Prophesee RAW EVT 2.1", "evt"),
@@ -70,7 +72,7 @@ def open_recording(
     Parameters
     ----------
     path : str or Path
-        A file; a folder for a ROS 2 bag or for PNG count frames.
+        A file; a folder for a ROS 2 bag or for count frames.
     format : str, optional
         A name out of :data:`FORMATS`; found from content and suffix if absent.
     sensor : Sensor, optional
@@ -148,6 +150,8 @@ def sniff(path: Path) -> str:
     if not head:
         raise RecordingError(f"{path} is empty (0 bytes): record or copy it again")
     name = _sniff_bytes(path, head)
+    if name == "npy" and _dimensions(head, path) > 2:
+        return "frames"
     if name is None:
         suffix = path.suffix.lower()
         # these have no signature of their own; all others would have been known by it
@@ -161,7 +165,7 @@ def sniff(path: Path) -> str:
             )
         known = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
         raise RecordingError(
-            f"{path} is of no known format: known are {known}, and folders of PNG or of a "
+            f"{path} is of no known format: known are {known}, and folders of PNG, of .npy or of a "
             "ROS 2 bag; name it with --format if its suffix misleads"
         )
     return name
@@ -195,6 +199,14 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
     return None
 
 
+def _dimensions(head: bytes, path: Path) -> int:
+    """Return the number of axes of a NumPy array; 0 if its header is not readable."""
+    try:
+        return len(ArrayStream(io.BytesIO(head), str(path)).shape)
+    except RecordingError:
+        return 0  # its reader says what is wrong
+
+
 def _sniff_zip(path: Path) -> str:
     from edge_vpr.recordings.npz import Archive
 
@@ -213,9 +225,9 @@ def _sniff_zip(path: Path) -> str:
 def _sniff_folder(path: Path) -> str:
     if (path / "metadata.yaml").exists():
         return "rosbag2"
-    if any(path.glob("*.png")):
+    if any(path.glob("*.png")) or any(path.glob("*.npy")):
         return "frames"
     raise RecordingError(
-        f"{path} is a folder without metadata.yaml (a ROS 2 bag) or *.png (count frames): "
+        f"{path} is a folder without metadata.yaml (a ROS 2 bag), *.png or *.npy (count frames): "
         "name a recording"
     )

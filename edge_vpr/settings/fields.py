@@ -132,10 +132,12 @@ class SettingField:
             return tuple(given)
         if self.zero_is_none and type(given) in (int, float) and given == 0:
             return None
-        if not isinstance(given, str) or self.kind is str:
+        if not isinstance(given, str):
             return given
         if given in self.words:
             return self.words[given]
+        if self.kind is str:
+            return given
         try:
             if self.read is not None:
                 return self.read(given)

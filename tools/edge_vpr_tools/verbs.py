@@ -14,6 +14,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "map": "make a reference map of one drive",
         "match": "match a query drive against a map",
         "evaluate": "compare matches with a ground truth",
+        "sweep": "compute variants x drives x seeds, on this machine or on a cluster",
+        "compare": "put runs and sweeps into one table and one figure",
         "calibrate": "learn the probability of a right match from an evaluated drive",
     },
     "recordings": {

@@ -7,7 +7,7 @@ import argparse
 EXAMPLES = """\
   edge-vpr doctor
   edge-vpr doctor --json
-  sudo -u edge-vpr NUMBA_CACHE_DIR=/var/cache/edge-vpr edge-vpr doctor --compile"""
+  edge-vpr doctor --compile"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from edge_vpr_tools.arguments.figure_flags import FIGURES_HELP
 from edge_vpr_tools.arguments.truth_flags import add_truth_flags
 
 EXAMPLES = """\
@@ -16,6 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
     add_truth_flags(parser.add_argument_group("ground truth"))
+    output = parser.add_argument_group("output")
+    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),

@@ -21,7 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
     )
     group.add_argument(
-        "--figure", metavar="PNG", help="also draw the figure (codes, place-filter and trust)"
+        "--figure", metavar="FILE", help="also draw the figure, where the experiment has one"
+    )
+    group.add_argument(
+        "--figures",
+        metavar="FORMATS",
+        help="with --figure, formats to write it in beside one another: png, pdf, svg, or several "
+        "with commas (default: by its suffix)",
     )
     group.add_argument(
         "--table",

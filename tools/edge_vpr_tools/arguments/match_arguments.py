@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from edge_vpr_tools.arguments.figure_flags import FIGURES_HELP
 from edge_vpr_tools.arguments.reading_flags import add_reading_arguments, add_window_argument
 from edge_vpr_tools.arguments.setting_flags import add_match_flags
 
@@ -21,6 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
+    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
+    output.add_argument(
+        "--matrix",
+        metavar="FILE.npy",
+        help="also write the distance of every place (row) to every query window (column)",
+    )
     online = parser.add_argument_group("online matching")
     online.add_argument(
         "--online", action="store_true", help="match event by event, as on the board"
@@ -30,6 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WHEN",
         help="with --online, when to give a match: event (at a selected pixel), N events, a time "
         "such as 10ms, window, or change (of the best place) (default: event)",
+    )
+    parser.add_argument_group("mounting").add_argument(
+        "--register",
+        action="store_true",
+        help="estimate the shift of the camera's image from the query's first 128 windows, and "
+        "move the map's pixels by it",
     )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",

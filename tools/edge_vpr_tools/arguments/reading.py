@@ -10,6 +10,7 @@ from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, open_recording, parse_period
+from edge_vpr.recordings.time_crop import TimeCrop, seconds_us
 from edge_vpr_tools.output.messages import warning
 
 
@@ -40,7 +41,8 @@ def open_from(
     )
     if recording.remark:
         warning(f"{path}: {recording.remark}")
-    return recording
+    crop = _crop_of(args)
+    return recording if crop is None else recording.cropped(crop)
 
 
 def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:
@@ -58,6 +60,18 @@ def open_source(args: argparse.Namespace, path: str | Path) -> Recording | Publi
         path,
         period=None if args.frame_period is None else parse_period(args.frame_period),
         sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+        crop=_crop_of(args),
+    )
+
+
+def _crop_of(args: argparse.Namespace) -> TimeCrop | None:
+    if args.start is args.end is args.start_offset is None:
+        return None
+    end, offset = args.end, args.start_offset
+    return TimeCrop(
+        start_us=seconds_us(args.start or "0", "--start"),
+        end_us=None if end is None else seconds_us(end, "--end"),
+        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
     )
 
 

@@ -39,6 +39,17 @@ def add_reading_arguments(
         metavar="ORDER",
         help="order of unnamed columns, for example xytp (default: the format's)",
     )
+    crop = parser.add_argument_group("part of the recording")
+    crop.add_argument(
+        "--start", metavar="S", help="first second to read, which becomes time 0 (default: 0)"
+    )
+    crop.add_argument("--end", metavar="S", help="second to read up to (default: the end)")
+    crop.add_argument(
+        "--start-offset",
+        metavar="S",
+        help="second on the file's own clock that --start and --end count from, for example "
+        "1587452582.35 (default: the first of the recording)",
+    )
     return group
 
 

@@ -99,7 +99,7 @@ def _form(field: SettingField) -> dict[str, Any]:
     if field.kind is bool and not field.words:
         return {"action": argparse.BooleanOptionalAction}
     if field.choices:
-        return {"choices": field.choices}
+        return {"choices": (*field.choices, *field.words)}
     if field.kind is bool and field.metavar is None:
         return {"choices": tuple(field.words)}
     if field.kind is bool:  # its words, or a file

@@ -9,6 +9,8 @@ from edge_vpr.errors import UsageError
 from edge_vpr.recordings.registry import FORMATS
 from edge_vpr.whole_files import check_output
 from edge_vpr_tools.arguments.setting_flags import add_map_flags, given_map_flags
+from edge_vpr_tools.publishing.line_server import parse_address
+from edge_vpr_tools.publishing.mqtt import parse_url
 
 EXAMPLES = """\
   edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
@@ -63,6 +65,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="show events and matches in the Rerun viewer, or save them for it",
     )  # fmt: skip
     output.add_argument("--json", action="store_true", help="JSON lines on standard output")
+    output.add_argument(
+        "--serve", metavar="[HOST:]PORT",
+        help="the same lines for every program that connects to this TCP port; a port alone is of "
+        "this machine only (default: none)",
+    )  # fmt: skip
+    output.add_argument(
+        "--mqtt", metavar="mqtt://HOST/TOPIC", help="send the same lines to a broker of MQTT"
+    )
     output.add_argument("--overwrite", action="store_true", help="replace files that exist")
     learning = parser.add_argument_group("learning")
     learning.add_argument("--learn", action="store_true", help="make a map of this drive")
@@ -90,6 +100,10 @@ def check_arguments(args: argparse.Namespace) -> None:
         raise UsageError(f"{flags[0]} is decided when a map is made: leave it out, or --learn anew")
     if args.baud is not None and args.baud < 1:
         raise UsageError(f"--baud {args.baud}: expected the speed of a serial port, such as 921600")
+    if args.serve is not None:
+        parse_address(args.serve)
+    if args.mqtt is not None:
+        parse_url(args.mqtt)
     _check_files(args)
 
 

@@ -10,6 +10,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr_tools.arguments.truth import load_evaluated
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.provenance import read_json, run_record, write_json
+from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.report.traverse import write_report
 
 
@@ -21,7 +22,7 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If the folder or the ground truth cannot be used.
     """
-    folder = Path(args.results)
+    folder, formats = Path(args.results), read_formats(args.figures)
     _, matches, truth = load_evaluated(args)
     found = evaluate(
         matches,
@@ -34,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     metrics["ground_truth"] = truth.description
     metrics["evaluation"] = found.to_dict()
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
-    write_report(folder, truth, found)
+    write_report(folder, truth, found, formats)
     write_json(folder / results.METRICS, metrics)
 
     print(

@@ -7,8 +7,9 @@ from importlib import import_module
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.experiments import EXPERIMENTS
+from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES
 from edge_vpr_tools.output.progress import status
+from edge_vpr_tools.report.formats import read_formats
 
 
 def run(args: argparse.Namespace) -> None:
@@ -26,14 +27,24 @@ def run(args: argparse.Namespace) -> None:
     data = None if args.data is None else Path(args.data)
     if args.figure is not None and not hasattr(module, "draw"):
         raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
+    if args.figures is not None and args.figure is None:
+        raise UsageError("--figures says how to write the figure of --figure: name a file there")
     if args.table is not None and args.name != "calibration":
         raise UsageError(f"experiment {args.name} writes no table: leave --table out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
-            f"experiment {args.name} reads the folder {folder}, which is not in "
+            f"experiment {args.name} reads the folder {folder}, {SOURCES[folder]}, which is not in "
             f"{args.data or 'any folder given'}: name the folder that holds it with --data"
         )
     with status("starting") as show:
-        more = tuple(Path(file) for file in (args.figure, args.table) if file is not None)
+        more = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
+        more += [] if args.table is None else [Path(args.table)]
         table = module.run(data, args.seeds, show, *more)
     print(table)
+
+
+def _figure_files(named: Path, formats: str | None) -> list[Path]:
+    """Return the file that was named, or one of its stem for each format."""
+    if formats is None:
+        return [named]
+    return [named.with_suffix(f".{kind}") for kind in read_formats(formats)]

@@ -15,11 +15,14 @@ from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
+from edge_vpr_tools.output.registration import report_shift
+from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.runs.match_folder import write_match_folder
 from edge_vpr_tools.runs.online import localise, made_causal
+from edge_vpr_tools.runs.registration import mounted
 from edge_vpr_tools.runs.schedule import parse_every
 
-ONLINE_FIGURE = "online.png"
+ONLINE_FIGURE = "online"
 
 
 def match_online(
@@ -50,10 +53,13 @@ def match_online(
     settings, every = reference.settings, args.every or "event"
     recording = open_from(args, args.recording)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
+    camera = mounted(reference, recording, args.register)
+    report_shift(camera, reference)
+    reference = camera.reference
     schedule = parse_every(every, reference)
     found = localise(reference, tracked(recording, "localising"), schedule, odometry)
     matches = found.matches
-    metrics = found.metrics(every, recording.faults)
+    metrics = found.metrics(every, recording.faults, camera.shift)
     with results.results_folder(output, args.overwrite) as folder:
         inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
         write_match_folder(folder, reference, matches, found.removed, metrics, inputs)
@@ -61,7 +67,9 @@ def match_online(
             from edge_vpr_tools.report.figures import online_places
             from edge_vpr_tools.report.style import save
 
-            save(online_places(matches), folder / ONLINE_FIGURE)
+            drawing = online_places(matches)
+            kinds = read_formats(args.figures)
+            save(drawing, *(folder / f"{ONLINE_FIGURE}.{kind}" for kind in kinds))
     summary(
         f"{output}: {len(matches):,} matches of {found.events:,} events over "
         f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}"

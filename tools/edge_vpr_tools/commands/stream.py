@@ -31,6 +31,7 @@ from edge_vpr_tools.output.interrupt import stopped_by_signals
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early, open_view
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.rerun_view import RerunView, open_rerun
+from edge_vpr_tools.publishing.publisher import open_publishers
 from edge_vpr_tools.runs.mapping import map_recording
 from edge_vpr_tools.runs.schedule import parse_every
 
@@ -118,7 +119,8 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
         )
         stack.callback(reader.stop)
         # files only now, or a camera that is not there would cost the run before
-        view = stack.enter_context(open_view(args.json, args.log, reference))
+        publishers = stack.enter_context(open_publishers(args.serve, args.mqtt))
+        view = stack.enter_context(open_view(args.json, args.log, reference, publishers))
         raw = [
             stack.enter_context(Path(name).open("wb", buffering=0))
             for name in args.record

@@ -22,6 +22,7 @@ EXTRAS = {
     "es": "event-stream recordings",
     "tonic": "data sets by tonic",
     "firmware": "compiling and emulating the reference firmware",
+    "mqtt": "stream --mqtt",
     "rerun": "the viewer of stream --rerun",
 }
 

@@ -84,4 +84,4 @@ def write_report(found: Profile, folder: Path) -> None:
 
 def _add(page: Page, path: Path, drawing: Figure, caption: str) -> None:
     save(drawing, path)
-    page.picture(path, caption)
+    page.picture(path.read_bytes(), caption)

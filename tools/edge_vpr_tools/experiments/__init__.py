@@ -9,4 +9,18 @@ EXPERIMENTS = {
     "place-filter": "place_filter",
     "calibration": "calibration",
     "trust": "trust",
+    "mount-shift": "mount_shift",
+    "rivals": "rivals",
+    "pixel-number": "pixel_number",
+    "event-speed": "event_speed",
+}
+
+#: folders of recordings, and where they come from
+SOURCES = {
+    "brisbane_sparse49": "event counts at 49 pixels of Brisbane-Event-VPR, sunset 1 and 2 "
+    "(https://zenodo.org/records/4302805 has the data set)",
+    "speck_indoor": "two walks with a Speck, 80 x 80, one frame a second (A. D. Hines, M. Milford "
+    "and T. Fischer)",
+    "speck_walks": "two walks with a Speck, 128 x 128, in short frames (A. D. Hines, M. Milford "
+    "and T. Fischer)",
 }

@@ -146,9 +146,7 @@ def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str
     return found
 
 
-def run(
-    data: Path, seeds: int, on_start: Callable[[str], None], figure_path: Path | None = None
-) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Try every code on every pair of drives, as Markdown tables.
 
     Parameters
@@ -159,7 +157,7 @@ def run(
         Draws of pixels.
     on_start : callable
         Told the name of each pair as it begins.
-    figure_path : path, optional
+    *figures : path
         Where to write the figure, as PNG.
     """
     by_width = {
@@ -180,8 +178,8 @@ def run(
         widths[pair.name] = score(pair, seeds, by_width)
         scales[pair.name] = score(pair, seeds, by_scale)
         pixels[pair.name] = pair.settings.pixels
-    if figure_path is not None:
-        save(draw(widths, pixels), figure_path)
+    if figures:
+        save(draw(widths, pixels), *figures)
     return "\n\n".join(
         [
             "P@100R by code and bits a counter:",

@@ -177,9 +177,7 @@ def _street(seed: int, on_start: Callable[[str], None]) -> Iterator[tuple[str, C
             yield f"{name}, {pixels} px", Counted(settings, mapped, queries, truth, wheel)
 
 
-def run(
-    data: Path, seeds: int, on_start: Callable[[str], None], figure_path: Path | None = None
-) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Compare every variant on every pair of drives, as Markdown tables.
 
     Parameters
@@ -190,13 +188,13 @@ def run(
         Draws of pixels, and streets of the simulator.
     on_start : callable
         Told what begins.
-    figure_path : path, optional
+    *figures : path
         Where to write the sensitivity plot, as PNG.
     """
     pairs = counted_pairs(data, seeds, on_start)
-    if figure_path is not None:
+    if figures:
         on_start("varying each parameter")
-        save(draw(pairs), figure_path)
+        save(draw(pairs), *figures)
     on_start("matching")
     return "\n\n".join(
         [

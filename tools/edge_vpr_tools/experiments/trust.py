@@ -32,7 +32,7 @@ PRECISION = 0.99
 _CUT = (220, 330)
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | None = None) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Judge the shipped table on every pair of real drives, as Markdown tables.
 
     Parameters
@@ -43,7 +43,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
         Draws of pixels.
     on_start : callable
         Told the name of each pair as it begins.
-    figure : path, optional
+    *figures : path
         Where to draw the reliability diagram of all pairs together.
     """
     rows = {smooth: _Rows() for smooth in (True, False)}
@@ -61,8 +61,8 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], figure: Path | 
                 for case in drawn[: min(seeds, 2)]
             ]
             first.append(first_row(pair.name, default_confidence(), live))
-    if figure is not None:
-        save(draw(joined(everything)), figure)
+    if figures:
+        save(draw(joined(everything)), *figures)
     parts = []
     for smooth, tables in rows.items():
         how = "smoothed" if smooth else "window by window"

@@ -7,22 +7,22 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.errors import printable
-from edge_vpr.matching.matches_csv import ALONG
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.health import Health
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr_tools.output.live_panel import Panel, open_panel
 from edge_vpr_tools.output.messages import is_quiet, warning
+from edge_vpr_tools.publishing.match_rows import MatchRows
+from edge_vpr_tools.publishing.publisher import Publisher
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
 #: A silence of so long is told.
@@ -59,6 +59,8 @@ class View:
         Where it has positions, matches have the columns of `matches_csv`.
     panel : Panel or None
         On a terminal.
+    publishers : sequence of Publisher
+        Get every row.
 
     Attributes
     ----------
@@ -74,11 +76,11 @@ class View:
         log: TextIO | None,
         reference: ReferenceMap | None,
         panel: Panel | None,
+        publishers: Sequence[Publisher] = (),
     ) -> None:
         self._json, self._log, self._panel = as_json, log, panel
+        self._rows, self._publishers = MatchRows(reference), publishers
         self._places = len(reference or ())
-        self._route = None if reference is None else reference.route
-        self._within = 0 if reference is None else reference.settings.exclusion
         self._quiet = is_quiet() or as_json
         self._goal = "match" if self._places else "event"
         self.unread = False
@@ -100,29 +102,15 @@ class View:
         if result.events.size:
             self._lag_s = lag_s
             self._lags.add(lag_s)
-        names = result.matches.dtype.names or ()
-        places = self._located(result.matches["place"])
-        for row, place in zip(result.matches.tolist(), places, strict=True):
-            # JSON has no not-a-number
-            match = {
-                name: value if value == value else None
-                for name, value in (*zip(names, row, strict=True), *place)
-            }
-            self._last = {"kind": "match", **match, "incomplete": result.incomplete}
-            self.matched += 1
-            self._write(self._last)
+        if result.matches.size:
+            host_us = time.time_ns() // 1_000 - int(1e6 * lag_s)
+            for row in self._rows.of(result, host_us):
+                self._last = row
+                self.matched += 1
+                self._write(row)
         if self._json and result.matches.size:
             # a program at the other end of a pipe waits for this
             self._print()
-
-    def _located(self, place: npt.NDArray[np.int64]) -> list[list[tuple[str, float]]]:
-        """Name position, metres along the route, and interval of each match, if they are known."""
-        if self._route is None:
-            return [[] for _ in place]
-        found = self._route.locate(place, self._within)
-        along = np.column_stack([found.position, found.along_m, found.from_m, found.to_m])
-        names = (*self._route.coordinates, *ALONG)
-        return [list(zip(names, row, strict=True)) for row in along.tolist()]
 
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
         """Say that something happened, or that it is over."""
@@ -145,6 +133,9 @@ class View:
 
     def tick(self, live: LiveLocaliser) -> None:
         """Show how things are, if it is time to."""
+        for publisher in self._publishers:
+            for text, good in publisher.notices():
+                self.say(publisher.name, text, over=good)
         now = time.monotonic()
         since = now - self._shown
         if since < (_LINE_S if self._panel is None else _REFRESH_S):
@@ -234,6 +225,8 @@ class View:
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
+        for publisher in self._publishers:
+            publisher.send(row["kind"], text)
         if self._log is not None:
             try:
                 self._log.write(text + "\n")
@@ -271,16 +264,21 @@ def ends_early(path: str, error: OSError) -> str:
 
 
 @contextmanager
-def open_view(as_json: bool, log: str | None, reference: ReferenceMap | None) -> Iterator[View]:
+def open_view(
+    as_json: bool,
+    log: str | None,
+    reference: ReferenceMap | None,
+    publishers: Sequence[Publisher] = (),
+) -> Iterator[View]:
     """Open a view, and its log until the block ends."""
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
     try:
         plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
         if plain or not sys.stdout.isatty():
-            yield View(as_json, file, reference, None)
+            yield View(as_json, file, reference, None, publishers)
         else:
             with open_panel() as panel:
-                yield View(as_json, file, reference, panel)
+                yield View(as_json, file, reference, panel, publishers)
     finally:
         if file is not None:
             # lines are flushed as they are written, and what failed then was told then

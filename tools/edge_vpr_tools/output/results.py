@@ -13,7 +13,7 @@ from edge_vpr.whole_files import check_output, clear_dead_runs, replacing_folder
 
 MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
 QUERIES_KIND = "set of query descriptors"
-_SUFFIXES = (".npz", ".csv", ".json", ".png", ".html")
+_SUFFIXES = (".npz", ".csv", ".json", ".md", ".png", ".pdf", ".svg", ".html")
 RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 
 

@@ -104,5 +104,5 @@ def write_report(folder: Path, trials: dict[str, Trial], latencies: dict[str, La
     ]  # fmt: skip
     for name, drawing, caption in drawings:
         save(drawing, folder / name)
-        page.picture(folder / name, caption)
+        page.picture((folder / name).read_bytes(), caption)
     page.write(folder / results.REPORT)

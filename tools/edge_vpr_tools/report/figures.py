@@ -1,4 +1,8 @@
-"""The figures of a mapped and matched drive; each function draws one."""
+"""The figures of a mapped and matched drive.
+
+Each function draws one and returns it as a Matplotlib figure, which the caller may change, save, or
+show in a notebook.
+"""
 
 from __future__ import annotations
 

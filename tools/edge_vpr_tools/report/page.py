@@ -47,9 +47,9 @@ class Page:
         body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
         self._parts.append(f"<table><tr>{head}</tr>{body}</table>")
 
-    def picture(self, path: Path, caption: str) -> None:
-        """Add a PNG file, in the page itself."""
-        data = base64.b64encode(path.read_bytes()).decode("ascii")
+    def picture(self, png: bytes, caption: str) -> None:
+        """Add a picture, in the page itself."""
+        data = base64.b64encode(png).decode("ascii")
         self._parts.append(
             f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
             f"<figcaption>{escape(caption)}</figcaption></figure>"

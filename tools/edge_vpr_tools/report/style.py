@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
 from edge_vpr.archive import replacing
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.report.formats import FORMATS
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#0072B2",
@@ -66,7 +69,35 @@ def quantity_axis(axis: Axis, unit: str) -> None:
     axis.set_major_formatter(EngFormatter(unit))
 
 
-def save(drawing: Figure, path: Path) -> None:
-    """Write a figure as PNG, atomically."""
-    with replacing(path) as temporary:
-        drawing.savefig(temporary, format="png", dpi=130)
+def save(drawing: Figure, *paths: Path) -> None:
+    """Write a figure to files, each atomically, in the format of its suffix (PNG, PDF or SVG).
+
+    The files of one figure are the same whenever they are written: they hold no date.
+    """
+    for path in paths:
+        kind = path.suffix.lower().removeprefix(".")
+        if kind not in FORMATS:
+            raise UsageError(
+                f"figure {path} does not end in .{', .'.join(FORMATS)}: name it for example "
+                f"{path.stem}.pdf"
+            )
+        with replacing(path) as temporary:
+            temporary.write_bytes(drawn(drawing, kind))
+
+
+def drawn(drawing: Figure, kind: str) -> bytes:
+    """Return a figure as the bytes of a file.
+
+    Parameters
+    ----------
+    drawing : Figure
+    kind : str
+        One of `FORMATS`.
+    """
+    date = {"pdf": "CreationDate", "svg": "Date"}.get(kind)
+    target = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "edge-vpr", "pdf.fonttype": 42}):
+        drawing.savefig(
+            target, format=kind, dpi=130, metadata=None if date is None else {date: None}
+        )
+    return target.getvalue()

@@ -1,8 +1,8 @@
-"""The report of one matched drive: its figures as PNG files, and a page that holds them all."""
+"""The report of one matched drive: its figures as files, and a page that holds them all."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +20,17 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.output import results
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page
-from edge_vpr_tools.report.style import save
+from edge_vpr_tools.report.style import drawn, save
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500
 
 
 def write_report(
-    folder: Path, truth: GroundTruth | None = None, found: Evaluation | None = None
+    folder: Path,
+    truth: GroundTruth | None = None,
+    found: Evaluation | None = None,
+    formats: Sequence[str] = ("png",),
 ) -> None:
     """Draw the figures of a results folder and write its page.
 
@@ -37,6 +40,8 @@ def write_report(
         With a map, queries, matches and the run's record.
     truth, found : GroundTruth and Evaluation, optional
         After an evaluation: matches are shown right or wrong.
+    formats : sequence of str
+        Of `report.formats.FORMATS`: each figure is written in each. The page has its own.
     """
     reference = ReferenceMap.load(folder / results.MAP)
     matches = Matches.load(folder / results.MATCHES)
@@ -45,6 +50,12 @@ def write_report(
         arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
         queries = Descriptors.from_arrays(arrays)
     page = Page("edge-vpr: matches of a drive")
+
+    def add(name: str, draw: Callable[[], Figure], caption: str) -> None:
+        drawing = draw()
+        save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
+        page.picture(drawn(drawing, "png"), caption)
+
     settings = matches.settings
     page.text(
         f"{len(matches)} query windows matched against {len(reference)} places, "
@@ -60,20 +71,20 @@ def write_report(
         page.heading("How many are right")
         page.text(f"Ground truth: {truth.description}.")
         page.table(("figure", "value", "what it says"), _figures_of(found))
-        _add(page, folder, "precision_recall.png", lambda: figures.precision_recall(
+        add("precision_recall", lambda: figures.precision_recall(
             {f"{len(reference.pixel_map)} pixels, {settings.strategy}": found}
         ), "Precision against recall, one step for each threshold.")  # fmt: skip
         certain = found.reliability
         if certain is not None:
-            _add(page, folder, "reliability.png", lambda: figures.reliability_diagram(certain),
+            add("reliability", lambda: figures.reliability_diagram(certain),
                  "Above the line, matches are right more often than their probability; below, less."
                  )  # fmt: skip
     page.heading("Matches")
     if queries is None:
-        _add(page, folder, "online.png", lambda: figures.online_places(matches),
+        add("online", lambda: figures.online_places(matches),
              "A drive that is recognised makes a line; trusted matches are dark.")  # fmt: skip
     else:
-        _add_queries(page, folder, reference, queries, matches, truth, found)
+        _add_queries(page, add, reference, queries, matches, truth, found)
     page.heading("Settings, versions and inputs")
     page.verbatim((folder / results.RUN).read_text(encoding="utf-8"))
     page.write(folder / results.REPORT)
@@ -81,7 +92,7 @@ def write_report(
 
 def _add_queries(
     page: Page,
-    folder: Path,
+    add: Callable[[str, Callable[[], Figure], str], None],
     reference: ReferenceMap,
     queries: Descriptors,
     matches: Matches,
@@ -94,23 +105,18 @@ def _add_queries(
         for name, drive in (("reference", reference.places), ("query", queries))
     ]
     distances, stride = shown_distances(reference.places, queries, matches)
-    _add(page, folder, "distance_matrix.png", lambda: figures.distance_matrix(
+    add("distance_matrix", lambda: figures.distance_matrix(
         distances, stride, matches, truth, found
     ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
     page.heading("Pixels")
-    _add(page, folder, "pixels.png", lambda: figures.selected_pixels(reference),
+    add("pixels", lambda: figures.selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
     page.heading("Events and windows")
-    _add(page, folder, "event_rate.png", lambda: figures.event_rate(drives),
+    add("event_rate", lambda: figures.event_rate(drives),
          "The selected pixels follow the whole sensor, at a fraction of the events."
          + (" Theirs are estimated from codes." if reference.is_coded else ""))  # fmt: skip
-    _add(page, folder, "window_lengths.png", lambda: figures.window_lengths(drives),
+    add("window_lengths", lambda: figures.window_lengths(drives),
          "A fixed-count window is short where much moves.")  # fmt: skip
-
-
-def _add(page: Page, folder: Path, name: str, draw: Callable[[], Figure], caption: str) -> None:
-    save(draw(), folder / name)
-    page.picture(folder / name, caption)
 
 
 def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:

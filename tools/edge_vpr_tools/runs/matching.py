@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from edge_vpr.descriptors.windows import Descriptors
@@ -12,6 +12,8 @@ from edge_vpr.odometry import Odometry
 from edge_vpr.pipeline import EventSource, Removed, WindowSource, describe_query, match_query
 from edge_vpr.recordings.faults import Faults
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.output.json_records import LEFT_OUT
+from edge_vpr_tools.runs.registration import MountShift
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +26,8 @@ class MatchMetrics:
     counting_s, matching_s : float
     tied_queries : int
     faults_dropped : Faults
+    mount_shift : MountShift or None
+        None where the query was not registered.
     """
 
     queries: int
@@ -36,6 +40,7 @@ class MatchMetrics:
     matching_s: float
     tied_queries: int
     faults_dropped: Faults
+    mount_shift: MountShift | None = field(default=None, metadata=LEFT_OUT)
 
 
 class MatchRun(NamedTuple):
@@ -47,8 +52,10 @@ class MatchRun(NamedTuple):
     counting_s: float
     matching_s: float
 
-    def metrics(self, reference: ReferenceMap, faults: Faults) -> MatchMetrics:
-        """Return sizes and times, with the faults that were dropped."""
+    def metrics(
+        self, reference: ReferenceMap, faults: Faults, shift: MountShift | None = None
+    ) -> MatchMetrics:
+        """Return sizes and times, with the faults that were dropped and the camera's shift."""
         return MatchMetrics(
             queries=len(self.matches),
             places=len(reference),
@@ -60,6 +67,7 @@ class MatchRun(NamedTuple):
             matching_s=self.matching_s,
             tied_queries=int((self.matches.ties > 0).sum()),
             faults_dropped=faults,
+            mount_shift=shift,
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import EventSource, Removed, cleaned
 from edge_vpr.recordings.faults import Faults
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.output.json_records import LEFT_OUT
+from edge_vpr_tools.runs.registration import MountShift
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +33,8 @@ class OnlineMetrics:
         When a match was given, as the user wrote it.
     localising_s, times_real_time : float
     faults_dropped : Faults
+    mount_shift : MountShift or None
+        None where the query was not registered.
     """
 
     matches: int
@@ -39,6 +43,7 @@ class OnlineMetrics:
     localising_s: float
     times_real_time: float
     faults_dropped: Faults
+    mount_shift: MountShift | None = field(default=None, metadata=LEFT_OUT)
 
 
 class OnlineRun(NamedTuple):
@@ -59,8 +64,8 @@ class OnlineRun(NamedTuple):
     duration_s: float
     busy_s: float
 
-    def metrics(self, every: str, faults: Faults) -> OnlineMetrics:
-        """Return sizes and times, with the faults that were dropped."""
+    def metrics(self, every: str, faults: Faults, shift: MountShift | None = None) -> OnlineMetrics:
+        """Return sizes and times, with the faults that were dropped and the camera's shift."""
         return OnlineMetrics(
             matches=len(self.matches),
             events=self.events,
@@ -68,6 +73,7 @@ class OnlineRun(NamedTuple):
             localising_s=self.busy_s,
             times_real_time=self.duration_s / self.busy_s,
             faults_dropped=faults,
+            mount_shift=shift,
         )
 
 

@@ -1,0 +1,133 @@
+"""One baseline on one pair of drives: matched by sequences, and what each match costs."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.baselines.baseline import Baseline, Images
+from edge_vpr.matching.candidates import nearest_places
+from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.nearest import best_matches
+from edge_vpr.matching.runner_up import margin_to_second
+from edge_vpr.matching.sequence import anchor_offset, sequence_sums
+from edge_vpr.settings import Settings
+
+#: the largest distance is below 2 to this power in the whole numbers that sequences add up
+_BITS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Matches of a baseline, and their cost.
+
+    Attributes
+    ----------
+    matches : Matches
+    bytes_per_place : int
+        Rounded up.
+    operations : int
+        Differences, products or words of bits to compare one query with the whole map.
+    describe_us, match_us : float
+        Time of one query, measured here and now: to describe its counted window, and to compare it
+        with the map.
+    """
+
+    matches: Matches
+    bytes_per_place: int
+    operations: int
+    describe_us: float
+    match_us: float
+
+
+def compare(
+    baseline: Baseline,
+    reference: Images,
+    queries: Images,
+    query_us: npt.NDArray[np.int64],
+    settings: Settings,
+) -> Compared:
+    """Match every window of a query drive with a baseline.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    reference, queries : ndarray of int, shape (K, height, width) and (Q, height, width)
+        Event counts of windows at all pixels.
+    query_us : ndarray of int64, shape (Q,)
+        Centre of each query window.
+    settings : Settings
+        `sequence_length`, `anchor` and `exclusion` are used.
+
+    Returns
+    -------
+    Compared
+
+    Raises
+    ------
+    UsageError
+        If the sequence is longer than a traverse.
+    """
+    baseline.prepare(reference)
+    places = baseline.describe(reference)
+    baseline.distances(places, baseline.describe(queries[:1]))  # compiled before timing
+    start = time.perf_counter()
+    described = baseline.describe(queries)
+    between = time.perf_counter()
+    distances = baseline.distances(places, described)
+    end = time.perf_counter()
+    return Compared(
+        match_distances(distances, query_us, settings),
+        -(-baseline.bits_per_place(places) // 8),
+        baseline.operations_per_place(places) * len(places),
+        1e6 * (between - start) / len(queries),
+        1e6 * (end - between) / len(queries),
+    )
+
+
+def match_distances(
+    distances: npt.NDArray[np.floating], query_us: npt.NDArray[np.int64], settings: Settings
+) -> Matches:
+    """Match by sequences over a matrix of distances.
+
+    Parameters
+    ----------
+    distances : ndarray of float, shape (K, Q)
+        0 or more, finite; rounded to 2**-29 of the largest at most.
+    query_us : ndarray of int64, shape (Q,)
+    settings : Settings
+
+    Returns
+    -------
+    Matches
+    """
+    # a power of two, so that whole numbers stay whole and ties stay ties
+    _, exponent = math.frexp(float(distances.max()))
+    whole = np.rint(np.ldexp(distances, _BITS - exponent)).astype(np.int64)
+    offset = anchor_offset(settings.sequence_length, settings.anchor)
+    sums = sequence_sums(whole, settings.sequence_length).astype(np.int64)
+    best, second, ties = best_matches(sums, settings.exclusion)
+    columns = np.arange(sums.shape[1])
+    best_sum = sums[best, columns]
+    second_sum = np.where(second < 0, -1, sums[second, columns])
+    candidates = nearest_places(sums)
+    query = columns + offset
+    return Matches(
+        settings=settings,
+        places_in_map=len(distances),
+        query=query,
+        time_us=query_us[query],
+        place=best + offset,
+        distance_sum=best_sum,
+        second=np.where(second < 0, -1, second + offset),
+        second_sum=second_sum,
+        ties=ties,
+        candidates=np.where(candidates < 0, -1, candidates + offset),
+        trust=margin_to_second(best_sum, second_sum),
+        probability=np.full(len(query), np.nan),
+        lost=np.zeros(len(query), dtype=np.bool_),
+    )

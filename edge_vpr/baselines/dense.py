@@ -1,0 +1,88 @@
+"""Sums of absolute differences over the whole image: of counts, and of normalised patches."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.baselines.baseline import Described, Images
+from edge_vpr.descriptors.windows import narrow
+from edge_vpr.matching.distances import distance_matrix
+
+#: side of the image that patches are normalised in, and of a patch (Milford and Wyeth, 2012)
+SIDE, PATCH = 32, 8
+#: normalised values are stored in so many steps a standard deviation, saturated to 8 bits
+STEPS = 32
+
+
+class AbsoluteDifferences:
+    """Descriptions of unsigned integers, compared by the sum of their absolute differences."""
+
+    title = "all pixels, SAD"
+
+    def prepare(self, reference: Images) -> None:
+        """Take nothing from the reference."""
+
+    def describe(self, images: Images) -> Described:
+        """Return the counts of every pixel, shape (n, pixels)."""
+        return narrow(images.reshape(len(images), -1))
+
+    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
+        """Return the sums of absolute differences, shape (K, Q)."""
+        return distance_matrix(places, queries).astype(np.float64)
+
+    def bits_per_place(self, places: Described) -> int:
+        """Return the size of one description in bits."""
+        return 8 * int(places.itemsize) * int(places.shape[1])
+
+    def operations_per_place(self, places: Described) -> int:
+        """Return differences to add."""
+        return int(places.shape[1])
+
+
+class PatchNormalised(AbsoluteDifferences):
+    """Images of 32 x 32, each patch of 8 x 8 at mean 0 and deviation 1, in 8 bits."""
+
+    title = f"patch-normalised {SIDE} x {SIDE}, SAD"
+
+    def describe(self, images: Images) -> Described:
+        """Return the normalised values, shape (n, 1024), uint8."""
+        small = shrunk(images, SIDE)
+        n, patches = len(images), SIDE // PATCH
+        cut = small.reshape(n, patches, PATCH, patches, PATCH)
+        mean = cut.mean(axis=(2, 4), keepdims=True)
+        deviation = cut.std(axis=(2, 4), keepdims=True)
+        normal = np.divide(
+            cut - mean, deviation, out=np.zeros_like(cut), where=deviation > 1e-9
+        ).reshape(n, -1)
+        return np.clip(np.rint(128 + STEPS * normal), 0, 255).astype(np.uint8)
+
+
+def shrunk(images: Images, side: int) -> npt.NDArray[np.float64]:
+    """Return the mean count in each cell of a grid, shape (n, side, side).
+
+    Smaller sensors repeat pixels.
+    """
+    _, height, width = images.shape
+    total = np.zeros((len(images), height + 1, width + 1))
+    total[:, 1:, 1:] = images.cumsum(axis=1, dtype=np.int64).cumsum(axis=2)
+    edges = []
+    for length in (height, width):
+        first = np.arange(side) * length // side
+        edges.append((first, np.maximum((np.arange(side) + 1) * length // side, first + 1)))
+    (top, bottom), (left, right) = edges
+    cells = (
+        total[:, bottom[:, None], right] - total[:, top[:, None], right]
+        - total[:, bottom[:, None], left] + total[:, top[:, None], left]
+    )  # fmt: skip
+    return np.asarray(cells / ((bottom - top)[:, None] * (right - left)))
+
+
+def all_pixels(seed: int) -> AbsoluteDifferences:
+    """Make the paper's dense baseline; nothing is drawn."""
+    return AbsoluteDifferences()
+
+
+def patch_normalised(seed: int) -> PatchNormalised:
+    """Make the baseline; nothing is drawn."""
+    return PatchNormalised()

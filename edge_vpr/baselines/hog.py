@@ -1,0 +1,67 @@
+"""Histograms of oriented gradients (Dalal and Triggs, 2005) of event images, by their cosine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.baselines.baseline import Described, Images
+from edge_vpr.baselines.dense import shrunk
+from edge_vpr.errors import MissingExtraError
+
+SIDE, CELL, BLOCK, ORIENTATIONS = 64, 8, 2, 9
+
+
+def load_hog() -> Any:
+    """Import scikit-image's function, or name the extra that has it."""
+    try:
+        from skimage.feature import hog as function
+    except ImportError as error:
+        raise MissingExtraError("the baseline hog", "scikit-image", "baselines") from error
+    return function
+
+
+class OrientedGradients:
+    """Gradients of the logarithm of counts, shrunk to 64 x 64; distance is 1 less the cosine."""
+
+    title = f"HOG {SIDE} x {SIDE}, cosine"
+
+    def __init__(self) -> None:
+        self._hog = load_hog()
+
+    def prepare(self, reference: Images) -> None:
+        """Take nothing from the reference."""
+
+    def describe(self, images: Images) -> Described:
+        """Return the histograms, shape (n, D), float32."""
+        rows = [
+            self._hog(
+                image, orientations=ORIENTATIONS, pixels_per_cell=(CELL, CELL),
+                cells_per_block=(BLOCK, BLOCK), block_norm="L2-Hys",
+            )
+            for image in np.log1p(shrunk(images, SIDE))
+        ]  # fmt: skip
+        return np.array(rows, dtype=np.float32)
+
+    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
+        """Return the distances, shape (K, Q); 1 to an image without a gradient."""
+        a, b = (rows.astype(np.float64) for rows in (places, queries))
+        scale = np.linalg.norm(a, axis=1)[:, None] * np.linalg.norm(b, axis=1)
+        product = a @ b.T
+        like = np.divide(product, scale, out=np.zeros_like(product), where=scale > 0)
+        return np.maximum(1.0 - like, 0.0)
+
+    def bits_per_place(self, places: Described) -> int:
+        """Return the size of one description in bits."""
+        return 8 * int(places.itemsize) * int(places.shape[1])
+
+    def operations_per_place(self, places: Described) -> int:
+        """Return products to add."""
+        return int(places.shape[1])
+
+
+def hog(seed: int) -> OrientedGradients:
+    """Make the baseline; nothing is drawn."""
+    return OrientedGradients()

@@ -1,0 +1,43 @@
+"""Jobs for workers; other processes import this module by name, so that it imports little."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+
+def double(job):
+    return 2 * job
+
+
+def kill_worker_once(job):
+    """End this process without a word, the first time that the job's file is not there."""
+    number, folder = job
+    mark = Path(folder) / f"{number}"
+    if number == 3 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def kill_worker_always(number):
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def refuse(number):
+    if number == 3:
+        raise ValueError("three\nis refused")
+    return number
+
+
+def slow_trial(trial):
+    """Take a while, so that the worker can be killed meanwhile."""
+    import time
+
+    from edge_vpr_tools.sweep.trial import run_trial
+
+    time.sleep(0.3)
+    return run_trial(trial)

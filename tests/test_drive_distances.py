@@ -1,0 +1,148 @@
+"""The matrix of distances: what every match is the least of, and finite everywhere."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+from edge_vpr_tools import cli
+from hypothesis import given
+from hypothesis import strategies as st
+from streams import descriptors, random_events
+
+from edge_vpr import Matches, ReferenceMap, map_traverse, match_traverse
+from edge_vpr.errors import MissingExtraError, UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.matching import drive_distances as module
+from edge_vpr.matching.drive_distances import drive_distances
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.settings import Settings
+
+SENSOR = Sensor(16, 12)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    places=st.integers(1, 12),
+    queries=st.integers(1, 9),
+    anchor=st.sampled_from(["middle", "end"]),
+    data=st.data(),
+)
+def test_a_sequence_that_leaves_the_matrix_counts_what_is_inside(
+    seed, places, queries, anchor, data
+):
+    rng = np.random.default_rng(seed)
+    reference, query = rng.integers(0, 50, (places, 3)), rng.integers(0, 50, (queries, 3))
+    length = data.draw(st.integers(1, min(places, queries)))
+    settings = Settings(sequence_length=length, anchor=anchor)
+    found = drive_distances(descriptors(reference), descriptors(query), settings)
+    before = length // 2 if anchor == "middle" else length - 1
+    plain = naive.distance_matrix(reference.tolist(), query.tolist())
+    for k in range(places):
+        for q in range(queries):
+            inside = [
+                plain[k + i][q + i]
+                for i in range(-before, length - before)
+                if 0 <= k + i < places and 0 <= q + i < queries
+            ]
+            assert found[k, q] == sum(inside) / len(inside)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("matching", ["sequence", "filter"])
+def test_a_match_is_where_its_column_is_least(smooth, matching):
+    rng = np.random.default_rng(1)
+    reference = rng.integers(0, 9, (40, 6))
+    query = np.maximum(reference[5:30] + rng.integers(-2, 3, (25, 6)), 0)
+    settings = Settings(matching=matching, smooth=smooth and matching == "filter")
+    places, queries = descriptors(reference), descriptors(query)
+    found = drive_distances(places, queries, settings)
+    assert found.shape == (40, 25)
+    assert np.isfinite(found).all()
+    matches = match_descriptors(places, queries, settings)
+    columns = found[:, matches.query]
+    if matching == "sequence":
+        inner = slice(2, 38)
+        assert np.array_equal(columns[inner].argmin(axis=0) + 2, matches.place)
+        assert np.array_equal(columns[inner].min(axis=0), matches.distance)
+    else:
+        assert np.array_equal(columns.argmin(axis=0), matches.place)
+        assert np.array_equal(columns.min(axis=0), matches.distance_sum)
+
+
+def test_a_matrix_that_would_fill_the_memory_is_refused(monkeypatch):
+    monkeypatch.setattr(module, "MOST_BYTES", 100)
+    some = descriptors(np.ones((9, 2), np.int64))
+    with pytest.raises(UsageError, match="read a part"):
+        drive_distances(some, some, Settings())
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    rng = np.random.default_rng(0)
+    for name in ("reference", "query"):
+        events = random_events(rng, 3_000, SENSOR, 1_500_000)
+        write_recording(folder / f"{name}.npz", [events], sensor=SENSOR)
+    settings = Settings(pixels=5, sigma=1.0, tau_us=100_000, sequence_length=3)
+    map_traverse(open_recording(folder / "reference.npz"), settings).save(folder / "map.npz")
+    return folder
+
+
+def test_match_writes_the_matrix_and_figures_in_the_formats_that_are_named(
+    drives, tmp_path, capsys
+):
+    command = f"match {drives}/map.npz {drives}/query.npz -o {tmp_path}/out"
+    matrix = tmp_path / "d.npy"
+    assert cli.main(f"{command} --matrix {matrix} --figures pdf,svg".split()) == 0
+    found = np.load(matrix)
+    assert found.dtype == np.float64
+    assert np.isfinite(found).all()
+    queries = Matches.load(tmp_path / "out/matches.npz").query[-1] + 2  # L = 3, in the middle
+    assert found.shape == (len(ReferenceMap.load(drives / "map.npz")), queries)
+    pictures = {path.suffix for path in (tmp_path / "out").glob("pixels.*")}
+    assert pictures == {".pdf", ".svg"}
+    assert (tmp_path / "out/pixels.pdf").read_bytes().startswith(b"%PDF")
+    assert "<svg" in (tmp_path / "out/pixels.svg").read_text()
+    assert "data:image/png;base64" in (tmp_path / "out/report.html").read_text()
+    capsys.readouterr()
+    for words, message in (
+        (f"{command} --overwrite --matrix {matrix}x", "does not end in .npy"),
+        (f"{command} --overwrite --online --matrix {matrix}2.npy", "leave one out"),
+        (f"{command} --overwrite --figures jpeg", "no format of figures"),
+        (f"{command}2 --matrix {matrix}", "name another file, or replace it"),
+    ):
+        assert cli.main(words.split()) == 2
+        assert message in capsys.readouterr().err
+    assert cli.main(f"{command} --overwrite --no-figures --matrix {matrix}".split()) == 0
+
+
+def test_matches_become_a_table_of_pandas(monkeypatch):
+    pandas = pytest.importorskip("pandas", reason="pandas is an extra")
+    rng = np.random.default_rng(2)
+    places, queries = descriptors(rng.integers(0, 9, (9, 3))), descriptors([[1, 2, 3]] * 4)
+    matches = match_descriptors(places, queries, Settings(sequence_length=2))
+    table = matches.to_frame()
+    assert isinstance(table, pandas.DataFrame)
+    assert table["place"].tolist() == matches.place.tolist()
+    assert table["time_s"].tolist() == (matches.time_us / 1e6).tolist()
+    assert table["probability"].isna().all()
+    assert list(table.columns[:3]) == ["query", "time_s", "place"]
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(MissingExtraError, match="pandas"):
+        matches.to_frame()
+
+
+def test_figures_are_functions_that_return_figures(drives):
+    from edge_vpr_tools.report import figures
+    from matplotlib.figure import Figure
+
+    reference = ReferenceMap.load(drives / "map.npz")
+    matches, queries = match_traverse(reference, open_recording(drives / "query.npz"))
+    for drawing in (
+        figures.selected_pixels(reference),
+        figures.online_places(matches),
+        figures.event_rate([("query", queries)]),
+    ):
+        assert isinstance(drawing, Figure)

@@ -1,0 +1,198 @@
+"""The examples run: a rover on a simulated street, a notebook, and firmware from its reset on."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from designs import random_stream
+
+from edge_vpr.evaluation.place_positions import with_positions
+from edge_vpr.pipeline import map_traverse
+from edge_vpr.settings import resolve_settings
+from edge_vpr.simulate import simulate_pair
+from edge_vpr.stream.protocols import open_encoder
+from firmware_model import Design
+from firmware_model.comparator import MatchResult
+from firmware_model.image import image
+from firmware_model.vectors import Case, in_order, records, to_binary
+from firmware_model.vectors.formats import case_header
+from firmware_model.vectors.random_designs import random_memories
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+M4 = EXAMPLES / "firmware-m4"
+DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    """A map with positions, and the drive it was made of as bytes, which it surely knows."""
+    folder = tmp_path_factory.mktemp("street")
+    first, _ = simulate_pair(seed=0, length_m=60.0)
+    settings = resolve_settings("default", flags={"tau_us": 250_000})
+    reference = with_positions(map_traverse(first, settings), first.track)
+    reference.save(folder / "map.npz")
+    encoder = open_encoder("evpr", first.sensor)
+    with (folder / "sent.bin").open("wb") as sent:
+        sent.write(encoder.start())
+        for events in first:
+            sent.write(encoder.encode(events))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rover():
+    spec = importlib.util.spec_from_file_location("rover", EXAMPLES / "rover.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def drive_to(goal_m, street, rover):
+    speeds = []
+    arguments = (str(street / "sent.bin"), "evpr", str(street / "map.npz"), goal_m)
+    return rover.follow(*arguments, speeds.append), speeds
+
+
+def test_the_rover_stops_at_its_goal(street, rover):
+    reached, speeds = drive_to(30.0, street, rover)
+    assert 30.0 <= reached < 40.0
+    assert speeds[-1] == 0.0
+
+
+def test_a_rover_whose_goal_never_comes_stops_where_the_line_ends(street, rover):
+    reached, speeds = drive_to(1_000.0, street, rover)
+    assert reached is None
+    assert speeds[-1] == 0.0
+    assert rover.FAST in speeds
+
+
+def test_the_rover_is_a_page_of_code():
+    code = (EXAMPLES / "rover.py").read_text().split('"""', 2)[2]
+    lines = [line for line in code.splitlines() if line.strip()]
+    assert len(lines) <= 40
+
+
+def test_the_notebook_runs_from_top_to_bottom(monkeypatch, capsys):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    import matplotlib as mpl
+    import matplotlib.pyplot as plt
+
+    mpl.use("agg")
+    shown = []
+    monkeypatch.setattr(plt, "show", lambda: (shown.append(plt.gcf()), plt.close("all")))
+    notebook = json.loads((EXAMPLES / "street.ipynb").read_text())
+    assert notebook["nbformat"] == 4
+    names = {}
+    for number, cell in enumerate(notebook["cells"]):
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == [], "results are not kept in the file: clear them"
+            source = "".join(cell["source"]).replace("LENGTH_M = 120.0", "LENGTH_M = 60.0")
+            exec(compile(source, f"street.ipynb, cell {number}", "exec"), names)
+    assert len(shown) == 2
+    assert names["LENGTH_M"] == 60.0
+    assert names["result"].precision_at_100_recall > 0.5
+    assert "places" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """A header with a map and events of chance, and the matches that the model accepts."""
+    rng = np.random.default_rng(5)
+    memories = random_memories(rng, DESIGN)
+    case = Case("drive", memories, tuple(random_stream(rng, memories, 3_000)))
+    trace = case.trace()
+    header = tmp_path_factory.mktemp("map") / "case.h"
+    header.write_text(
+        case_header(
+            case.name, case.start, image(memories), case.event_bytes(),
+            to_binary(records(in_order(trace))),
+        )
+    )  # fmt: skip
+    found = [each for each in in_order(trace) if isinstance(each, MatchResult) and each.accepted]
+    assert len(found) > 20
+    return header, len(found), found[-1].place
+
+
+def with_gcc(header: Path, folder: Path) -> list[list[str]]:
+    return [["make", "-C", str(M4), f"MAP={header}", f"OUT={folder}"]]
+
+
+def with_zig(header: Path, folder: Path) -> list[list[str]]:
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("ziglang is not installed")
+    zig = f"CC={sys.executable} -m ziglang cc -target thumb-freestanding-eabi"
+    return [[*with_gcc(header, folder)[0], zig, "CPU=-mcpu=cortex_m4", "LIBS="]]
+
+
+def with_cmake(header: Path, folder: Path) -> list[list[str]]:
+    words = [f"-DMAP={header}", "--toolchain", "arm-none-eabi.cmake"]
+    return [
+        ["cmake", "-S", str(M4), "-B", str(folder), *words],
+        ["cmake", "--build", str(folder)],
+    ]
+
+
+@pytest.mark.parametrize("build", [with_gcc, with_zig, with_cmake])
+def test_the_firmware_finds_the_models_matches_from_reset_on(build, expected, tmp_path):
+    header, matches, place = expected
+    commands = build(header, tmp_path)
+    programs = {command[0] for command in commands}
+    if build is not with_zig:
+        programs.add("arm-none-eabi-gcc")
+    for program in programs:
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+    for command in commands:
+        done = subprocess.run(command, capture_output=True, text=True, cwd=M4, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "warning" not in done.stdout + done.stderr
+    values = boot(tmp_path / "firmware.elf")
+    assert values == {"refused": 0, "matches": matches, "place": place}
+
+
+def boot(elf: Path) -> dict[str, int]:
+    """Reset an emulated Cortex-M4 whose flash holds the program; RAM holds what nobody wrote."""
+    unicorn = pytest.importorskip("unicorn", reason="unicorn emulates the processor")
+    elffile = pytest.importorskip("elftools.elf.elffile", reason="pyelftools reads the program")
+    board = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+    board.ctl_set_cpu_model(unicorn.arm_const.UC_CPU_ARM_CORTEX_M4)
+    board.mem_map(0, 512 << 10)
+    board.mem_map(0x2000_0000, 64 << 10)
+    board.mem_write(0x2000_0000, b"\xa5" * (64 << 10))
+    with elf.open("rb") as file:
+        parsed = elffile.ELFFile(file)
+        for segment in parsed.iter_segments("PT_LOAD"):
+            board.mem_write(segment["p_paddr"], segment.data())
+        symbols = {
+            symbol.name: (symbol["st_value"], symbol["st_size"])
+            for symbol in parsed.get_section_by_name(".symtab").iter_symbols()
+        }
+    stack, reset = struct.unpack("<2I", board.mem_read(0, 8))
+    assert (stack, reset & 1) == (0x2001_0000, 1)
+    board.reg_write(unicorn.arm_const.UC_ARM_REG_SP, stack)
+    board.emu_start(reset, symbols["finished"][0] & ~1, timeout=20_000_000)
+    at = board.reg_read(unicorn.arm_const.UC_ARM_REG_PC)
+    assert at & ~1 == symbols["finished"][0] & ~1
+    return {
+        name: int.from_bytes(board.mem_read(*symbols[name]), "little")
+        for name in ("refused", "matches", "place")
+    }
+
+
+def test_firmware_without_a_map_says_what_to_name(tmp_path):
+    make = shutil.which("make")
+    if make is None:
+        pytest.skip("make is not installed")
+    run = subprocess.run(
+        [make, "-C", str(M4), f"OUT={tmp_path}"], capture_output=True, text=True, check=False
+    )
+    assert run.returncode != 0
+    assert "name a map: make MAP=" in run.stdout

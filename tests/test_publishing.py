@@ -1,0 +1,289 @@
+"""Matches for other programs: the rows of --json over TCP and MQTT, at nobody's cost."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import socket
+import subprocess
+import threading
+import time
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.publishing import line_server
+from edge_vpr_tools.publishing.line_server import LineServer, parse_address
+from edge_vpr_tools.publishing.match_rows import MatchRows
+from edge_vpr_tools.publishing.mqtt import MqttPublisher, open_mqtt, parse_url
+from streams import Drive, random_events
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.online.localiser import MATCH_DTYPE
+from edge_vpr.pipeline import map_traverse
+from edge_vpr.route import Route
+from edge_vpr.settings import Settings
+from edge_vpr.stream.link import LinkError
+from edge_vpr.stream.live import LiveResult
+from edge_vpr.stream.protocols import open_encoder
+
+SENSOR = Sensor(16, 12)
+
+
+def connect(server: LineServer) -> socket.socket:
+    host, port = server.address.removeprefix("tcp://").rsplit(":", 1)
+    known = len(server._readers)
+    sock = socket.create_connection((host, int(port)), timeout=10)
+    end = time.monotonic() + 10
+    while len(server._readers) == known and time.monotonic() < end:
+        time.sleep(0.001)
+    return sock
+
+
+def rows_of(sock: socket.socket) -> list[dict]:
+    with sock, sock.makefile(encoding="utf-8") as lines:
+        return [json.loads(line) for line in lines]
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A map with positions, and a query as bytes."""
+    folder = tmp_path_factory.mktemp("publish")
+    rng = np.random.default_rng(0)
+    events = random_events(rng, 6_000, SENSOR, 2_000_000)
+    settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, sequence_length=2, exclusion=1)
+    reference = map_traverse(Drive(events, SENSOR), settings)
+    along = np.arange(len(reference)) * 2.5
+    along[0] = np.nan
+    reference = dataclasses.replace(reference, route=Route(along[:, None].copy(), along))
+    reference.save(folder / "map.npz")
+    encoder = open_encoder("evpr", SENSOR)
+    (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    return folder, reference
+
+
+def stream(drive, *words):
+    folder = drive[0]
+    return ["stream", "--port", str(folder / "sent.bin"), "--protocol", "evpr", "--once",
+            "--map", str(folder / "map.npz"), "--json", *words]  # fmt: skip
+
+
+def test_a_row_has_the_position_of_its_place_and_the_time_of_the_host(drive):
+    reference = drive[1]
+    matches = np.zeros(2, dtype=MATCH_DTYPE)
+    matches["place"] = 0, 3
+    matches["ratio"] = np.nan, 0.5
+    first, second = MatchRows(reference).of(LiveResult(np.empty(0), matches, True), 1_700_000)
+    assert (second["x_m"], second["along_m"]) == (7.5, 7.5)
+    assert (second["along_from_m"], second["along_to_m"]) == (5.0, 10.0)
+    assert (first["x_m"], first["along_m"], first["along_to_m"]) == (None, None, 2.5)
+    assert first["ratio"] is None
+    assert first["incomplete"]
+    assert first["host_us"] == 1_700_000
+    json.dumps(first, allow_nan=False)
+    (bare, _) = MatchRows().of(LiveResult(np.empty(0), matches, False), 0)
+    assert not {name for name in bare if name.endswith("_m")}
+
+
+def test_readers_get_the_rows_that_json_prints(drive, capsys, monkeypatch):
+    servers, found = [], []
+    start = LineServer.__init__
+
+    def begin(server, address):
+        start(server, address)
+        servers.append(server)
+        socks = [connect(server), connect(server)]
+        threads = [threading.Thread(target=lambda s=s: found.append(rows_of(s))) for s in socks]
+        servers.extend(threads)
+        for thread in threads:
+            thread.start()
+
+    monkeypatch.setattr(LineServer, "__init__", begin)
+    before = time.time()
+    assert main(stream(drive, "--serve", "0")) == 0
+    for thread in servers[1:]:
+        thread.join(10)
+    printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert found == [printed, printed]
+    matches = [row for row in printed if row["kind"] == "match"]
+    assert len(matches) > 5
+    assert before <= matches[0]["host_us"] / 1e6 <= time.time()
+    assert matches[-1]["along_m"] == matches[-1]["place"] * 2.5
+    (notice,) = (row for row in printed if row["kind"] == "serve")
+    assert notice["text"] == f"matches are at {servers[0].address}"
+    assert servers[0].address.startswith("tcp://127.0.0.1:")
+
+
+def test_a_slow_reader_loses_only_lines_of_its_own_and_is_told_how_many(monkeypatch):
+    monkeypatch.setattr(line_server, "WAITING_LINES", 50)
+    line = json.dumps({"kind": "match", "text": "x" * 1_000})
+    n = 10_000
+    with LineServer("0") as server:
+        slow, quick = connect(server), connect(server)
+        got = []
+        thread = threading.Thread(target=lambda: got.append(rows_of(quick)))
+        thread.start()
+        begin = time.process_time()
+        for i in range(n):
+            server.send("match", line)
+            while server._readers and i % 25 == 24:
+                # the quick one is given time; what is measured is that nobody waits for the slow
+                others = [r for s, r in server._readers.items() if r.waits]
+                if len(others) <= 1:
+                    break
+                time.sleep(0.0005)
+        assert time.process_time() - begin < 30
+        late = []
+        reading = threading.Thread(target=lambda: late.append(rows_of(slow)))
+        reading.start()
+    thread.join(10)
+    reading.join(10)
+    rows = late[0]
+    left_out = sum(row["lines"] for row in rows if row["kind"] == "left_out")
+    assert left_out > n // 2
+    assert left_out + sum(row["kind"] == "match" for row in rows) == n
+    assert [row["kind"] for row in got[0]] == ["match"] * n
+
+
+def test_a_reader_that_vanishes_is_forgotten_and_one_too_many_is_turned_away(monkeypatch):
+    monkeypatch.setattr(line_server, "MOST_READERS", 1)
+    with LineServer("0") as server:
+        first = connect(server)
+        host, port = server.address.removeprefix("tcp://").rsplit(":", 1)
+        with socket.create_connection((host, int(port)), timeout=10) as second:
+            assert second.recv(1) == b""
+        assert [good for _, good in server.notices()] == [True, False]
+        first.close()
+        end = time.monotonic() + 10
+        while server._readers and time.monotonic() < end:
+            time.sleep(0.001)
+        assert not server._readers
+        server.send("match", "{}")
+
+
+@pytest.mark.parametrize("wrong", ["", "x", "host:", "1:2:3", "70000", "-1", "tcp://h:1", "::1:70"])
+def test_an_address_to_serve_on_that_is_none_is_refused(wrong):
+    with pytest.raises(UsageError, match="expected a port"):
+        parse_address(wrong)
+
+
+def test_a_port_that_is_taken_is_told_with_its_remedy(drive, capsys):
+    with LineServer("0") as server:
+        port = server.address.rsplit(":", 1)[1]
+        assert main(stream(drive, "--serve", port)) == 1
+        assert "a port that is free" in capsys.readouterr().err
+        with pytest.raises(LinkError, match="an address of this machine"):
+            LineServer("203.0.113.7:0")
+
+
+@pytest.mark.parametrize(
+    "wrong", ["localhost/x", "mqtt://host", "mqtt://host/", "mqtt://h:0/x", "mqtt://h:99999/x",
+              "mqtt://h/a/+", "mqtt://h/a%23", "mqtt://u:secret@h/x"],
+)  # fmt: skip
+def test_an_address_of_a_broker_that_is_none_is_refused(wrong):
+    with pytest.raises(UsageError, match="--mqtt"):
+        parse_url(wrong)
+
+
+def test_parts_of_a_brokers_address_are_found():
+    assert parse_url("mqtt://rover@[::1]:99/a/b%20c") == ("::1", 99, "a/b c", "rover")
+
+
+@pytest.fixture
+def paho():
+    return pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is an extra")
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as sock:
+        return sock.getsockname()[1]
+
+
+@pytest.fixture
+def mosquitto(paho, tmp_path):
+    """A broker's port, and what is published there under `rover`."""
+    program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin")
+    if program is None:
+        pytest.skip("mosquitto is not installed")
+    port = free_port()
+    settings = tmp_path / "broker.conf"
+    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    broker = subprocess.Popen([program, "-c", str(settings)], stderr=subprocess.DEVNULL)
+    try:
+        listener = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        came, ready = [], threading.Event()
+        listener.on_connect = lambda client, *rest: client.subscribe("rover/#")
+        listener.on_subscribe = lambda *rest: ready.set()
+        listener.on_message = lambda client, data, message: came.append(
+            (message.topic, json.loads(message.payload))
+        )
+        listener.reconnect_delay_set(1, 1)
+        listener.connect_async("127.0.0.1", port)
+        listener.loop_start()
+        assert ready.wait(20)
+        yield port, came
+        listener.disconnect()
+        listener.loop_stop()
+    finally:
+        broker.terminate()
+        broker.wait(10)
+
+
+def test_a_broker_of_mqtt_gets_the_rows_that_json_prints(drive, mosquitto, capsys):
+    port, came = mosquitto
+    assert main(stream(drive, "--mqtt", f"mqtt://127.0.0.1:{port}/rover")) == 0
+    printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    end = time.monotonic() + 10
+    while len(came) < len(printed) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert [row for _, row in came] == printed
+    assert {topic for topic, row in came if row["kind"] == "match"} == {"rover"}
+    assert came[-1][0] == "rover/summary"
+
+
+def test_a_broker_that_is_not_there_costs_the_run_nothing_but_a_notice(drive, paho, capsys):
+    begin = time.monotonic()
+    assert main(stream(drive, "--mqtt", f"mqtt://127.0.0.1:{free_port()}/rover")) == 0
+    assert time.monotonic() - begin < 30
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [row["text"].split(";")[1] for row in rows if row["kind"] == "mqtt"] == [" trying again"]
+    assert any(row["kind"] == "match" for row in rows)
+
+
+def test_what_waits_for_a_broker_that_hangs_is_bounded(paho, monkeypatch):
+    """The system takes some MB for a socket that nobody reads; of the rest a thousand wait."""
+    with socket.create_server(("127.0.0.1", 0)) as broker, ThreadedBroker(broker):
+        port = broker.getsockname()[1]
+        with open_mqtt(f"mqtt://127.0.0.1:{port}/rover") as publisher:
+            assert isinstance(publisher, MqttPublisher)
+            for _ in range(3_000):
+                publisher.send("match", "x" * 10_000)
+            waiting = len(publisher._client._out_packet)
+            assert 0 < waiting <= 1_001
+            begin = time.monotonic()
+        assert time.monotonic() - begin < 5
+
+
+class ThreadedBroker:
+    """Answers a connection, and reads nothing of what follows."""
+
+    def __init__(self, server: socket.socket) -> None:
+        self._server = server
+        self._thread = threading.Thread(target=self._answer)
+        self._done = threading.Event()
+
+    def _answer(self) -> None:
+        sock, _ = self._server.accept()
+        with sock:
+            sock.recv(1000)
+            sock.sendall(bytes([0x20, 2, 0, 0]))  # CONNACK
+            self._done.wait(30)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *error: object) -> None:
+        self._done.set()
+        self._thread.join(10)

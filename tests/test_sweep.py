@@ -1,0 +1,381 @@
+"""Sweeps: each trial once, whoever dies meanwhile; comparisons of what was found."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+from concurrent.futures import Future
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sweep_jobs
+from edge_vpr_tools import cli
+from edge_vpr_tools.arguments import compare_arguments
+from edge_vpr_tools.sweep import comparison
+from edge_vpr_tools.sweep.comparison import draw, rows_of
+from edge_vpr_tools.sweep.plan import content_hash, read_plan
+from edge_vpr_tools.sweep.running import run_all
+from edge_vpr_tools.sweep.store import Store
+from edge_vpr_tools.sweep.sweeping import failures, run_sweep
+from edge_vpr_tools.sweep.trial import run_trial
+from edge_vpr_tools.sweep.workers import Workers, cluster, processes
+from matplotlib.figure import Figure
+from streams import random_events
+
+from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import write_recording
+
+PLAN = """
+seeds = [1, 2]
+
+[settings]
+preset = "paper"
+sigma = 1.0
+tau = "100ms"
+
+[grid]
+pixels = [3, 5]
+
+[variants.again]  # the same as pixels=5 under another name
+pixels = 5
+
+[drives.evening]
+reference = "monday.npz"
+query = "tuesday.npz"
+ground_truth = "truth.csv"
+tolerance = 0.2
+"""
+
+
+class Inline(Workers):
+    """Jobs in this thread."""
+
+    count, at_once = 1, 2
+
+    def __init__(self):
+        self.jobs = 0
+
+    def submit(self, run, job):
+        self.jobs += 1
+        future = Future()
+        try:
+            future.set_result(run(job))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def died(self, error):
+        return False
+
+
+@pytest.fixture
+def plan_file(tmp_path):
+    rng = np.random.default_rng(0)
+    for name in ("monday", "tuesday"):
+        events = random_events(rng, 2_000, Sensor(16, 12), 1_500_000)
+        write_recording(tmp_path / f"{name}.npz", [events], sensor=Sensor(16, 12))
+    (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    (tmp_path / "sweep.toml").write_text(PLAN)
+    return tmp_path / "sweep.toml"
+
+
+def swept(plan_file, workers, folder, **more):
+    store = Store(folder)
+    with store.opened():
+        return store, run_sweep(read_plan(plan_file), store, workers, **more)
+
+
+def test_a_plan_is_variants_times_drives_times_seeds(plan_file):
+    plan = read_plan(plan_file)
+    assert list(plan.variants) == ["pixels=3", "pixels=5", "again"]
+    assert plan.variants["pixels=3"].tau_us == 100_000
+    trials = list(plan.trials())
+    assert [(one.variant, one.seed) for one in trials[:3]] == [
+        ("pixels=3", 1), ("pixels=3", 2), ("pixels=5", 1)
+    ]  # fmt: skip
+    assert len(trials) == 6
+    # two names of the same settings are one result
+    assert len({one.trial.key for one in trials}) == 4
+
+
+def test_a_key_is_of_settings_contents_and_version_and_not_of_names(plan_file, tmp_path):
+    def keys():
+        return [one.trial.key for one in read_plan(plan_file).trials()]
+
+    before = keys()
+    (tmp_path / "monday.npz").rename(tmp_path / "moved.npz")
+    plan_file.write_text(PLAN.replace("monday", "moved").replace("evening", "other"))
+    assert keys() == before
+    plan_file.write_text(PLAN.replace("monday", "moved").replace("0.2", "0.3"))
+    assert not set(keys()) & set(before)
+    plan_file.write_text(PLAN.replace("monday", "moved"))
+    (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1001\n")
+    assert not set(keys()) & set(before)
+    trial = next(read_plan(plan_file).trials()).trial
+    assert replace(trial, version="9.9.9").key != trial.key
+    with pytest.raises(UsageError, match=r"and the sweep is of 9\.9\.9"):
+        run_trial(replace(trial, version="9.9.9"))
+
+
+def test_drives_are_read_from_and_up_to_the_seconds_of_the_plan(plan_file):
+    more = 'start = ["0.1", "0"]\nend = [1.0, 1.2]\nsensor = "16x12"\n'
+    plan_file.write_text(PLAN + more)
+    drives = read_plan(plan_file).drives["evening"]
+    reference, query = drives.open(0), drives.open(1)
+    assert max(chunk["t"].max() for chunk in reference) < 900_000
+    assert 900_000 < max(chunk["t"].max() for chunk in query) < 1_200_000
+    plan_file.write_text(PLAN + f'start_offset = ["{reference.start_us / 1e6:.6f}", "0"]\n')
+    late = read_plan(plan_file).drives["evening"].open(0)
+    assert late.start_us == reference.start_us
+
+
+def test_a_folder_is_hashed_by_names_and_contents(tmp_path):
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    (folder / "a").write_text("1")
+    first = content_hash(folder)
+    (folder / "a").rename(folder / "b")
+    second = content_hash(folder)
+    (folder / "b").write_text("2")
+    assert len({first, second, content_hash(folder)}) == 3
+    with pytest.raises(UsageError, match="cannot be read"):
+        content_hash(tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[grid]\npixels = [3, 5]", "[grid]\npixels = 3", "give a list of values"),
+        ("pixels = [3, 5]", "pixel = [3, 5]", "did you mean pixels"),
+        ("pixels = [3, 5]", "pixels = [-3]", "grid"),
+        ("seeds = [1, 2]", "seeds = [1, 1]", "different whole numbers"),
+        ("seeds = [1, 2]", "seeds = 0", "different whole numbers"),
+        ("seeds = [1, 2]", "seed = 4", "did you mean seeds"),
+        ("sigma = 1.0", "seed = 1", "name the seeds of all variants"),
+        ("tolerance = 0.2", "tolerances = 0.2", "did you mean tolerance"),
+        ("tolerance = 0.2", 'tolerance = "x"', "tolerance"),
+        ('query = "tuesday.npz"', "", "lacks query"),
+        ("[drives.evening]", "[driven.evening]", "did you mean drives"),
+    ],
+)
+def test_a_wrong_plan_is_one_clear_error(old, new, words, plan_file):
+    assert old in PLAN
+    plan_file.write_text(PLAN.replace(old, new))
+    with pytest.raises(UsageError, match=words):
+        read_plan(plan_file)
+
+
+def test_nothing_is_computed_twice_and_an_interrupted_sweep_goes_on(plan_file, tmp_path):
+    workers, seen = Inline(), []
+
+    def stop_after_two(trial):
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+        seen.append(trial)
+        return run_trial(trial)
+
+    with pytest.raises(KeyboardInterrupt):
+        swept(plan_file, workers, tmp_path / "out", run=stop_after_two)
+    kept = sum(1 for _ in (tmp_path / "out/results").iterdir())
+    assert kept <= 2
+    store, done = swept(plan_file, workers, tmp_path / "out")
+    assert (done.trials, done.different, done.known) == (6, 4, kept)
+    assert done.computed == 4 - kept
+    jobs = workers.jobs
+    assert swept(plan_file, workers, tmp_path / "out")[1].known == 4
+    assert workers.jobs == jobs
+    # a lost or added variant leaves the others as they are
+    plan_file.write_text(PLAN.replace("[3, 5]", "[5, 4]"))
+    assert swept(plan_file, workers, tmp_path / "out")[1].computed == 2
+    assert not failures(store)
+
+
+def test_failures_are_kept_shown_and_computed_again_when_asked(plan_file, tmp_path):
+    plan_file.write_text(PLAN.replace("pixels = [3, 5]", "sequence_length = [3, 50]"))
+    store, done = swept(plan_file, Inline(), tmp_path / "out")
+    assert (done.computed, done.failed) == (4, 2)
+    (trial, error), _ = failures(store)
+    assert "a sequence of 50 windows does not fit" in error
+    assert trial.variant == "sequence_length=50"
+    kept = json.loads((tmp_path / "out/failures" / f"{trial.key}.json").read_text())
+    assert "Traceback" in kept["where"]
+    assert kept["trial"]["settings"]["sequence_length"] == 50
+    assert swept(plan_file, Inline(), tmp_path / "out")[1].known == 6
+    assert swept(plan_file, Inline(), tmp_path / "out", retry_failed=True)[1].failed == 2
+    rows = {row.variant: row for row in rows_of([tmp_path / "out"])}
+    assert rows["sequence_length=50"].failed == 2
+    assert len(rows["sequence_length=3"].values["recall_at_1"]) == 2
+
+
+def test_a_folder_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path):
+    store = Store(tmp_path / "out")
+    with store.opened(), pytest.raises(UsageError, match="another sweep writes"), store.opened():
+        pass
+    with pytest.raises(UsageError, match="not the folder of a sweep"), Store(tmp_path).opened():
+        pass
+
+
+def test_damaged_files_of_a_sweep_are_errors_with_a_remedy(plan_file, tmp_path):
+    store, _ = swept(plan_file, Inline(), tmp_path / "out")
+    path = next((tmp_path / "out/results").iterdir())
+    path.write_text(path.read_text()[:-40])
+    with pytest.raises(UsageError, match="remove it, and the sweep computes it again"):
+        store.result(path.stem)
+    path.unlink()
+    assert swept(plan_file, Inline(), tmp_path / "out")[1].computed == 1
+    with pytest.raises(UsageError, match="is no key"):
+        store.result("../../etc/passwd")
+
+
+def test_a_worker_of_this_machine_may_die(tmp_path):
+    jobs = {number: (number, str(tmp_path)) for number in range(6)}
+    with processes(2) as workers:
+        found = {one.key: one for one in run_all(jobs, sweep_jobs.kill_worker_once, workers)}
+        assert {key: one.result for key, one in found.items()} == {n: n for n in range(6)}
+        # one that always dies takes no other with it
+        numbers = {number: number for number in range(6)}
+        found = {one.key: one for one in run_all(numbers, sweep_jobs.kill_worker_always, workers)}
+        assert "worker died" in found.pop(3).error
+        assert all(one.result == key for key, one in found.items())
+        found = {one.key: one for one in run_all(numbers, sweep_jobs.refuse, workers)}
+        assert found[3].error == "internal error, ValueError: three is refused"
+        assert "in refuse" in found[3].where
+    with pytest.raises(UsageError, match="1 or more"), processes(0):
+        pass
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra (dask)")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as made:
+        yield made.scheduler_address
+
+
+def test_a_worker_of_a_cluster_may_die_in_mid_run(plan_file, tmp_path, scheduler):
+    import distributed
+
+    killed = []
+
+    def kill_one(done, of, failed):
+        if not killed and done:
+            with distributed.Client(scheduler, set_as_default=False) as client:
+                pids = client.run(os.getpid)
+            killed.append(next(iter(pids.values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    with cluster(scheduler) as workers:
+        store, done = swept(
+            plan_file, workers, tmp_path / "far", progress=kill_one, run=sweep_jobs.slow_trial
+        )
+    assert killed
+    assert (done.computed, done.failed, done.workers) == (4, 0, 2)
+    assert 0 < done.busy_share <= 1
+    # the same as here, but for the times that it took
+    near, _ = swept(plan_file, Inline(), tmp_path / "near")
+    times = dict.fromkeys(("mapping_s", "counting_s", "microseconds_per_match", "elapsed_s"), 0.0)
+    for trial in store.listed():
+        far, here = store.result(trial.key), near.result(trial.key)
+        assert replace(far, **times) == replace(here, **times)
+
+
+def test_a_cluster_keeps_failures_as_this_machine_does(scheduler):
+    numbers = {number: number for number in range(6)}
+    with cluster(scheduler) as workers:
+        found = {one.key: one for one in run_all(numbers, sweep_jobs.refuse, workers)}
+    assert found[3].error == "internal error, ValueError: three is refused"
+    assert sorted(one.result for one in found.values() if not one.error) == [0, 1, 2, 4, 5]
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
+    pytest.importorskip("distributed", reason="Dask is an extra (dask)")
+    monkeypatch.setattr("edge_vpr_tools.sweep.workers._TIMEOUT_S", 0.5)
+    with (
+        pytest.raises(UsageError, match="no Dask scheduler answers"),
+        cluster("tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
+    folder, output = tmp_path / "out", tmp_path / "compared"
+    words = f"sweep {plan_file} -o {folder} --workers 1".split()
+    assert cli.main(words) == 0
+    said = capsys.readouterr().out
+    assert "| out | pixels=3 | evening | 2 |" in said
+    assert "0 were known, 4 computed now" in said
+    assert cli.main(words) == 0
+    assert "4 were known, 0 computed now" in capsys.readouterr().out
+
+    command = f"match {tmp_path}/map.npz {tmp_path}/tuesday.npz -o {tmp_path}/alone --no-figures"
+    assert cli.main(
+        f"map {tmp_path}/monday.npz -o {tmp_path}/map.npz --preset paper --pixels 5 --sigma 1 "
+        "--tau 100ms --seed 1".split()
+    ) == 0  # fmt: skip
+    assert cli.main(command.split()) == 0
+    capsys.readouterr()
+    assert cli.main(f"compare {tmp_path}/alone".split()) == 2
+    assert "is not evaluated" in capsys.readouterr().err
+    truth = f"--ground-truth {tmp_path}/truth.csv --tolerance 0.2"
+    assert cli.main(f"evaluate {tmp_path}/alone {truth}".split()) == 0
+    runs = f"compare {folder} {tmp_path}/alone -o {output} --figures pdf,svg"
+    assert cli.main(runs.split()) == 0
+    names = {path.name for path in output.iterdir()}
+    assert names == {"compare.csv", "compare.json", "compare.md", "compare.pdf", "compare.svg",
+                     "run.json"}  # fmt: skip
+    with (output / "compare.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [line["variant"] for line in lines] == ["pixels=3", "pixels=5", "again", ""]
+    assert lines[1]["precision_at_100_recall_mean"] == lines[2]["precision_at_100_recall_mean"]
+    # the sweep is map, match and evaluate
+    seed_1 = next(row for row in rows_of([folder]) if row.variant == "again")
+    alone = rows_of([tmp_path / "alone"])[0]
+    for measure in list(comparison.MEASURES)[:5]:
+        assert seed_1.values[measure][0] == alone.values[measure][0]
+    assert cli.main(f"compare {tmp_path}".split()) == 2
+    # two folders of one name are told apart, and a name out of a file is no escape sequence
+    listed = folder / "sweep.json"
+    listed.write_text(listed.read_text().replace('"again"', '"a\\u001b[2J|b"'))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "alone").rename(tmp_path / "other/out")
+    capsys.readouterr()
+    assert cli.main(f"compare {folder} {tmp_path}/other/out".split()) == 0
+    said = capsys.readouterr().out
+    assert f"| {folder} | pixels=3 |" in said
+    assert f"| {tmp_path}/other/out |  |" in said
+    assert "a\\x1b[2J\\|b" in said
+
+
+def test_only_the_best_of_many_rows_are_drawn(monkeypatch):
+    monkeypatch.setattr(comparison, "MOST_DRAWN", 3)
+    rows = [
+        comparison.Row(
+            run="r", variant=f"{n}", drives="d", values=dict.fromkeys(comparison.MEASURES, (n, n))
+        )
+        for n in range(5)
+    ]
+    drawing = draw(rows)
+    assert isinstance(drawing, Figure)
+    (axes,) = drawing.axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        "r, 4, d",
+        "r, 3, d",
+        "r, 2, d",
+    ]
+    assert "the best 3 of 5" in axes.get_title()
+
+
+def test_the_help_knows_every_measure():
+    assert tuple(comparison.MEASURES) == compare_arguments.MEASURES
+
+
+def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, capsys):
+    words = f"sweep {plan_file} -o {tmp_path}/out --workers 2 --scheduler tcp://x:1"
+    assert cli.main(words.split()) == 2
+    assert "leave one out" in capsys.readouterr().err
+    assert issubclass(UsageError, EdgeVprError)

@@ -1,0 +1,122 @@
+#!/bin/sh
+# Install edge-vpr on Raspberry Pi OS, Debian or Ubuntu, as a service. Run again to update.
+set -eu
+
+usage() {
+    cat <<'TEXT'
+usage: sudo sh install.sh [--root DIR] [--source REQUIREMENT] [--uninstall]
+
+  --root DIR            install into the system whose root is DIR, by chroot (an SD card, say)
+  --source REQUIREMENT  what pip installs: a folder or a requirement (default: this checkout)
+  --uninstall           remove all of it but the maps in /var/lib/edge-vpr and /etc/default/edge-vpr
+
+Installs: /opt/edge-vpr (Python environment), the system user edge-vpr without a home,
+/var/lib/edge-vpr (maps), /var/cache/edge-vpr (compiled kernels), /etc/default/edge-vpr (arguments),
+/etc/systemd/system/edge-vpr.service, /etc/udev/rules.d/90-edge-vpr.rules.
+TEXT
+}
+
+fail() {
+    echo "error: $1" >&2
+    exit 1
+}
+
+here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
+root=
+source=
+remove=no
+while [ $# -gt 0 ]; do
+    case $1 in
+        --root | --source)
+            [ $# -ge 2 ] || fail "$1 needs a value: see --help"
+            [ "$1" = --root ] && root=${2%/} || source=$2
+            shift
+            ;;
+        --uninstall) remove=yes ;;
+        -h | --help)
+            usage
+            exit 0
+            ;;
+        *) fail "unknown argument $1: see --help" ;;
+    esac
+    shift
+done
+[ "$(id -u)" = 0 ] || fail "this changes the system: run it with sudo"
+[ -z "$root" ] || [ -d "$root" ] || fail "$root is not a folder: name the root of a system"
+
+# Run a command in the system that is installed into.
+inside() {
+    if [ -n "$root" ]; then chroot "$root" "$@"; else "$@"; fi
+}
+
+# Tell systemd and udev of new files, if they run and are those of this system.
+reload() {
+    [ -z "$root" ] && [ -d /run/systemd/system ] || return 0
+    systemctl daemon-reload
+    udevadm control --reload
+    udevadm trigger --subsystem-match=tty --action=change
+}
+
+uninstall() {
+    if [ -z "$root" ] && [ -d /run/systemd/system ]; then
+        systemctl stop edge-vpr.service 2>/dev/null || true
+    fi
+    rm -f "$root"/etc/systemd/system/*.wants/edge-vpr.service \
+        "$root/etc/systemd/system/edge-vpr.service" "$root/etc/udev/rules.d/90-edge-vpr.rules"
+    rmdir "$root/etc/systemd/system/dev-event\\x2dcamera.device.wants" 2>/dev/null || true
+    rm -rf "$root/opt/edge-vpr" "$root/var/cache/edge-vpr"
+    if inside id edge-vpr >/dev/null 2>&1; then inside userdel edge-vpr; fi
+    reload
+    echo "edge-vpr is removed; maps in $root/var/lib/edge-vpr and $root/etc/default/edge-vpr stay"
+}
+
+# Take a checkout where a chroot sees it, and no other user can change it meanwhile.
+bring_source() {
+    case ${source:-$here/../..} in
+        /* | .*) folder=${source:-$here/../..} ;;
+        *) return 0 ;;
+    esac
+    [ -f "$folder/pyproject.toml" ] || fail "$folder is no checkout: name one with --source"
+    staged=$(mktemp -d "$root/tmp/edge-vpr.XXXXXX")
+    trap 'rm -rf "$staged"' EXIT
+    for part in pyproject.toml README.md LICENSE edge_vpr firmware_model fixedpoint; do
+        cp -R "$folder/$part" "$staged/$part"
+    done
+    mkdir "$staged/tools"
+    cp -R "$folder/tools/edge_vpr_tools" "$staged/tools"
+    source=${staged#"$root"}
+}
+
+install_all() {
+    inside python3 -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
+        fail "Python 3.11 or newer with venv is needed: apt install python3-venv"
+    bring_source
+    if ! inside id edge-vpr >/dev/null 2>&1; then
+        inside useradd --system --user-group --no-create-home --home-dir /nonexistent \
+            --shell /usr/sbin/nologin edge-vpr
+    fi
+    inside install -d -o edge-vpr -g edge-vpr -m 755 /var/lib/edge-vpr /var/cache/edge-vpr
+    inside python3 -m venv /opt/edge-vpr
+    # a checkout of the same version number is installed again; its dependencies are not
+    inside /opt/edge-vpr/bin/python -m pip install --quiet --no-cache-dir --upgrade "$source"
+    inside /opt/edge-vpr/bin/python -m pip install --quiet --no-cache-dir --no-deps \
+        --force-reinstall "$source"
+    [ -e "$root/etc/default/edge-vpr" ] ||
+        install -D -m 644 "$here/edge-vpr.conf" "$root/etc/default/edge-vpr"
+    install -D -m 644 "$here/edge-vpr.service" "$root/etc/systemd/system/edge-vpr.service"
+    install -D -m 644 "$here/90-edge-vpr.rules" "$root/etc/udev/rules.d/90-edge-vpr.rules"
+    wants="$root/etc/systemd/system/dev-event\\x2dcamera.device.wants"
+    mkdir -p "$wants"
+    ln -sf ../edge-vpr.service "$wants/edge-vpr.service"
+    # what is wrong on this machine is shown, and need not be on the one that runs it
+    inside runuser -u edge-vpr -- env -i PATH=/usr/bin:/bin NUMBA_CACHE_DIR=/var/cache/edge-vpr \
+        MPLCONFIGDIR=/var/cache/edge-vpr/matplotlib /opt/edge-vpr/bin/edge-vpr doctor --compile ||
+        echo "warning: edge-vpr doctor found something wrong, marked !! above" >&2
+    reload
+    cat <<TEXT
+edge-vpr is installed. Copy a map to $root/var/lib/edge-vpr/map.npz, put the camera's arguments into
+$root/etc/default/edge-vpr, and attach the camera. Matches: journalctl -u edge-vpr -f
+TEXT
+}
+
+if [ $remove = yes ]; then uninstall; else install_all; fi

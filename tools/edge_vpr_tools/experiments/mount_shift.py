@@ -1,0 +1,223 @@
+"""A camera whose mounting moved: matches at each shift, of counts and codes, registered and not.
+
+The images of real drives are shifted, and what leaves the sensor is lost. A pattern of the sensor's
+own pixels moves with them, which it would not do; the registration cancels it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import FixedTime, WindowCounts
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.events import Sensor
+from edge_vpr.pipeline import EventSource, WindowSource, map_traverse, match_traverse, register
+from edge_vpr.settings import PRESETS, Settings
+from edge_vpr_tools.experiments import codes_frontier
+from edge_vpr_tools.experiments.trial import Summary, TruthOf, markdown_table
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+
+FOLDER = codes_frontier.FOLDER
+#: to the right and downwards, in pixels
+SHIFTS = (0, 1, 2, 4, 8)
+_CODED = {"counter_code": "log"}
+_DEFAULT = {
+    name: getattr(PRESETS["default"], name)
+    for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
+}
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to match a shifted drive."""
+
+    name: str
+    changes: dict[str, Any]
+    registered: bool = False
+
+
+WAYS = (
+    Way("counts", {}),
+    Way("counts, registered", {}, True),
+    Way("3-bit logarithms", _CODED),
+    Way("3-bit logarithms, registered", _CODED, True),
+    Way("place filter (default)", _DEFAULT),
+    Way("place filter, registered", _DEFAULT, True),
+)
+
+
+class ShiftedWindows:
+    """Windows of a drive, counted at every pixel, with the image shifted.
+
+    Parameters
+    ----------
+    images : ndarray of int, shape (n, height, width)
+    window_us : int
+    dx, dy : int
+        To the right and downwards, in pixels.
+    """
+
+    def __init__(
+        self, images: npt.NDArray[np.integer], window_us: int, dx: int = 0, dy: int = 0
+    ) -> None:
+        self.sensor = Sensor(images.shape[2], images.shape[1])
+        self.window_us = window_us
+        self.counted = np.ones(images.shape[1:], dtype=np.bool_)
+        self._images, self._shift = images, (dx, dy)
+
+    def windows(self) -> Iterator[WindowCounts]:
+        """Start anew and yield one window an image, over all pixels, row by row."""
+        for k, image in enumerate(self._images):
+            counts = shifted(image, *self._shift).astype(np.int64).ravel()
+            start = k * self.window_us
+            yield WindowCounts(counts, start, start + self.window_us, int(counts.sum()))
+
+
+def shifted(image: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.integer]:
+    """Shift an image to the right and downwards; zeros come in, and what leaves is lost."""
+    height, width = image.shape
+    found = np.zeros_like(image)
+    found[max(dy, 0) : height + min(dy, 0), max(dx, 0) : width + min(dx, 0)] = image[
+        max(-dy, 0) : height + min(-dy, 0), max(-dx, 0) : width + min(-dx, 0)
+    ]
+    return found
+
+
+def counted_images(drive: EventSource | WindowSource, window_us: int) -> npt.NDArray[np.integer]:
+    """Count a drive at every pixel, window by window, as (n, height, width)."""
+    if isinstance(drive, WindowSource):
+        windows = drive.windows()
+    else:
+        stream = DescriptorStream(PixelMap.all_of(drive.sensor), FixedTime(window_us))
+        windows = (window for events in drive for window in stream.windows(events))
+    size = (drive.sensor.height, drive.sensor.width)
+    return np.array([w.counts.astype(np.uint16).reshape(size) for w in windows])
+
+
+Scores = dict[tuple[str, int], list[float]]
+
+
+def score(
+    reference: ShiftedWindows,
+    images: npt.NDArray[np.integer],
+    truth_of: TruthOf,
+    settings: Settings,
+    seeds: int,
+) -> tuple[Scores, list[tuple[int, int, int]]]:
+    """Match a shifted query in every way.
+
+    Parameters
+    ----------
+    reference : ShiftedWindows
+    images : ndarray of int, shape (n, height, width)
+        Of the query.
+    truth_of : callable
+    settings : Settings
+    seeds : int
+        Draws of pixels.
+
+    Returns
+    -------
+    scores : dict of (way, shift) to list of float
+        P@100R of each draw.
+    estimates : list of (shift, dx, dy)
+        What was estimated, of the default's map.
+    """
+    scores: Scores = {(way.name, shift): [] for way in WAYS for shift in SHIFTS}
+    estimates = []
+    for seed in range(seeds):
+        for way in WAYS:
+            chosen = settings.replaced({"seed": seed, **way.changes}, way.name)
+            mapped = map_traverse(reference, chosen)
+            for shift in SHIFTS:
+                query, used = ShiftedWindows(images, reference.window_us, shift, shift), mapped
+                if way.registered:
+                    found = register(mapped, query)
+                    used = found.reference
+                    if way is WAYS[-1]:
+                        estimates.append((shift, found.dx, found.dy))
+                matches, queries = match_traverse(used, query)
+                truth = truth_of(used.places.centre_us, queries.centre_us)
+                scores[way.name, shift].append(evaluate(matches, truth).precision_at_100_recall)
+    return scores, estimates
+
+
+def run(
+    data: Path, seeds: int, on_start: Callable[[str], None], figure_path: Path | None = None
+) -> str:
+    """Shift the queries of the Speck's drives, as Markdown tables.
+
+    Parameters
+    ----------
+    data : path
+        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+    seeds : int
+        Draws of pixels.
+    on_start : callable
+        Told which pair begins.
+    figure_path : path, optional
+        Where to write the figure.
+    """
+    parts, drawn = [], {}
+    for pair in codes_frontier.pairs(data):
+        if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
+            continue  # of a few locations, nothing can be shifted
+        on_start(pair.name)
+        window_us = pair.settings.tau_us
+        images = [counted_images(drive, window_us) for drive in (pair.reference, pair.query)]
+        reference = ShiftedWindows(images[0], window_us)
+        scores, estimates = score(reference, images[1], pair.truth_of, pair.settings, seeds)
+        drawn[pair.name] = scores
+        rows = [
+            [way.name, *(str(Summary(scores[way.name, shift])) for shift in SHIFTS)] for way in WAYS
+        ]
+        parts.append(f"{pair.name}, P@100R at each shift:\n")
+        header = ("way", *(f"({shift}, {shift})" for shift in SHIFTS))
+        parts.append(markdown_table(header, rows) + "\n")
+        parts.append(f"{_off(estimates)}\n")
+    if figure_path is not None:
+        save(draw(drawn), figure_path)
+    return "\n".join(parts)
+
+
+def _off(estimates: Sequence[tuple[int, int, int]]) -> str:
+    """Say how far estimates were off."""
+    off = [max(abs(dx - shift), abs(dy - shift)) for shift, dx, dy in estimates]
+    return (
+        f"Shift estimated with the place filter's maps: right in {off.count(0)} of {len(off)}, "
+        f"off by at most {max(off)} pixels."
+    )
+
+
+def draw(found: dict[str, Scores]) -> Figure:
+    """Draw right matches against the shift, a panel for each pair."""
+    rows = (len(found) + 1) // 2
+    with figure(10.5, 3.0 * rows + 1) as (drawing, only):
+        only.remove()
+        panels = drawing.subplots(rows, 2, squeeze=False)
+        for axes, (pair, scores) in zip(panels.flat, found.items(), strict=False):
+            for i, way in enumerate(WAYS):
+                values = [scores[way.name, shift] for shift in SHIFTS]
+                axes.errorbar(
+                    SHIFTS,
+                    [np.mean(v) for v in values],
+                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    color=CYCLE[i // 2],
+                    linestyle="-" if way.registered else DASHES[1],
+                    marker="o",
+                    ms=3.5,
+                    label=way.name,
+                )
+            axes.set(title=pair, xlabel="shift, pixels", ylabel="P@100R", ylim=(0, 1.02))
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+    return drawing

@@ -1,0 +1,149 @@
+"""How many pixels are enough: right matches against their number, for each way to choose them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr.baselines import compare, open_baseline
+from edge_vpr.baselines.selected_pixels import SelectedPixels
+from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr_tools.experiments.rivals import (
+    SIMULATED,
+    CountedPair,
+    recorded_pairs,
+    simulated_pair,
+)
+from edge_vpr_tools.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+
+NUMBERS = (5, 10, 25, 50, 83, 150, 300)
+#: strategies with the suppression that the default number of pixels has; more pixels than fit are
+#: left out of the table
+STRATEGIES: Mapping[str, Mapping[str, Any]] = {
+    "variance": {"strategy": "variance"},
+    "mean (released code)": {"strategy": "seed-code"},
+    "random": {"strategy": "random"},
+    "random, upper two thirds": {"strategy": "random-upper"},
+}
+ALL = "all pixels"
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """P@100R of each trial, by strategy and number of pixels; and of all pixels."""
+
+    few: dict[tuple[str, int], list[float]]
+    every: list[float]
+
+
+def score(pair: CountedPair, seed: int, found: Found, dense: bool = True) -> None:
+    """Match a pair with every number of pixels, and add to what was found.
+
+    Parameters
+    ----------
+    pair : CountedPair
+    seed : int
+        Of the draw of pixels.
+    found : Found
+        Is filled.
+    dense : bool
+        Match all pixels too.
+    """
+    truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
+    images, times = (pair.reference.images, pair.query.images), pair.query.centre_us
+    for name, changes in STRATEGIES.items():
+        for number in NUMBERS:
+            settings = pair.settings.replaced({"pixels": number, "seed": seed, **changes}, name)
+            try:
+                compared = compare(SelectedPixels(name, settings), *images, times, settings)
+            except UsageError:  # the surrounds of fewer pixels cover this sensor
+                continue
+            right = evaluate(compared.matches, truth).precision_at_100_recall
+            found.few.setdefault((name, number), []).append(right)
+    if dense:
+        compared = compare(open_baseline("all-pixels"), *images, times, pair.settings)
+        found.every.append(evaluate(compared.matches, truth).precision_at_100_recall)
+
+
+def run(
+    data: Path | None,
+    seeds: int,
+    on_start: Callable[[str], None],
+    figure_path: Path | None = None,
+) -> str:
+    """Vary the number of pixels on simulated pairs, and on recorded ones where a folder is given.
+
+    Parameters
+    ----------
+    data : path, optional
+        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+    seeds : int
+        Simulated pairs, and draws of pixels.
+    on_start : callable
+        Told what begins.
+    figure_path : path, optional
+        Where to write the figure.
+    """
+    results: dict[str, Found] = {}
+    for pair, seed in _trials(data, seeds):
+        on_start(f"{pair.name}, seed {seed}")
+        found = results.setdefault(pair.name, Found({}, []))
+        # of a recorded pair all pixels are the same at every draw
+        score(pair, seed, found, dense=pair.name == SIMULATED or not found.every)
+    if figure_path is not None:
+        save(draw(results), figure_path)
+    return "\n\n".join(f"{name}, P@100R:\n\n{_table(found)}" for name, found in results.items())
+
+
+def _trials(data: Path | None, seeds: int) -> Iterator[tuple[CountedPair, int]]:
+    for seed in range(seeds):
+        yield simulated_pair(seed), seed
+    for pair in recorded_pairs(data) if data is not None else ():
+        for seed in range(seeds):
+            yield pair, seed
+
+
+def _table(found: Found) -> str:
+    rows = []
+    for name in STRATEGIES:
+        values = [found.few.get((name, number)) for number in NUMBERS]
+        rows.append([name, *("-" if v is None else str(Summary(v)) for v in values)])
+    rows.append([ALL, *[""] * (len(NUMBERS) - 1), str(Summary(found.every))])
+    return markdown_table(("pixels chosen by", *map(str, NUMBERS)), rows)
+
+
+def draw(results: Mapping[str, Found]) -> Figure:
+    """Draw right matches against the number of pixels, a panel for each pair of drives."""
+    with figure(4.2 * len(results) + 1.5, 4.6) as (drawing, only):
+        only.remove()
+        panels = drawing.subplots(1, len(results), squeeze=False)
+        for axes, (pair, found) in zip(panels.flat, results.items(), strict=True):
+            for i, name in enumerate(STRATEGIES):
+                numbers = [n for n in NUMBERS if (name, n) in found.few]
+                values = [found.few[name, n] for n in numbers]
+                axes.errorbar(
+                    numbers,
+                    [np.mean(v) for v in values],
+                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    color=CYCLE[i],
+                    linestyle=DASHES[i],
+                    marker="o",
+                    ms=3.5,
+                    label=name,
+                )
+            axes.axhline(float(np.mean(found.every)), color="gray", lw=0.9, label=ALL)
+            axes.set_xscale("log")
+            axes.set_xticks(NUMBERS, [str(number) for number in NUMBERS])
+            axes.minorticks_off()
+            axes.set(title=pair, xlabel="pixels", ylim=(0, 1.03))
+        panels[0, 0].set_ylabel("P@100R")
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+    return drawing

@@ -1,0 +1,29 @@
+"""Say by how much a query's mounting has moved."""
+
+from __future__ import annotations
+
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.output.messages import summary, warning
+from edge_vpr_tools.runs.registration import Mounted
+
+
+def report_shift(found: Mounted, mapped: ReferenceMap) -> None:
+    """Warn of a shift, or say that none is clear; say nothing where none was asked for.
+
+    Parameters
+    ----------
+    found : Mounted
+    mapped : ReferenceMap
+        Before it was moved.
+    """
+    shift = found.shift
+    if shift is None:
+        return
+    if (shift.dx, shift.dy) == (0, 0):
+        summary(f"no shift of the camera is clear from {shift.windows} windows")
+        return
+    lost = len(mapped.pixel_map) - len(found.reference.pixel_map)
+    warning(
+        f"the camera's image is shifted by ({shift.dx}, {shift.dy}) pixels: the map's pixels are "
+        f"moved, {lost} of {len(mapped.pixel_map)} are lost: fix the mounting, or map anew"
+    )

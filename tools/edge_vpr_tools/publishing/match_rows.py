@@ -1,0 +1,63 @@
+"""The row of JSON that a live match is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from edge_vpr.matching.matches_csv import ALONG
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.stream.live import LiveResult
+
+
+class MatchRows:
+    """Makes rows of live matches.
+
+    Parameters
+    ----------
+    reference : ReferenceMap, optional
+        With positions, each row has that of its place.
+    """
+
+    def __init__(self, reference: ReferenceMap | None = None) -> None:
+        self._names: tuple[str, ...] = ()
+        self._where: list[list[float | None]] = []
+        if reference is not None and reference.route is not None:
+            route = reference.route
+            found = route.locate(np.arange(len(reference)), reference.settings.exclusion)
+            columns = (*found.position.T, found.along_m, found.from_m, found.to_m)
+            self._names = (*route.coordinates, *ALONG)
+            self._where = [
+                [_or_none(value) for value in place] for place in np.stack(columns, axis=1).tolist()
+            ]
+
+    def of(self, result: LiveResult, host_us: int) -> Iterator[dict[str, Any]]:
+        """Yield the row of each match.
+
+        Parameters
+        ----------
+        result : LiveResult
+        host_us : int
+            When the bytes came that gave these matches, in microseconds since 1970 by the clock of
+            this machine; `t` is the time of the event by the camera's.
+
+        Yields
+        ------
+        dict
+            What is not known is None: JSON has no not-a-number.
+        """
+        names = result.matches.dtype.names or ()
+        for values in result.matches.tolist():
+            match = dict(zip(names, values, strict=True))
+            for name in ("ratio", "probability"):
+                match[name] = _or_none(match[name])
+            row = {"kind": "match", **match, "incomplete": result.incomplete, "host_us": host_us}
+            if self._where:
+                row.update(zip(self._names, self._where[match["place"]], strict=True))
+            yield row
+
+
+def _or_none(value: float) -> float | None:
+    return value if value == value else None

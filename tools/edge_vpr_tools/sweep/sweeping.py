@@ -1,0 +1,123 @@
+"""A sweep: what is not known yet is computed and kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from edge_vpr_tools.sweep.plan import NamedTrial, Plan
+from edge_vpr_tools.sweep.running import run_all
+from edge_vpr_tools.sweep.store import ListedTrial, Store
+from edge_vpr_tools.sweep.trial import KeptFailure, KeptResult, Trial, TrialResult, run_trial
+from edge_vpr_tools.sweep.workers import Workers
+
+#: called with trials that ended, trials to compute, and failures among them
+Progress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepRun:
+    """What a run of a sweep did.
+
+    Attributes
+    ----------
+    trials : int
+        By name, all of the plan.
+    different : int
+        Of them with different settings or inputs.
+    known : int
+        Whose result or failure was kept from before.
+    computed, failed : int
+    workers : int
+    busy_share : float
+        Of their time, until the last trial ended, that the workers computed trials that did not
+        fail; the start of their processes counts as idle.
+    """
+
+    trials: int
+    different: int
+    known: int
+    computed: int
+    failed: int
+    workers: int
+    busy_share: float
+
+
+def run_sweep(
+    plan: Plan,
+    store: Store,
+    workers: Workers,
+    *,
+    retry_failed: bool = False,
+    progress: Progress = lambda done, of, failed: None,
+    run: Callable[[Trial], TrialResult] = run_trial,
+) -> SweepRun:
+    """Compute every trial of a plan whose result is not kept yet.
+
+    Parameters
+    ----------
+    plan : Plan
+    store : Store
+        Opened.
+    workers : Workers
+    retry_failed : bool
+        Compute those again that failed before.
+    progress : callable
+        See `Progress`.
+    run : callable
+        From trial to result, a function of a module.
+
+    Returns
+    -------
+    SweepRun
+
+    Raises
+    ------
+    EdgeVprError
+        If an input or a kept file cannot be read, or the cluster is gone.
+    """
+    named = list(plan.trials())
+    keys = [one.trial.key for one in named]
+    store.list_trials([_listed(one, key) for one, key in zip(named, keys, strict=True)])
+    trials = dict(zip(keys, (one.trial for one in named), strict=True))
+    missing = {
+        key: trial
+        for key, trial in trials.items()
+        if store.result(key) is None and (retry_failed or store.failure(key) is None)
+    }
+    failed, busy_s, begin = 0, 0.0, time.perf_counter()
+    progress(0, len(missing), 0)
+    for done, outcome in enumerate(run_all(missing, run, workers), 1):
+        key, trial = outcome.key, missing[outcome.key]
+        if outcome.result is not None:
+            busy_s += outcome.result.elapsed_s
+            store.keep_result(KeptResult(key=key, trial=trial, found=outcome.result))
+        else:
+            failed += 1
+            store.keep_failure(
+                KeptFailure(key=key, trial=trial, error=outcome.error, where=outcome.where)
+            )
+        progress(done, len(missing), failed)
+    return SweepRun(
+        trials=len(named),
+        different=len(trials),
+        known=len(trials) - len(missing),
+        computed=len(missing) - failed,
+        failed=failed,
+        workers=workers.count,
+        busy_share=busy_s / (max(time.perf_counter() - begin, 1e-9) * max(workers.count, 1)),
+    )
+
+
+def failures(store: Store) -> list[tuple[ListedTrial, str]]:
+    """Return the trials that have failed and have no result, with their errors."""
+    return [
+        (trial, error)
+        for trial in store.listed()
+        if store.result(trial.key) is None and (error := store.failure(trial.key)) is not None
+    ]
+
+
+def _listed(one: NamedTrial, key: str) -> ListedTrial:
+    return ListedTrial(variant=one.variant, drives=one.drives, seed=one.seed, key=key)
