@@ -48,7 +48,7 @@ class Moves:
     --------
     >>> moves = Moves(4, StepPrices(restart=5), jumps=np.array([[3, 0]], dtype=np.int32))
     >>> moves.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
-    [0, 4, 13, 4]
+    [0, 4, 9, 4]
     """
 
     def __init__(
