@@ -17,12 +17,13 @@ KERNELS := cleaning codes counters distances filter_run localiser matches own_me
 PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(KERNELS:%=tests/test_%.py)
 
 test: lint types
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not alone"
+	$(BIN)/python -m pytest -m alone tests
 	$(PLAIN)
 
 # while one works: without the slow tests, and without lint and types
 quick: $(call STAMP,test)
-	$(BIN)/python -m pytest -q -n auto --dist worksteal -m "not slow"
+	$(BIN)/python -m pytest -q -n auto --dist worksteal -m "not slow and not alone"
 
 # of what has kernels, with the compiler off
 coverage: $(call STAMP,test)

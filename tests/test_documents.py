@@ -24,6 +24,8 @@ PAGES = [
 ]
 #: language, what the block needs that not everybody has, text
 _BLOCK = re.compile(r"^```(\w*) ?([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_SOURCES = (".py", ".c", ".h", ".sv", ".sh")
+_FILE = re.compile(r"`([\w/]+\.(?:py|c|h|sv|sh))`")
 _LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
 
 
@@ -100,6 +102,20 @@ def test_links_within_the_project_lead_somewhere(page):
             headings = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
             slugs = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
             assert anchor[1:] in slugs, f"{page} leads to {target}{anchor}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_source_files_that_a_page_names_are_there(page):
+    elsewhere = {  # of other projects, or generated
+        "baselines/get_baseline.py", "get_baseline.py", "case.h", "vpr_design.sv",
+        "vpr_registers.h", "genx320_event_mode_streaming_on_cam.py",
+        "genx320_raw_event_mode_streaming_on_cam.py",
+    }  # fmt: skip
+    there = [str(path) for path in ROOT.rglob("*") if path.suffix in _SOURCES]
+    for name in _FILE.findall((ROOT / page).read_text()):
+        if name in elsewhere:
+            continue
+        assert any(path.endswith(f"/{name}") for path in there), f"{page} names {name}"
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")])

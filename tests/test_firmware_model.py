@@ -19,8 +19,9 @@ from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import distance_matrix
 from edge_vpr.matching.nearest import best_matches
-from edge_vpr.matching.place_filter import PlaceFilter, StepPrices
+from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.sequence import sequence_sums
+from edge_vpr.matching.step_prices import StepPrices
 from firmware_model import (
     Design,
     DesignError,

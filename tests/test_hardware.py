@@ -61,7 +61,7 @@ def needs(*tools):
 
 
 def write_vectors(folder, design, seed=3, suite="corners", cases=slice(None)):
-    suites = {suite: standard_suites(design, seed)[suite][cases]}
+    suites = {suite: standard_suites(design, seed, suite)[suite][cases]}
     write_suites(folder, design, suites, seed, rtl=True)
     return folder
 
@@ -103,10 +103,13 @@ FILTER_CASES = (
 )
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp_path):
     """Fixed codes and own means, pauses, kept distances, steps back; the command has all cases."""
-    cases = [case for case in standard_suites(FILTER, 3)["filter"] if case.name in FILTER_CASES]
+    cases = [
+        case for case in standard_suites(FILTER, 3, "filter")["filter"] if case.name in FILTER_CASES
+    ]
     assert len(cases) == len(FILTER_CASES)
     write_suites(tmp_path / "v", FILTER, {"filter": cases}, 3, rtl=True)
     outcome = replay.hold(tmp_path / "v", seed=5, stall=40, resets=1)
@@ -265,7 +268,9 @@ def test_a_fault_of_the_core_is_found(tmp_path, fault):
         "all_places_equal",
         "ratio_at_threshold",
     }
-    cases = [case for case in standard_suites(DESIGN, 3)["corners"] if case.name in chosen]
+    cases = [
+        case for case in standard_suites(DESIGN, 3, "corners")["corners"] if case.name in chosen
+    ]
     write_suites(folder, DESIGN, {"corners": cases}, 3, rtl=True)
     source = (folder / "rtl" / name).read_text(encoding="ascii")
     assert source.count(old) == 1
@@ -354,7 +359,9 @@ def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
 
 
 def test_vectors_without_sources_are_refused_in_one_line(tmp_path):
-    write_suites(tmp_path / "v", DESIGN, {"random": standard_suites(DESIGN, 0)["random"][:1]}, 0)
+    write_suites(
+        tmp_path / "v", DESIGN, {"random": standard_suites(DESIGN, 0, "random")["random"][:1]}, 0
+    )
     with pytest.raises(VectorError, match="golden --rtl"):
         next(simulation.replay_vectors(tmp_path / "v", tmp_path))
 
@@ -388,7 +395,7 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
 @pytest.mark.parametrize(("suite", "name"), [("corners", "tie_of_three"), ("filter", "own_means")])
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, usual events, places and events as bytes in, status and matches out."""
-    cases = [c for c in standard_suites(ADAPTIVE, 3)[suite] if c.name == name]
+    cases = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
     write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
     case = tmp_path / "v" / suite / name
     files = [case / f"{PACKAGE}.sv"]
@@ -420,7 +427,7 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
 )
 def test_a_map_is_loaded_and_matches_are_read_over_axi_lite(tmp_path, suite, name, design):
     """Tables that start undefined, places of one and two parts, and events, as a driver writes."""
-    cases = [case for case in standard_suites(design, 3)[suite] if case.name == name]
+    cases = [case for case in standard_suites(design, 3, suite)[suite] if case.name == name]
     (chosen,) = [replace(case, events=case.events[:600]) for case in cases]
     write_suites(tmp_path / "v", design, {suite: [chosen]}, 3, rtl=True)
     case = tmp_path / "v" / suite / name
@@ -466,6 +473,7 @@ def test_a_mutant_changes_one_line_of_a_unit():
     found = mutants.all_mutants()
     assert len(set(found)) == len(found) > 500
     assert {mutant.file for mutant in found} == set(sources.UNITS)
+    assert set(mutants.EQUAL) <= {(mutant.file, mutant.text.strip()) for mutant in found}
     for mutant in found:
         before = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")[mutant.line]
         assert mutant.text != before

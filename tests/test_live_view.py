@@ -22,6 +22,8 @@ from edge_vpr.settings import Settings
 from edge_vpr.stream.links import open_device_link
 from edge_vpr.stream.protocols import open_encoder
 
+pytestmark = pytest.mark.alone
+
 SENSOR = Sensor(64, 48)
 ROOT = Path(__file__).parents[1]
 ENV = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}

@@ -16,7 +16,8 @@ from edge_vpr.evaluation.jump_files import load_jumps
 from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching.drive_matching import match_descriptors
-from edge_vpr.matching.moves import Moves, StepPrices
+from edge_vpr.matching.moves import Moves
+from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.odometry import Odometry
 from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap

@@ -15,7 +15,8 @@ from edge_vpr.descriptors.pauses import find_pauses, mean_activity
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import filtered_drive
 from edge_vpr.matching.drive_matching import match_descriptors
-from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, StepPrices
+from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.step_prices import METRIC_TOP, StepPrices
 from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 

@@ -13,11 +13,11 @@ from edge_vpr.matching.candidates import nearest_places
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.filtered_drive import filter_drive
 from edge_vpr.matching.matches import Matches
-from edge_vpr.matching.moves import StepPrices
 from edge_vpr.matching.nearest import best_matches
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.runner_up import margin_to_second
 from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
+from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.odometry import Odometry
 from edge_vpr.settings import Settings
 

@@ -16,8 +16,9 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.candidates import CANDIDATES, nearest_places
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.moves import Metrics, Moves
+from edge_vpr.matching.moves import Moves
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, match_of
+from edge_vpr.matching.step_prices import Metrics
 from edge_vpr.odometry import Odometry
 
 #: distances held at once, so that memory does not grow with the drive

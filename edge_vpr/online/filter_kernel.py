@@ -9,13 +9,13 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.descriptors.pauses import ACTIVITY_BITS, PAUSE_SHIFT
-from edge_vpr.matching.moves import METRIC_TOP
-from edge_vpr.matching.place_filter import (
+from edge_vpr.matching.filter_arithmetic import (
     add_evidence,
     least_and_second,
     reciprocal_of_spread,
     trust_after,
 )
+from edge_vpr.matching.step_prices import METRIC_TOP
 from edge_vpr.online.kernel import DONE, MATCHES_FULL, RING_FULL
 from edge_vpr.online.state_kernels import advance, push, settle
 

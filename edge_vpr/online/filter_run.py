@@ -9,7 +9,8 @@ from edge_vpr.archive import Arrays
 from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.place_filter import PlaceFilter, StepPrices
+from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.odometry import Odometer
 from edge_vpr.online.filter_kernel import CONTROL, Predicted, follow_filtered
 from edge_vpr.online.kernel import DONE, RING_FULL

@@ -13,8 +13,8 @@ from edge_vpr.array_checks import check_array, check_range, whole_number
 from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.matching.moves import METRIC_TOP
-from edge_vpr.matching.place_filter import RECIPROCAL_BITS, TRUST_BITS
+from edge_vpr.matching.filter_arithmetic import RECIPROCAL_BITS, TRUST_BITS
+from edge_vpr.matching.step_prices import METRIC_TOP
 from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.schedule import MatchSchedule
 

@@ -44,6 +44,14 @@ FIRST = (
         "random_2",
     ),
 )
+#: mutants that do the same as the source, and why
+EQUAL = {
+    (
+        "vpr_own_mean.sv",
+        "assign code = octaves >= HIGHEST ? '1 : octaves < LOWEST ? '0 : "
+        "CODE_BITS'(octaves - LOWEST);",
+    ): "HIGHEST - LOWEST is the code of all ones",
+}
 _CHANGES = (
     (re.compile(r" == "), " != "),
     (re.compile(r" != "), " == "),
@@ -213,6 +221,10 @@ def main(words: Sequence[str] | None = None) -> int:
         bench = Bench(Path(folder), args.seed)
         for at in drawn:
             mutant = every[at]
+            equal = EQUAL.get((mutant.file, mutant.text.strip()))
+            if equal is not None:
+                print(f"{mutant.file}:{mutant.line + 1}: {mutant.text.strip()}: equal, as {equal}")
+                continue
             case = bench.found_by(mutant)
             left += case is None
             told = "NOT FOUND" if case is None else f"found by {case}"

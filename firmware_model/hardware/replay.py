@@ -98,9 +98,8 @@ def hold_random_designs(
     for at in range(number):
         # every other one with the place filter, own-mean codes, or both
         design = random_adaptive_design(rng) if at % 2 else random_design(rng)
-        suites = standard_suites(design, seed + at)
-        chosen = {name: cases for name, cases in suites.items() if only in (None, name)}
-        outcome = hold_suites(design, chosen, seed=seed + at, stall=stall, resets=resets)
+        suites = standard_suites(design, seed + at, only)
+        outcome = hold_suites(design, suites, seed=seed + at, stall=stall, resets=resets)
         total.equal.update(outcome.equal)
         total.differences.extend(f"{line} ({design})" for line in outcome.differences)
         total = total._replace(cases=total.cases + outcome.cases)

@@ -178,7 +178,9 @@ def simulate() -> str:
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        cases = [case for case in standard_suites(DESIGN, 1)["random"] if case.name == CASE]
+        cases = [
+            case for case in standard_suites(DESIGN, 1, "random")["random"] if case.name == CASE
+        ]
         write_suites(folder / "v", DESIGN, {"random": cases}, 1, rtl=True)
         case = folder / "v" / "random" / CASE
         simulation.compile_bench(case / f"{PACKAGE}.sv", folder / "core.vvp")

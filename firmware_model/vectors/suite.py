@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -38,7 +38,7 @@ from firmware_model.vectors.random_cases import random_cases
 Suites = Mapping[str, Sequence[Case]]
 
 
-def standard_suites(design: Design, seed: int) -> dict[str, list[Case]]:
+def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[str, list[Case]]:
     """Make the suites that need nothing but a design: ``corners`` and ``random``.
 
     A design with the place filter or own-mean codes also has the suite ``filter``.
@@ -48,16 +48,20 @@ def standard_suites(design: Design, seed: int) -> dict[str, list[Case]]:
     design : Design
     seed : int
         Of the random ones.
+    only : str, optional
+        A suite; by default all are made.
 
     Returns
     -------
     dict of str to list of Case
     """
-    rng = np.random.default_rng(seed)
-    suites = {"corners": corner_cases(design), "random": random_cases(design, rng)}
+    makers: dict[str, Callable[[], list[Case]]] = {
+        "corners": lambda: corner_cases(design),
+        "random": lambda: random_cases(design, np.random.default_rng(seed)),
+    }
     if design.filters or design.own_mean:
-        suites["filter"] = filter_cases(design)
-    return suites
+        makers["filter"] = lambda: filter_cases(design)
+    return {suite: make() for suite, make in makers.items() if only in (None, suite)}
 
 
 def write_suites(

@@ -1,0 +1,105 @@
+"""The integers of one window of the place filter: spread, evidence, the least metrics, trust."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.matching.step_prices import FRACTION_BITS, METRIC_TOP, Metrics
+
+#: largest evidence: 8 bits
+EVIDENCE_TOP = (1 << 8) - 1
+#: fraction bits of the reciprocal of the spread
+RECIPROCAL_BITS = 16
+#: trust moves by 1/4 of the difference in a window, in units of 1/16 of a margin
+TRUST_SHIFT, TRUST_BITS = 2, 4
+#: where the place stays the same, trust falls by 1/16 a window
+STANDING_SHIFT = 4
+
+
+@njit(cache=True, nogil=True)
+def trust_after(kept: int, stands: bool, margin: int) -> int:
+    """Return the trust after a window, in units of 1/16 of a metric.
+
+    A robot that stands sees one view again and again, which may be that of another place where
+    one stood: trust then falls by 1/16 a window.
+
+    Parameters
+    ----------
+    kept : int
+        Trust of the window before; 0 where this match does not follow from that one.
+    stands : bool
+        Whether the place is that of the window before.
+    margin : int
+        Second metric less the least.
+    """
+    before = np.int64(kept)
+    raised = before + (((np.int64(margin) << TRUST_BITS) - before) >> TRUST_SHIFT)
+    if stands:
+        raised = min(raised, before - (before >> STANDING_SHIFT))
+    return int(raised)
+
+
+@njit(cache=True, nogil=True)
+def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
+    """Return ``floor(2**16 / s)``, with s the mean absolute deviation of the distances.
+
+    Parameters
+    ----------
+    distances : ndarray of int, shape (K,)
+
+    Returns
+    -------
+    int
+        s is rounded down, as is the mean that it is taken from, and at least 1.
+    """
+    total = np.int64(0)
+    for distance in distances:
+        total += np.int64(distance)
+    mean = total // distances.size
+    spread = np.int64(0)
+    for distance in distances:
+        spread += abs(np.int64(distance) - mean)
+    return (1 << RECIPROCAL_BITS) // max(int(spread) // distances.size, 1)
+
+
+@njit(cache=True, nogil=True)
+def add_evidence(
+    prediction: Metrics, distances: npt.NDArray[np.integer], reciprocal: int, metric: Metrics
+) -> None:
+    """Write ``min(P + E, 2**10 - 1)``, with ``E = min((D - min D) / s, 255)`` in fraction bits.
+
+    Parameters
+    ----------
+    prediction : ndarray of int32, shape (K,)
+    distances : ndarray of int, shape (K,)
+        What all of them have in common does not matter.
+    reciprocal : int
+        Of s, see `reciprocal_of_spread`; 0 of a spread above 2**16: nothing is evidence then.
+    metric : ndarray of int32, shape (K,)
+        Written to.
+    """
+    shift = RECIPROCAL_BITS - FRACTION_BITS
+    # a larger difference is clipped all the same, and this one fits 32 bits when multiplied
+    most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
+    least = np.int64(distances.min())
+    for k in range(metric.size):
+        difference = np.int32(min(np.int64(distances[k]) - least, most))
+        evidence = np.int32((difference * np.int32(reciprocal)) >> shift)
+        metric[k] = min(prediction[k] + min(evidence, EVIDENCE_TOP), METRIC_TOP)
+
+
+@njit(cache=True, nogil=True)
+def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
+    """Return the place of the least metric, the best outside the exclusion zone (-1), and ties."""
+    best = 0
+    for k in range(1, metric.size):
+        if metric[k] < metric[best]:
+            best = k
+    second, ties = -1, -1
+    for k in range(metric.size):
+        ties += metric[k] == metric[best]
+        if abs(k - best) > exclusion and (second < 0 or metric[k] < metric[second]):
+            second = k
+    return best, second, ties
