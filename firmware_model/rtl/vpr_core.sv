@@ -7,8 +7,9 @@
 // Outputs that are of no use are left open with their tready at 1, and cost nothing.
 //
 // `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
-// which is read in its last clock, as is `start_activity`, the usual number of events in a window. s_event_tready rises WORDS * LANES + 2 clocks after it. Events are taken
-// while a window is matched; the end of a further window waits.
+// which is read in its last clock, as is `start_activity`, the usual number of events in a window.
+// s_event_tready rises SLOTS + 2 clocks after it, and TIMESTAMP_BITS at least. Events are taken while
+// a window is matched; the end of a further window waits.
 module vpr_core #(
     parameter int          HEIGHT            = 2,
     parameter int          PIXELS            = 1,
@@ -170,7 +171,7 @@ module vpr_core #(
     // Distances, sums, and the search
 
     logic [31:0]                   window;
-    logic                          compare, distance_start;
+    logic                          begun, compare, distance_start, filter_idle;
     logic                          place_step, place_last;
     logic                          distance_valid;
     logic [DISTANCE_BITS-1:0]      distance;
@@ -185,10 +186,10 @@ module vpr_core #(
         .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE),
         .FILE(PLACES_FILE)
     ) place_memory (
-        .clk(clk), .rst(rst), .busy(busy),
+        .clk(clk), .rst(rst), .busy(busy), .stop(window_end),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
-        .start(distance_start), .step(place_step), .last(place_last), .word(place_word)
+        .start(begun), .step(place_step), .last(place_last), .word(place_word)
     );
 
     vpr_distance #(
@@ -196,7 +197,7 @@ module vpr_core #(
         .DISTANCE_BITS(DISTANCE_BITS)
     ) distances (
         .clk(clk), .rst(rst), .query_write(query_write), .query_word(m_window_tdata),
-        .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
+        .follow(begun && !(FILTER && paused)), .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
         .distance_valid(distance_valid), .distance(distance)
     );
 
@@ -215,7 +216,7 @@ module vpr_core #(
                 .TOTAL_BITS(DISTANCE_TOTAL_BITS), .RECIPROCAL_BITS(RECIPROCAL_BITS),
                 .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS)
             ) place_filter (
-                .clk(clk), .rst(rst), .start(compare), .paused(paused),
+                .clk(clk), .rst(rst), .start(compare), .paused(paused), .idle(filter_idle),
                 .distance_start(distance_start), .distance_valid(distance_valid),
                 .distance(distance), .sum_valid(sum_valid), .sum_last(sum_last), .place(place),
                 .sum(sum), .found(ends_search), .best_sum(best_sum)
@@ -233,7 +234,8 @@ module vpr_core #(
                 window
             };
         end else begin : g_sequence
-            assign distance_start = compare;
+            assign distance_start = 1'b0;
+            assign filter_idle    = 1'b1;
             vpr_sequence #(
                 .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS),
                 .DISTANCE_BITS(DISTANCE_BITS), .SUM_BITS(SUM_BITS), .MEMORY_STYLE(MEMORY_STYLE)
@@ -282,6 +284,7 @@ module vpr_core #(
     wire match_taken = m_match_tvalid && m_match_tready;
 
     always_ff @(posedge clk) begin
+        begun     <= window_end;
         compare   <= query_write && m_window_tlast;
         finishing <= FINISHING'({finishing, sum_valid && sum_last});
         if (finished) m_match_tvalid <= has_best;
@@ -291,8 +294,9 @@ module vpr_core #(
             window         <= window + 1'b1;
             m_window_tuser <= events_taken;
         end else if (match_taken || (finished && !has_best)) busy <= 1'b0;
-        window_ready <= !busy && !window_end && settled;
+        window_ready <= !busy && !window_end && settled && filter_idle;
         if (rst) begin
+            begun          <= 1'b0;
             compare        <= 1'b0;
             finishing      <= '0;
             m_match_tvalid <= 1'b0;

@@ -1,7 +1,8 @@
 // Distances of a descriptor to all places, in the order of places, one every PERIOD clocks.
 //
-// The descriptor is written word by word before `start`. The fixed period leaves the sequence unit
-// its LENGTH clocks and the search its two, so that nothing within a match ever waits.
+// After `follow`, the first place is compared while the descriptor is written, each word in the clock
+// after it; after `start`, with what was written. The fixed period leaves the sequence unit its
+// LENGTH clocks and the search its two, so that nothing within a match ever waits.
 module vpr_distance #(
     parameter int WORDS         = 1,
     parameter int LANES         = 1,
@@ -13,6 +14,7 @@ module vpr_distance #(
     input  logic                       rst,
     input  logic                       query_write,
     input  logic [LANES*CODE_BITS-1:0] query_word,
+    input  logic                       follow,
     input  logic                       start,
     output logic                       place_step,
     input  logic                       place_last,
@@ -28,6 +30,7 @@ module vpr_distance #(
     localparam int SAD_BITS    = CODE_BITS + $clog2(LANES);
 
     logic                   running;
+    logic                   following, written;  // the words of the descriptor, as they come
     logic                   reading;  // in the first WORDS clocks of a period
     logic [PERIOD_BITS-1:0] phase;
     logic [QUERY_BITS-1:0]  query_address;
@@ -42,7 +45,8 @@ module vpr_distance #(
     wire end_phase = phase == PERIOD_BITS'(PERIOD - 1);
     wire end_word  = query_address == QUERY_BITS'(WORDS - 1);
 
-    assign place_step = running && reading;
+    wire   goes       = running && (!following || written);
+    assign place_step = goes && reading;
 
     // more lanes than slots: the sum has bits that a distance does not need
     wire unused = &{1'b0, sad};
@@ -50,15 +54,18 @@ module vpr_distance #(
     always_ff @(posedge clk) begin
         if (query_write)
             write_address <= write_address == QUERY_BITS'(WORDS - 1) ? '0 : write_address + 1'b1;
-        if (start) begin
+        written <= query_write;
+        if (start || follow) begin
             running       <= 1'b1;
             reading       <= 1'b1;
+            following     <= follow;
             phase         <= '0;
             query_address <= '0;
-        end else if (running) begin
+        end else if (goes) begin
             phase <= end_phase ? '0 : phase + 1'b1;
             if (reading) begin
                 query_address <= end_word ? '0 : query_address + 1'b1;
+                if (end_word) following <= 1'b0;
                 if (place_last) running <= 1'b0;
             end
             reading <= end_phase || (reading && !end_word);

@@ -4,8 +4,9 @@
 // A window takes passes over all places: for the mean of the distances; for their spread, unless it
 // is known from the window before; and for the metrics, each the prediction plus the evidence,
 // saturated. Each pass asks for the distances again (`distance_start`), unless they are kept
-// (KEEP). In a pause there is no evidence, and no distance is asked for. The spread of this window
-// is divided after its match.
+// (KEEP); those of the first pass come unasked, some clocks after `start`. In a pause there is no
+// evidence, and there are no distances. The spread of this window is divided after its match; until
+// then the unit is not `idle`, and no window may end.
 //
 // `found` says that the search stands at `best_sum`, the least metric. Distances come two clocks
 // apart at least, and so do metrics.
@@ -28,6 +29,7 @@ module vpr_filter #(
     input  logic                     rst,
     input  logic                     start,
     input  logic                     paused,
+    output logic                     idle,
     output logic                     distance_start,
     input  logic                     distance_valid,
     input  logic [DISTANCE_BITS-1:0] distance,
@@ -71,12 +73,13 @@ module vpr_filter #(
     wire                     item_last = index == PLACE_BITS'(PLACES - 1);
     wire                     begins    = state == IDLE && waiting;
     wire                     leads     = state == LEAD && beat;
+    assign idle = state == IDLE && !waiting;
     // the next pass: one after the mean, unless this window's own spread is needed first
     wire [1:0]               next_pass =
         pass == FOR_MEAN && reciprocal == 0 ? FOR_SPREAD : FOR_METRICS;
 
     always_ff @(posedge clk) begin
-        waiting        <= start || (waiting && state != IDLE);
+        waiting        <= start;
         beat           <= (state == RUN || state == LEAD) && !beat;
         distance_start <= 1'b0;
         divide         <= 1'b0;
@@ -84,10 +87,7 @@ module vpr_filter #(
         case (state)
             IDLE: begin
                 pass <= paused ? FOR_METRICS : FOR_MEAN;
-                if (waiting) begin
-                    state          <= paused && BACK > 0 ? LEAD : RUN;
-                    distance_start <= !paused;
-                end
+                if (waiting) state <= paused && BACK > 0 ? LEAD : RUN;
             end
             LEAD: if (leads && lead == 1) begin
                 state          <= RUN;
