@@ -154,7 +154,7 @@ def filter_cycles(design):
     distances = (design.places - 1) * max(design.words, 2) + levels
     kept = 2 * design.places - 4
     passes = distances + (kept if design.keep_distances else distances + design.words)
-    around = 27 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
+    around = 28 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
     return design.slots + passes + design.formats["distance"].width + around
 
 
@@ -222,10 +222,10 @@ FAULTS = {
         "count == FULL ? FULL : count + 1'b1",
         "count + 1'b1",
     ),
-    "a window ends one microsecond too late": (
+    "the end of a window moves without its carry": (
         "vpr_window_timer.sv",
-        "left[TIMESTAMP_BITS-1] || left == 0",
-        "left[TIMESTAMP_BITS-1]",
+        "added ^ end_carry",
+        "added",
     ),
     "the row of an event off the sensor is not looked at": (
         "vpr_pixel_lookup.sv",
@@ -237,7 +237,7 @@ FAULTS = {
         "column != 16'(column[COLUMN_BITS-1:0])",
         "1'b0",
     ),
-    "counters are not cleared": ("vpr_encoder.sv", "counted && !counted_filler", "1'b0"),
+    "counters are not cleared": ("vpr_encoder.sv", "clear      = counted", "clear      = 1'b0"),
     "what an adder lacks is lost": (
         "vpr_sad_lanes.sv",
         "node_lacks <= negative",
@@ -255,8 +255,8 @@ FAULTS = {
     ),
     "of equal sums the highest place is best": (
         "vpr_search.sv",
-        "sum < best_sum;",
-        "sum <= best_sum;",
+        "below_best[SUM_BITS];",
+        "below_best[SUM_BITS] || sum == best_sum;",
     ),
     "a second best of zero is accepted": ("vpr_accept.sv", "second_sum != 0 && ", ""),
     "a match is not held until it is taken": (

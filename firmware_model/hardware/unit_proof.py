@@ -41,9 +41,18 @@ SMALL = Size(1, 2, 3)
 
 #: what is broken, and how: text of ``vpr_search.sv`` and what replaces it
 BROKEN = {
-    "of equal sums the highest place is best": ("sum < best_sum;", "sum <= best_sum;"),
-    "of equal seconds the highest place wins": ("sum < second_sum;", "sum <= second_sum;"),
-    "of equal sums on the left the highest wins": ("oldest < left_sum;", "oldest <= left_sum;"),
+    "of equal sums the highest place is best": (
+        "below_best[SUM_BITS];",
+        "below_best[SUM_BITS] || sum == best_sum;",
+    ),
+    "of equal seconds the highest place wins": (
+        "below_second[SUM_BITS];",
+        "below_second[SUM_BITS] || sum == second_sum;",
+    ),
+    "of equal sums on the left the highest wins": (
+        "below_left[SUM_BITS];",
+        "below_left[SUM_BITS] || oldest == left_sum;",
+    ),
     "the second best may lie at the zone's edge": (
         "behind == ZONE_BITS'(EXCLUSION)",
         "behind == ZONE_BITS'(EXCLUSION - 1)",
@@ -130,7 +139,7 @@ _PREDICTION = {
 #: broken versions of the prediction: text of ``vpr_prediction.sv`` and what replaces it
 BROKEN_PREDICTIONS = {
     "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
-    "a place off the map is one to come from": ("off || !below", "!below"),
+    "a place off the map is one to come from": ("shifts_off || !below", "!below"),
 }
 
 

@@ -8,8 +8,8 @@
 //
 // `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
 // which is read in its last clock, as is `start_activity`, the usual number of events in a window.
-// s_event_tready rises SLOTS + 2 clocks after it, and TIMESTAMP_BITS at least. Events are taken while
-// a window is matched; the end of a further window waits.
+// s_event_tready rises TIMESTAMP_BITS + 1 clocks after it. Events are taken while a window is matched,
+// after it was encoded; the end of a further window waits.
 module vpr_core #(
     parameter int          HEIGHT            = 2,
     parameter int          PIXELS            = 1,
@@ -65,7 +65,8 @@ module vpr_core #(
     parameter int          MATCH_BITS          = 39,
     parameter              MEMORY_STYLE      = "auto",
     parameter              PLACES_FILE       = "",
-    parameter              LOADABLE          = 0
+    parameter              LOADABLE          = 0,
+    parameter              SLOW_BLOCKS       = 0
 ) (
     input  logic                                   clk,
     input  logic                                   rst,
@@ -110,8 +111,8 @@ module vpr_core #(
     logic                       busy;
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
-    logic                       counted, paused, settled;
-    logic                       drain, clear, clearing;
+    logic                       counted, paused, settled, pending;
+    logic                       drain, draining, clear;
     logic [SLOT_BITS-1:0]       drain_slot, clear_slot;
     logic [COUNT_BITS-1:0]      drained;
     logic [LANES*CODE_BITS-1:0] place_word;
@@ -123,7 +124,7 @@ module vpr_core #(
         .TIMESTAMP_BITS(TIMESTAMP_BITS), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
         .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
         .COUNT_BITS(COUNT_BITS), .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS),
-        .LOADABLE(LOADABLE)
+        .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) events (
         .clk(clk), .rst(rst), .load(load[1:0]), .load_address(load_address), .load_word(load_word),
         .start_time(start_time),
@@ -131,9 +132,9 @@ module vpr_core #(
         .s_event_tdata(s_event_tdata),
         .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
         .m_event_tdata(m_event_tdata),
-        .clearing(clearing), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
+        .pending(pending), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
         .counted(counted),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot)
     );
 
@@ -144,8 +145,8 @@ module vpr_core #(
         .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE)
     ) encoder (
         .clk(clk), .rst(rst), .load(load[4:2]), .load_address(load_address), .load_word(load_word),
-        .start(window_end), .paused(paused), .clearing(clearing),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .start(window_end), .paused(paused),
+        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot),
         .word_valid(m_window_tvalid), .word_ready(m_window_tready),
         .word_last(m_window_tlast), .word(m_window_tdata)
@@ -194,9 +195,9 @@ module vpr_core #(
 
     vpr_distance #(
         .WORDS(WORDS), .LANES(LANES), .PERIOD(PERIOD), .CODE_BITS(CODE_BITS),
-        .DISTANCE_BITS(DISTANCE_BITS)
+        .DISTANCE_BITS(DISTANCE_BITS), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) distances (
-        .clk(clk), .rst(rst), .query_write(query_write), .query_word(m_window_tdata),
+        .clk(clk), .rst(rst), .query_write(query_write), .query_inverse(~m_window_tdata),
         .follow(begun && !(FILTER && paused)), .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
         .distance_valid(distance_valid), .distance(distance)
     );
@@ -294,9 +295,12 @@ module vpr_core #(
             window         <= window + 1'b1;
             m_window_tuser <= events_taken;
         end else if (match_taken || (finished && !has_best)) busy <= 1'b0;
+        // no event is counted while the last window's counts are drained, or its number of events used
+        pending      <= window_end || draining || !settled;
         window_ready <= !busy && !window_end && settled && filter_idle;
         if (rst) begin
             begun          <= 1'b0;
+            pending        <= 1'b1;
             compare        <= 1'b0;
             finishing      <= '0;
             m_match_tvalid <= 1'b0;

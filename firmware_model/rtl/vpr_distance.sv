@@ -8,12 +8,13 @@ module vpr_distance #(
     parameter int LANES         = 1,
     parameter int PERIOD        = 2,
     parameter int CODE_BITS     = 1,
-    parameter int DISTANCE_BITS = 1
+    parameter int DISTANCE_BITS = 1,
+    parameter bit SLOW_BLOCKS   = 0  // a register behind the memories, see vpr_device
 ) (
     input  logic                       clk,
     input  logic                       rst,
     input  logic                       query_write,
-    input  logic [LANES*CODE_BITS-1:0] query_word,
+    input  logic [LANES*CODE_BITS-1:0] query_inverse,  // of a word of the descriptor
     input  logic                       follow,
     input  logic                       start,
     output logic                       place_step,
@@ -26,7 +27,7 @@ module vpr_distance #(
     localparam int PERIOD_BITS = $clog2(PERIOD);
     localparam int QUERY_BITS  = WORDS > 1 ? $clog2(WORDS) : 1;
     // from an address to its word's sum: the memories, the differences, the levels of the tree
-    localparam int LATENCY     = 2 + $clog2(LANES);
+    localparam int LATENCY     = 2 + (SLOW_BLOCKS ? 1 : 0) + $clog2(LANES);
     localparam int SAD_BITS    = CODE_BITS + $clog2(LANES);
 
     logic                   running;
@@ -35,7 +36,7 @@ module vpr_distance #(
     logic [PERIOD_BITS-1:0] phase;
     logic [QUERY_BITS-1:0]  query_address;
     logic [QUERY_BITS-1:0]  write_address;
-    logic [WORD_BITS-1:0]   query;
+    logic [WORD_BITS-1:0]   query, codes, query_codes;
     logic [SAD_BITS-1:0]    sad;
     logic                   sad_lacks;
     logic [LATENCY-1:0]     valid, first, last;
@@ -88,13 +89,28 @@ module vpr_distance #(
     vpr_ram #(
         .DEPTH(WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(QUERY_BITS)
     ) queries (
-        .clk(clk), .write(query_write), .write_address(write_address), .write_word(query_word),
+        .clk(clk), .write(query_write), .write_address(write_address), .write_word(query_inverse),
         .read(1'b1), .read_address(query_address), .read_word(query)
     );
 
     vpr_sad_lanes #(
         .LANES(LANES), .CODE_BITS(CODE_BITS), .SUM_BITS(SAD_BITS)
     ) sad_lanes (
-        .clk(clk), .a(place_word), .b(query), .sum(sad), .lacks(sad_lacks)
+        .clk(clk), .a(codes), .b_inverse(query_codes), .sum(sad), .lacks(sad_lacks)
     );
+
+    generate
+        if (SLOW_BLOCKS) begin : g_registers
+            logic [WORD_BITS-1:0] held_codes, held_query;
+            always_ff @(posedge clk) begin
+                held_codes <= place_word;
+                held_query <= query;
+            end
+            assign codes       = held_codes;
+            assign query_codes = held_query;
+        end else begin : g_direct
+            assign codes       = place_word;
+            assign query_codes = query;
+        end
+    endgenerate
 endmodule

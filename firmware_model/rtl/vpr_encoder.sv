@@ -1,7 +1,8 @@
 // Counts of the ended window to a descriptor: a slot a clock is read, cleared, encoded by its code
 // table, or against its running mean (OWN_MEAN), and packed, LANES codes a word, the first in the
 // least significant bits. Lanes beyond the last slot are zero. The whole unit stands while a word is
-// not taken. After reset it passes over all slots once, without a word, to clear them (`clearing`).
+// not taken. After reset it passes over all slots once, without a word, to clear them. `draining`
+// holds while it needs the counters.
 module vpr_encoder #(
     parameter int          SLOTS      = 1,
     parameter int          WORDS      = 1,
@@ -27,7 +28,7 @@ module vpr_encoder #(
     input  logic [31:0]                load_word,
     input  logic                       start,
     input  logic                       paused,
-    output logic                       clearing,
+    output logic                       draining,
     output logic                       drain,
     output logic [SLOT_BITS-1:0]       drain_slot,
     input  logic [COUNT_BITS-1:0]      drained,
@@ -47,7 +48,7 @@ module vpr_encoder #(
     // steps from a count to its code
     localparam int STAGES       = OWN_MEAN ? 3 : 1;
 
-    logic                 issuing;
+    logic                 issuing, clearing;
     logic [SLOT_BITS-1:0] index;
     logic [LANE_BITS-1:0] lane;
 
@@ -56,10 +57,19 @@ module vpr_encoder #(
     logic [STAGES-1:0]    coded, coded_word, coded_last;
     logic [CODE_BITS-1:0] code;
 
+    // as the differences of codes take it
+    logic [LANES*CODE_BITS-1:0] word_inverse;
+    assign word = ~word_inverse;
+
+    // the newest lane above those before it, which move down by one, and at last to the end
+    wire [LANES*CODE_BITS-1:0] next_word = (LANES * CODE_BITS)'({code, word}
+        >> (coded_last[STAGES-1] ? CODE_BITS * (FILL + 1) : CODE_BITS));
+
     wire step      = !word_valid || word_ready;
     wire end_index = index == SLOT_BITS'(SLOTS - 1);
     wire end_lane  = lane == LANE_BITS'(LANES - 1) || end_index;
 
+    assign draining   = issuing || counted;
     assign drain      = step;
     assign drain_slot = index;
     assign clear      = counted;
@@ -84,10 +94,7 @@ module vpr_encoder #(
             coded          <= STAGES'({coded, counted});
             coded_word     <= STAGES'({coded_word, counted_word && !clearing});
             coded_last     <= STAGES'({coded_last, counted_last});
-            // the newest lane above those before it, which move down by one, and at last to the end
-            if (coded[STAGES-1])
-                word <= (LANES * CODE_BITS)'({code, word}
-                        >> (coded_last[STAGES-1] ? CODE_BITS * (FILL + 1) : CODE_BITS));
+            if (coded[STAGES-1]) word_inverse <= ~next_word;
             word_valid     <= coded_word[STAGES-1];
             word_last      <= coded_last[STAGES-1];
         end

@@ -4,8 +4,8 @@
 // s_event carries a word of events.mem: time, column (16 bits), row (15), ON (1), from the least
 // significant bit. m_event carries a word of expected_events.mem for each: selected, slot, count.
 // An event that ends windows by time waits in the first stage until the matcher takes each of them
-// (`window_ready`), and as many clocks longer as a timestamp has bits; so do those behind a
-// window's last one by count, before they are counted.
+// (`window_ready`), and as many clocks longer as a timestamp has bits; those behind a window's last
+// one by count wait before they are counted. So do all while the counters are drained (`pending`).
 module vpr_events #(
     parameter int          HEIGHT            = 2,
     parameter int          PIXELS            = 1,
@@ -25,7 +25,8 @@ module vpr_events #(
     parameter int          SLOT_BITS         = 1,
     parameter int          COUNT_BITS        = 1,
     parameter int          WINDOW_COUNT_BITS = 1,
-    parameter bit          LOADABLE          = 0
+    parameter bit          LOADABLE          = 0,
+    parameter bit          SLOW_BLOCKS       = 0   // see vpr_device
 ) (
     input  logic                            clk,
     input  logic                            rst,
@@ -39,11 +40,12 @@ module vpr_events #(
     output logic                            m_event_tvalid,
     input  logic                            m_event_tready,
     output logic [SLOT_BITS+COUNT_BITS:0]   m_event_tdata,
-    input  logic                            clearing,
+    input  logic                            pending,
     input  logic                            window_ready,
     output logic                            window_end,
     output logic [31:0]                     events_taken,
     output logic                            counted,
+    input  logic                            draining,
     input  logic                            drain,
     input  logic [SLOT_BITS-1:0]            drain_slot,
     output logic [COUNT_BITS-1:0]           drained,
@@ -53,18 +55,18 @@ module vpr_events #(
     // an event in each stage: its displacement, address, entry, slot, count, and raised count
     logic displaces, addresses, enters, has_slot, has_count, has_raised;
 
-    logic                  cleared, settled, over, full;
+    logic                  settled, over, full;
     logic                  counts;  // the event with the raised count is of a selected pixel
     logic                  selected;
     logic [SLOT_BITS-1:0]  slot, raised_slot;
     logic [COUNT_BITS-1:0] raised;
 
     wire moves = !has_raised || m_event_tready;       // the last two stages
-    wire looks = moves && !full;                      // those before them
+    wire looks = moves && !full && !pending;          // those before them
     wire waits = displaces && (over || !settled);     // in the first stage, for its window
     wire take  = s_event_tvalid && s_event_tready;
 
-    assign s_event_tready = cleared && settled && (!displaces || (looks && !over));
+    assign s_event_tready = settled && (!displaces || (looks && !over));
     assign m_event_tvalid = has_raised;
     assign m_event_tdata  = counts ? {raised, raised_slot, 1'b1} : '0;
 
@@ -74,7 +76,6 @@ module vpr_events #(
     wire ends = BY_TIME ? displaces && over && settled && !addresses && !enters && !has_slot : full;
 
     always_ff @(posedge clk) begin
-        cleared    <= !clearing;
         window_end <= window_ready && ends && !has_count && !has_raised && !window_end;
         if (take) displaces <= 1'b1;
         else if (looks && !waits) displaces <= 1'b0;
@@ -89,7 +90,6 @@ module vpr_events #(
         end
         if (m_event_tvalid && m_event_tready) events_taken <= events_taken + 1'b1;
         if (rst) begin
-            cleared      <= 1'b0;
             window_end   <= 1'b0;
             displaces    <= 1'b0;
             addresses    <= 1'b0;
@@ -142,12 +142,12 @@ module vpr_events #(
     endgenerate
 
     vpr_counters #(
-        .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX)
+        .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX),
+        .SLOW_BLOCKS(SLOW_BLOCKS)
     ) counters (
-        .clk(clk), .rst(rst), .clearing(clearing), .swap(window_end),
-        .enable(moves), .take(counting), .slot(slot),
+        .clk(clk), .rst(rst), .enable(moves), .take(counting), .slot(slot),
         .raises(counts), .raised_slot(raised_slot), .raised(raised),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot)
     );
 endmodule

@@ -3,7 +3,8 @@
 module vpr_ram #(
     parameter DEPTH        = 2,
     parameter BITS         = 1,
-    parameter ADDRESS_BITS = 1
+    parameter ADDRESS_BITS = 1,
+    parameter IN_LOGIC     = 0
 ) (
     input  logic                    clk,
     input  logic                    write,
