@@ -29,8 +29,8 @@ module vpr_activity #(
     // The window does not pause if events << DROPPED >= usual: from the event on with which it has
     // as many as the upper bits of the usual number say, or one more, if the lower are not all 0
     logic partly, any, more;
-
-    wire as_many = events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED]);
+    // of the clock before: no window ends within two clocks of an event
+    logic as_many, was_counted;
 
     assign pauses = !any || !(more || (as_many && !partly));
 
@@ -58,8 +58,10 @@ module vpr_activity #(
         end else if (counted) begin
             if (events != '1) events <= events + 1'b1;
             any <= 1'b1;
-            if (as_many) more <= 1'b1;
         end
+        as_many     <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED]);
+        was_counted <= counted && !window_end && !load;
+        if (as_many && was_counted) more <= 1'b1;
         if (window_end) begin
             settled     <= 1'b0;
             ended       <= events;
