@@ -19,6 +19,7 @@ from firmware_model.hardware import (
     boards,
     formal,
     mutants,
+    netlist,
     proof,
     registers,
     replay,
@@ -429,6 +430,17 @@ KINDS = [
 ]
 
 
+@needs("yosys")
+@pytest.mark.parametrize("design", KINDS)
+def test_the_memories_of_the_core_are_those_of_the_cost_model(design):
+    """Depth and width of each, of the netlist; a single window needs none for past distances."""
+    sized = cost.memories(design)
+    if design.length == 1:
+        sized.pop("history", None)
+    stated = sorted(memory for memory in sized.values() if memory.bits)
+    assert netlist.netlist_memories(design) == stated
+
+
 @needs("verilator")
 @pytest.mark.parametrize("design", KINDS)
 def test_the_sources_are_free_of_lint(tmp_path, design):
@@ -544,13 +556,16 @@ def changed(file, old, new):
 @needs_iverilog
 def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     """By cases of the vectors that the command replays; the case that finds one comes first."""
-    bench = mutants.Bench(tmp_path, 1, only=("walk_of_kept_distances", "spread_of_one"))
+    only = ("walk_of_kept_distances", "spread_of_one", "own_means")
+    bench = mutants.Bench(tmp_path, 1, only=only)
     assert bench.found_by(None) is None
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
     assert bench.found_by(dearer) in {name for _, name in bench.cases}
     for old, new in (("whole ? product", "1'b0 ? product"), ("2] || whole,", "2],")):
         assert bench.found_by(changed("vpr_filter.sv", old, new)) == "filter/spread_of_one"
     assert bench.cases[0][1] == "filter/spread_of_one"
+    lowest = changed("vpr_own_mean.sv", "octaves < LOWEST", "1'b0")
+    assert bench.found_by(lowest) == "filter/own_means"
     assert bench.found_by(None) is None
 
 

@@ -32,15 +32,15 @@ def broken_source(file: str, old: str, new: str) -> str:
     return text.replace(old, new)
 
 
-def run_yosys(commands: Sequence[str], what: str) -> None:
-    """Run commands of yosys.
+def run_yosys(commands: Sequence[str], what: str, folder: Path | None = None) -> None:
+    """Run commands of yosys, in a folder that has the tables which the sources read.
 
     Raises
     ------
     ToolError
         If yosys is missing, or refuses the sources of `what`.
     """
-    done = _run(["yosys", "-q", "-p", "; ".join(commands)], 120)
+    done = _run(["yosys", "-q", "-p", "; ".join(commands)], 120, folder)
     if done.returncode:
         raise ToolError(f"yosys refuses the {what}: {(done.stderr + done.stdout).strip()}")
 
@@ -94,9 +94,13 @@ def model_check(model: Path, seconds: int) -> bool:
     raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
 
 
-def _run(command: Sequence[str], seconds: int) -> subprocess.CompletedProcess[str]:
+def _run(
+    command: Sequence[str], seconds: int, folder: Path | None = None
+) -> subprocess.CompletedProcess[str]:
     try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False)
+        return subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, timeout=seconds, check=False
+        )
     except FileNotFoundError as error:
         raise ToolError(
             f"the proof needs {command[0]}, which is not installed: install yosys and z3"

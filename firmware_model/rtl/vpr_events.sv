@@ -127,7 +127,7 @@ module vpr_events #(
                 .TIMESTAMP_BITS(TIMESTAMP_BITS), .TAU_US(TAU_US)
             ) window_timer (
                 .clk(clk), .load(rst), .start_time(start_time), .next_window(window_end),
-                .take(take), .timestamp(s_event_tdata[TIMESTAMP_BITS-1:0]),
+                .take(s_event_tready), .timestamp(s_event_tdata[TIMESTAMP_BITS-1:0]),
                 .settled(settled), .over(over)
             );
         end else begin : g_by_count

@@ -1,7 +1,7 @@
 // End of a window by time, on a clock that wraps: what is left of the window at time t is
 // end - t modulo 2^TIMESTAMP_BITS, read as a signed number. The window has ended if it is 0 or less.
 //
-// `take` reads the time of an event; from the next clock, `over` says whether the window has ended
+// `take` reads the time of an event, if there is one; from the next clock, `over` says whether the window has ended
 // by it. A new window moves the end by TAU_US, and what the event is behind it, a bit a clock:
 // meanwhile `settled` is low, `over` has no meaning, and no event may be taken.
 module vpr_window_timer #(
@@ -38,13 +38,14 @@ module vpr_window_timer #(
         if (load) end_inverse <= ~start_time;
         else if (!settled)
             end_inverse <= {end_inverse[0] ^ added ^ end_carry, end_inverse[TIMESTAMP_BITS-1:1]};
-        if (take) begin
+        if (settled && take) begin
             behind   <= TIMESTAMP_BITS'(({timestamp, 1'b1} + {end_inverse, 1'b1}) >> 1);
             low_zero <= &(timestamp[TIMESTAMP_BITS-2:0] ^ end_inverse[TIMESTAMP_BITS-2:0]);
         end else if (!settled) begin
             behind <= {next_bit, behind[TIMESTAMP_BITS-1:1]};
             // all bits but the last to come
-            if (step != STEP_BITS'(TIMESTAMP_BITS - 1)) low_zero <= (low_zero || step == 0) && !next_bit;
+            low_zero <= step == STEP_BITS'(TIMESTAMP_BITS - 1) ? low_zero
+                        : (low_zero || step == 0) && !next_bit;
         end
         if (settled) begin
             step         <= '0;

@@ -1,0 +1,85 @@
+"""What yosys and nextpnr make of a design: memories of the core, and cells of a board's top."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+
+from firmware_model.cost import Memory
+from firmware_model.design import Design
+from firmware_model.hardware import sources
+from firmware_model.hardware.boards import Board
+from firmware_model.hardware.formal import run_yosys
+from firmware_model.hardware.parameters import PACKAGE
+from firmware_model.hardware.report import pack, synthesize, write_tables
+
+
+def netlist_memories(design: Design) -> list[Memory]:
+    """Read the memories of a core from its netlist, before they are mapped to an FPGA's.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    list of Memory
+        Sorted. The delay line of the search is one of them, though it is made of registers.
+
+    Raises
+    ------
+    ToolError
+        If yosys is missing, or refuses the core.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder, found = Path(name), Path(name) / "core.json"
+        write_tables(design, folder)
+        files = [folder / f"{PACKAGE}.sv", *(sources.FOLDER / file for file in sources.DEVICE)]
+        run_yosys(
+            [
+                f"read_verilog -sv {' '.join(map(str, files))}",
+                "hierarchy -check -top vpr_device; proc; flatten; opt_clean; memory_collect",
+                f"write_json {found}",
+            ],
+            "core",
+            folder,
+        )
+        core = json.loads(found.read_text(encoding="utf-8"))["modules"]["vpr_device"]
+    memories = [
+        Memory(*(int(cell["parameters"][size], 2) for size in ("SIZE", "WIDTH")))
+        for cell in core["cells"].values()
+        if cell["type"].startswith("$mem")
+    ]
+    delayed = [
+        len(net["bits"])
+        for net_name, net in core["netnames"].items()
+        if net_name.endswith("search.delayed")
+    ]
+    bits = design.formats["sum"].width
+    return sorted([*memories, *(Memory(taken // bits, bits) for taken in delayed)])
+
+
+def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
+    """Count the cells of the board design, packed but not placed, and those that there are.
+
+    Parameters
+    ----------
+    design : Design
+    board : Board
+
+    Returns
+    -------
+    dict of str to (int, int)
+        By the name of a kind of cell in ``board.resources``.
+
+    Raises
+    ------
+    ToolError
+        If a tool is missing, or refuses the design.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_tables(design, folder)
+        synthesize(folder, board)
+        return pack(folder, board)
