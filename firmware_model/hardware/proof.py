@@ -44,7 +44,9 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _outcomes() -> Iterator[tuple[str, bool]]:
     """Prove everything, and see that each broken version is refused."""
-    proofs = [(str(size), partial(unit_proof.prove, size)) for size in unit_proof.SIZES]
+    proofs: list[tuple[str, Callable[[], bool]]] = [
+        (str(size), partial(unit_proof.prove, size)) for size in unit_proof.SIZES
+    ]
     proofs.append(("prediction of the place filter", unit_proof.prove_prediction))
     proofs.append(("end of a window by time", unit_proof.prove_timer))
     proofs += [(claim.name, partial(stream_proof.holds, claim)) for claim in stream_proof.CLAIMS]

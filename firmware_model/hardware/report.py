@@ -178,13 +178,6 @@ def synthesize(folder: Path, board: Board) -> None:
     _run(["yosys", "-q", "-p", script], folder)
 
 
-def pack(folder: Path, board: Board) -> dict[str, tuple[int, int]]:
-    """Count the cells of ``core.json``, packed but not placed, and those that there are."""
-    words = board.place_words(str(sources.FOLDER / board.pins))
-    log = _run([*words, "--json", "core.json", "--pack-only"], folder).stderr
-    return _cells(log, board)
-
-
 def _place(folder: Path, seed: int, board: Board) -> str:
     words = board.place_words(str(sources.FOLDER / board.pins))
     words += ["--json", "core.json", "--seed", str(seed), "--timing-allow-fail"]

@@ -53,8 +53,11 @@ class Side:
     def stream(self, name: str) -> Stream:
         """Return a stream by its name, such as ``m_match``."""
         dut = self.dut
-        parts = (getattr(dut, f"{name}_{part}") for part in ("tvalid", "tready", "tdata"))
-        return Stream(dut.clk, *parts, dut.m_window_tlast if name == "m_window" else None)
+        valid, ready, data = (
+            getattr(dut, f"{name}_{part}") for part in ("tvalid", "tready", "tdata")
+        )
+        last = dut.m_window_tlast if name == "m_window" else None
+        return Stream(dut.clk, valid, ready, data, last)
 
     async def offer(self, name: str, words: Sequence[int]) -> None:
         """Offer words, one after the other; each stays until it is taken."""
@@ -143,7 +146,7 @@ async def replay(dut: Any) -> None:
         name: words_of(case, f"expected_{kind}")
         for name, kind in (("m_event", "events"), ("m_window", "windows"), ("m_match", "matches"))
     }
-    cocotb.start_soon(Clock(dut.clk, 20, "ns").start())
+    Clock(dut.clk, 20, "ns").start()
     for signal in (dut.load, dut.load_address, dut.load_word):
         signal.value = 0
     for left in reversed(range(int(os.environ["VPR_RESETS"]) + 1)):
@@ -187,7 +190,9 @@ async def until_all(
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command: compile once for each set of parameters, and replay case after case."""
-    from cocotb_tools.runner import get_results, get_runner  # not within the simulation
+    # not within the simulation
+    from cocotb_tools.check_results import get_results
+    from cocotb_tools.runner import get_runner
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("cases", nargs="*", type=Path, help="folders of cases")
