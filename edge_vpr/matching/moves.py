@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -22,6 +24,30 @@ RATE_BITS = 16
 #: with odometry, a jump leads from so many places before it to as many after it
 JUMP_REACH = 8
 _NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
+
+
+class StepTable(NamedTuple):
+    """What a kernel needs of `Moves` to predict by steps.
+
+    Attributes
+    ----------
+    prices : ndarray of int32, shape (steps,)
+        Of a step of ``first``, ``first + 1`` ... places, with fraction bits.
+    paused : ndarray of int32, shape (steps,)
+        Of a step of 0, 1 ... places while nothing moves.
+    first, last : int
+        Smallest step, and the largest after which an answer follows from the one before.
+    restart : int
+        With fraction bits.
+    jumps : ndarray of int32, shape (n, 2)
+    """
+
+    prices: Metrics
+    paused: Metrics
+    first: int
+    last: int
+    restart: int
+    jumps: npt.NDArray[np.int32]
 
 
 class Moves:
@@ -63,8 +89,10 @@ class Moves:
         self.places, self.prices = places, prices
         self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
         check_jumps(self.jumps, places)
-        self._steps, self._restart = prices.scaled, prices.restart << FRACTION_BITS
-        self._paused = np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS
+        self.by_step = StepTable(
+            prices.scaled, np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS,
+            prices.first, prices.last, prices.restart << FRACTION_BITS, self.jumps,
+        )  # fmt: skip
         self._along = along_mm
         self._spacing = self._rate = 0
         if along_mm is not None:
@@ -84,11 +112,13 @@ class Moves:
 
     def by_steps(self, metric: Metrics) -> Metrics:
         """Return the price of each place one window later, shape (K,)."""
-        return predict(metric, self._steps, self.prices.first, self._restart, self.jumps)
+        steps = self.by_step
+        return predict(metric, steps.prices, steps.first, steps.restart, steps.jumps)
 
     def while_paused(self, metric: Metrics) -> Metrics:
         """Return the price of each place after a window in which nothing moved, shape (K,)."""
-        return predict(metric, self._paused, 0, self._restart, self.jumps)
+        steps = self.by_step
+        return predict(metric, steps.paused, 0, steps.restart, steps.jumps)
 
     def by_distance(self, metric: Metrics, travelled_mm: int) -> Metrics:
         """Return the price of each place after a way of `travelled_mm`, shape (K,).
@@ -100,7 +130,7 @@ class Moves:
         """
         return predict_travelled(
             metric, self._checked_along(), _limited(travelled_mm), (self._rate, self._spacing),
-            self._restart, self.jumps,
+            self.by_step.restart, self.jumps,
         )  # fmt: skip
 
     def following(self, place: int, travelled_mm: int | None) -> npt.NDArray[np.bool_]:
@@ -114,20 +144,24 @@ class Moves:
         """
         follows = np.zeros(self.places, dtype=np.bool_)
         if travelled_mm is None:
-            last = self.prices.last
-            follows[max(place + self.prices.first, 0) : place + last + 1] = True
-            near = self.jumps[self._jumps_near(place, last)] if len(self.jumps) else self.jumps
-            for begin, end in near.tolist():
-                follows[end : end + last - (begin - place)] = True
+            mark_following(place, self.by_step, follows)
             return follows
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
-        follows |= (off * self._rate) >> RATE_BITS < self._restart
+        follows |= (off * self._rate) >> RATE_BITS < self.by_step.restart
         for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
             way = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
-            follows[beyond] |= (np.abs(way - travelled) * self._rate) >> RATE_BITS < self._restart
+            price = (np.abs(way - travelled) * self._rate) >> RATE_BITS
+            follows[beyond] |= price < self.by_step.restart
         return follows
+
+    def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
+        """Whether `next_place` follows from `place` without a restart."""
+        steps = self.by_step
+        if travelled_mm is None:
+            return bool(leads_to(place, next_place, steps.first, steps.last, steps.jumps))
+        return bool(self.following(place, travelled_mm)[next_place])
 
     def _jumps_near(self, place: int, reach: int) -> npt.NDArray[np.bool_]:
         before = self.jumps[:, 0] - place
@@ -145,6 +179,27 @@ class Moves:
                 "drive that moves, or match without odometry"
             )
         return self._along
+
+
+@njit(cache=True, nogil=True)
+def leads_to(
+    place: int, next_place: int, first: int, last: int, jumps: npt.NDArray[np.int32]
+) -> bool:
+    """Whether a step of ``first`` to ``last`` places leads there, or one over a jump."""
+    if first <= next_place - place <= last:
+        return True
+    for n in range(len(jumps)):
+        before, beyond = jumps[n, 0] - place, next_place - jumps[n, 1]
+        if before >= 0 and beyond >= 0 and before + beyond < last:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def mark_following(place: int, steps: StepTable, follows: npt.NDArray[np.bool_]) -> None:
+    """Write which places `leads_to` leads to from `place`, shape (K,)."""
+    for k in range(follows.size):
+        follows[k] = leads_to(place, k, steps.first, steps.last, steps.jumps)
 
 
 def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
