@@ -16,7 +16,7 @@ from edge_vpr.matching.filter_arithmetic import (
     reciprocal_of_spread,
     trust_after,
 )
-from edge_vpr.matching.moves import StepTable, leads_to, predict
+from edge_vpr.matching.move_kernels import StepTable, leads_to, predict
 from edge_vpr.matching.step_prices import METRIC_TOP, Metrics
 
 #: Of a filter between two windows, beside its metrics; see `PlaceFilter`.
