@@ -158,6 +158,9 @@ def test_a_map_and_a_recording_in_each_others_place(drive, tmp_path, capsys):
     assert "the map comes first" in says
     says = refused(capsys, "map", drive / "map.npz", "-o", tmp_path / "b.npz")
     assert "map.npz is a reference map, and a recording is expected" in says
+    for words in (["map", drive / "map.npz", "--frames-as-windows", "-o", tmp_path / "b.npz"],
+                  ["convert", drive / "map.npz", tmp_path / "b.raw"]):  # fmt: skip
+        assert "map.npz is a reference map, and a recording is expected" in refused(capsys, *words)
     assert kind_of(drive / "map.npz") == "reference map"
     assert kind_of(drive / "drive.npz") is None and kind_of(drive / "none") is None
 
@@ -168,6 +171,36 @@ def test_a_map_that_nothing_matches_is_not_written(drive, tmp_path, capsys, flag
     words = ["map", drive / "drive.npz", "-o", tmp_path / "map.npz", *SMALL, flag, value]
     words += ["--strategy", "random"]
     assert "does not fit the" in refused(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["-L", "3"], "--sequence-length has no effect with --matching filter: it is for"),
+        (["--events-per-pixel", "2"], "has no effect with --window time: it is for --window count"),
+        (["--strategy", "top", "--sigma", "2"], "--sigma has no effect with --strategy top"),
+        (["--matching", "sequence", "--filter-back", "2"], "it is for --matching filter"),
+    ],
+)
+def test_a_flag_that_other_settings_make_void_is_a_warning(drive, tmp_path, capsys, flags, says):
+    words = ["map", str(drive / "drive.npz"), "-o", str(tmp_path / "map.npz"), "--tau", "100ms"]
+    words += ["--pixels", "5", "--strategy", "random"]
+    assert cli.main(words) == 0
+    assert "no effect" not in capsys.readouterr().err
+    assert cli.main([*words, *flags, "--overwrite"]) == 0
+    err = capsys.readouterr().err
+    assert "edge-vpr: warning: " in err and says in err
+    match = ["match", str(tmp_path / "map.npz"), str(drive / "drive.npz"), "--no-figures"]
+    assert cli.main([*match, "-o", str(tmp_path / "a"), "--matching", "filter", "-L", "3"]) == 0
+    assert "--sequence-length has no effect" in capsys.readouterr().err
+    assert cli.main([*match, "-o", str(tmp_path / "b"), "--no-smooth"]) == 0
+    assert "no effect" not in capsys.readouterr().err
+
+
+def test_pixels_do_not_vary_over_one_window(drive, tmp_path, capsys):
+    words = ["map", drive / "drive.npz", "-o", tmp_path / "map.npz", "--tau", "1900ms"]
+    assert "the drive holds one window of 1.9 s, and pixels" in refused(capsys, *words)
     assert list(tmp_path.iterdir()) == []
 
 

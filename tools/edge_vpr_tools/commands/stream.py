@@ -24,8 +24,8 @@ from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.links import open_link
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder
-from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, match_flags
-from edge_vpr_tools.arguments.stream_arguments import check_arguments
+from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, with_match_flags
+from edge_vpr_tools.arguments.stream_checks import check_arguments
 from edge_vpr_tools.output.cleaning import warn_if_much
 from edge_vpr_tools.output.interrupt import stopped_by_signals
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early, open_view
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
     check_not_smooth(args.smooth)
-    settings = reference.settings.replaced(match_flags(args), "the command line")
+    settings = with_match_flags(args, reference.settings)
     return reference.matched_with(replace(settings, smooth=False))
 
 
