@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -336,22 +337,38 @@ def test_results_are_shown_in_one_short_line(drive):
     assert repr(found) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
 
 
-def test_a_real_bash_completes(tmp_path):
+COMPLETED = {
+    "bash": (
+        'eval "$(edge-vpr completion bash)"\n'
+        "COMP_LINE='edge-vpr match --onl' COMP_POINT=20 COMP_TYPE=9 COMP_CWORD=2\n"
+        "COMP_WORDS=(edge-vpr match --onl)\n"
+        '_python_argcomplete edge-vpr --onl match\necho "${COMPREPLY[@]}"'
+    ),
+    "zsh": (
+        "compdef() { : }\n"  # outside the line editor there is nothing to add to
+        "is-at-least() { return 0 }\n"
+        "_describe() { print -l ${(P)2} }\n"
+        'eval "$(edge-vpr completion zsh)"\n'
+        "words=(edge-vpr match --onl) BUFFER='edge-vpr match --onl' CURSOR=20\n"
+        "_python_argcomplete"
+    ),
+    "fish": "edge-vpr completion fish | source; complete -C 'edge-vpr match --onl'",
+}
+
+
+@pytest.mark.parametrize("shell", COMPLETED)
+def test_a_real_shell_completes(tmp_path, shell):
     """By the script that the command prints, with the program found on the path."""
-    if shutil.which("bash") is None:
-        pytest.skip("bash is not installed")
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
     program = tmp_path / "edge-vpr"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m edge_vpr_tools.cli "$@"\n')
     program.chmod(0o755)
-    line = "edge-vpr match --onl"
-    script = (
-        'eval "$(edge-vpr completion bash)"\n'
-        f"COMP_LINE='{line}' COMP_POINT={len(line)} COMP_TYPE=9 COMP_CWORD=2\n"
-        f"COMP_WORDS=({line})\n"
-        f'_python_argcomplete edge-vpr --onl match\necho "${{COMPREPLY[@]}}"'
-    )
-    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "HOME": str(tmp_path)}
     run = subprocess.run(
-        ["bash", "-c", script], env=environment, capture_output=True, text=True, check=False
-    )
-    assert run.stdout.split() == ["--online"], run.stderr
+        [shell, "-c", COMPLETED[shell]],
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    # zsh and fish show the help beside it
+    assert re.split(r"[\s:]", run.stdout)[0] == "--online", run.stderr
+    assert run.stdout.count("--") == 1
