@@ -347,7 +347,7 @@ COMPLETED = {
     "zsh": (
         "compdef() { : }\n"  # outside the line editor there is nothing to add to
         "is-at-least() { return 0 }\n"
-        "_describe() { print -l ${(P)2} }\n"
+        "_describe() { print -l -- ${(P)2} }\n"
         'eval "$(edge-vpr completion zsh)"\n'
         "words=(edge-vpr match --onl) BUFFER='edge-vpr match --onl' CURSOR=20\n"
         "_python_argcomplete"
