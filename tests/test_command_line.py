@@ -25,6 +25,7 @@ from edge_vpr.errors import MissingExtraError, did_you_mean
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
+from edge_vpr.stream.protocols import open_encoder
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
@@ -231,6 +232,13 @@ def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "removed as bursts" in out
     assert "warning: 52% of the events" in err and "--bursts keep" in err
+    encoder = open_encoder("evpr", SENSOR)
+    sent = encoder.encode(events[np.argsort(events["t"], kind="stable")])
+    (tmp_path / "sent.bin").write_bytes(encoder.start() + sent)
+    words_of_stream = ["--protocol", "evpr", "--map", str(tmp_path / "m.npz"), "--once"]
+    assert cli.main(["stream", "--port", str(tmp_path / "sent.bin"), *words_of_stream]) == 0
+    err = capsys.readouterr().err
+    assert "of the events of" in err and "make the map with --bursts keep" in err
     assert cli.main([*words, "--bursts", "keep", "--overwrite"]) == 0
     out, err = capsys.readouterr()
     assert "bursts kept" in out and err == ""

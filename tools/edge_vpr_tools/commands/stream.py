@@ -16,6 +16,7 @@ from pathlib import Path
 
 from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr.events import Events, Sensor
+from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, duration_us
@@ -132,6 +133,9 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
             _record(events, drive or (files[0] if files else None), args, live, view)
         finally:
             view.summary(decoder.health, live.bursts_removed)
+            if reference is not None:
+                removed = Removed(decoder.health.events, live.bursts_removed)
+                warn_if_much(removed, args.port, "make the map with --bursts keep")
         if reader.error is not None:
             raise reader.error
         if view.unwritten:
