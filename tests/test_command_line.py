@@ -215,6 +215,31 @@ def test_an_alignment_in_frames_needs_their_length(drive, tmp_path, capsys):
     assert "--frame-period 1/30" in refused(capsys, *words)
 
 
+def test_logs_in_the_wrong_order_are_noticed_by_the_matches(drive, tmp_path, capsys):
+    """Of drives of one length along one route, so that nothing else shows it."""
+    results, reference, query = (tmp_path / name for name in ("results", "a.csv", "b.csv"))
+    match = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(results)]
+    assert cli.main([*match, "--no-figures", "--start", "0.3"]) == 0
+    reference.write_text("time_s,position_m\n0,0\n3,30\n")
+    query.write_text("time_s,position_m\n0,3\n3,33\n")
+    evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth"]
+    assert cli.main([*evaluate, str(reference), str(query)]) == 0
+    out, err = capsys.readouterr()
+    assert "P@100R 1.000" in out and "order" not in err
+    assert cli.main([*evaluate, str(query), str(reference)]) == 0
+    out, err = capsys.readouterr()
+    assert "P@100R 0.000" in out
+    assert "in the other order 100% of the matches would be right instead of 0%" in err
+
+
+def test_one_track_is_no_ground_truth(drive, tmp_path, capsys):
+    results = tmp_path / "results"
+    match = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(results)]
+    assert cli.main([*match, "--no-figures"]) == 0
+    words = ["evaluate", results, "--tolerance", "2", "--ground-truth", "a.nmea"]
+    assert "a.nmea is one track: give two" in refused(capsys, *words)
+
+
 def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys):
     """Half of the events are of moments when every pixel fires."""
     rng = np.random.default_rng(0)
