@@ -15,7 +15,7 @@ import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.arguments.completions import tree
 from edge_vpr_tools.arguments.parser import takes_value
-from edge_vpr_tools.output import compiling, messages
+from edge_vpr_tools.output import compiling, messages, tables
 from edge_vpr_tools.verbs import EXAMPLES, GROUPS, VERBS, find_verb, module_name
 from streams import random_events
 
@@ -292,6 +292,26 @@ def test_control_characters_of_a_file_name_do_not_reach_the_terminal(tmp_path, c
     assert cli.main(["info", str(tmp_path / "a\x1b[2J\x07.npz")]) != 0
     err = capsys.readouterr().err
     assert "\x1b" not in err and "\x07" not in err and r"\x1b[2J" in err
+
+
+def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
+    """Nor do they mark text up, or feed lines of their own."""
+    folder = tmp_path / "a\x1b[2J\n[bold]"
+    folder.mkdir()
+    words = ["map", str(drive / "drive.npz"), "-o", str(folder / "m\x07.npz"), *SMALL]
+    assert cli.main(words) == 0
+    match = ["match", str(folder / "m\x07.npz"), str(drive / "drive.npz"), "--no-figures"]
+    assert cli.main([*match, "-o", str(folder / "r\x9b")]) == 0
+    (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n2,2\n")
+    evaluate = ["evaluate", str(folder / "r\x9b"), "--ground-truth", str(tmp_path / "truth.csv")]
+    assert cli.main([*evaluate, "--tolerance", "1"]) == 0
+    tables.table([str(folder)], [["[/red]\x1b[0m"]], title=str(folder))
+    tables.say(str(folder))
+    out, err = capsys.readouterr()
+    raw = [line for line in (out + err).splitlines() if not line.isprintable()]
+    assert raw == []
+    assert r"a\x1b[2J\n[bold]/m\x07.npz: 19 places" in out
+    assert r"r\x9b/report.html" in out and r"[/red]\x1b[0m" in out
 
 
 def test_the_hint_to_install_an_extra_works_from_here(monkeypatch):
