@@ -26,6 +26,8 @@ _WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
 _NEW, _OLD = "new", "old"
+#: what only writing raises, and often without the name of a file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -200,6 +202,10 @@ def work_folder(target: Path) -> Iterator[Path]:
         ) from error
     try:
         yield work
+    except OSError as error:
+        if error.errno in _FULL and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(target)) from error
+        raise
     finally:
         shutil.rmtree(work, ignore_errors=True)
         if lock is not None:
