@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -86,7 +87,15 @@ class Archive:
                 "save it with numpy.savez or numpy.savez_compressed"
             )
         member = stack.enter_context(self._zip.open(info))
-        return ArrayStream(member, f"{self.path}:{name}")
+        array = ArrayStream(member, f"{self.path}:{name}")
+        announced = math.prod(array.shape) * array.dtype.itemsize
+        held = info.file_size - array.header_bytes
+        if announced < held:
+            raise RecordingError(
+                f"{array.name} announces {array.shape} of {array.dtype} and holds {held:,} bytes: "
+                "copy or save it again"
+            )
+        return array
 
     def scalar(self, *names: str) -> float | int | None:
         """First of the single numbers `names` that is there."""
