@@ -1,0 +1,122 @@
+"""The documentation becomes a site without a warning, and holds what it promises."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from browser import open_browser, program
+from edge_vpr_tools.verbs import VERBS
+
+import edge_vpr
+
+ROOT = Path(__file__).parents[1]
+#: packages whose exports the reference lists
+PACKAGES = (
+    "edge_vpr.recordings", "edge_vpr.pipeline", "edge_vpr.settings", "edge_vpr.simulate",
+    "edge_vpr.stream.protocols", "edge_vpr.baselines", "firmware_model", "firmware_model.vectors",
+    "fixedpoint",
+)  # fmt: skip
+
+
+class Links(HTMLParser):
+    """Collects what a page leads to, shows and is led to by."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.targets: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name in ("href", "src") and value:
+                self.targets.append(value)
+            elif name == "id" and value:
+                self.anchors.add(value)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    for library in ("mkdocs", "material", "mkdocstrings"):
+        pytest.importorskip(library, reason=f"{library} makes the site: extra docs")
+    folder = tmp_path_factory.mktemp("site")
+    run = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+    return folder
+
+
+def pages(site: Path) -> dict[Path, Links]:
+    return {path: Links(path.read_text()) for path in site.rglob("*.html")}
+
+
+@pytest.mark.slow
+def test_links_and_pictures_of_the_site_are_there(site):
+    found = pages(site)
+    assert len(found) > 35
+    for page, links in found.items():
+        if page.name == "404.html":  # its links begin at the root of a server
+            continue
+        for target in links.targets:
+            parts = urlsplit(target)
+            if parts.scheme or parts.netloc:
+                continue
+            path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
+            if path.is_dir():
+                path /= "index.html"
+            assert path.is_file(), f"{page.name} leads to {target}"
+            if parts.fragment and path in found:
+                anchors = found[path].anchors
+                assert unquote(parts.fragment) in anchors, f"{page.name} leads to {target}"
+
+
+@pytest.mark.slow
+def test_the_site_asks_no_other_server_for_anything(site):
+    for page in site.rglob("*.html"):
+        loaded = re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=.?(https?:[^ >]*)", page.read_text())
+        assert [url for url in loaded if "github.com/edge-vpr" not in url] == [], page.name
+
+
+@pytest.mark.slow
+def test_the_reference_holds_every_public_name(site):
+    text = "".join(path.read_text() for path in (site / "api").glob("*.html"))
+    for name in edge_vpr.__all__:
+        assert f"edge_vpr.{name}<" in text, name
+    for package in PACKAGES:
+        for name in importlib.import_module(package).__all__:
+            short = f"edge_vpr.{name}<" in text and name in edge_vpr.__all__
+            assert short or f"{package}.{name}<" in text, f"{package}.{name}"
+
+
+@pytest.mark.slow
+def test_no_page_of_the_site_is_wider_than_a_phone(site, tmp_path):
+    if program() is None:
+        pytest.skip("no Chromium is installed: apt-get install chromium")
+    with open_browser(tmp_path / "profile") as browser:
+        browser.look(width=390, height=800)
+        for name in ("index", "tutorial", "settings", "place_filter_figures", "api/matching"):
+            browser.open(site / f"{name}.html")
+            assert browser.value("document.documentElement.scrollWidth") <= 390, name
+    assert [problem for problem in browser.problems if "file:" not in problem] == []
+
+
+def test_every_page_has_a_place_in_the_site():
+    """MkDocs says so too, but only where it is installed."""
+    named = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text()))
+    assert {path.name for path in (ROOT / "docs").glob("*.md")} <= named
+
+
+def test_every_command_is_on_the_page_of_commands():
+    page = (ROOT / "docs/commands.md").read_text()
+    assert [verb for verb in VERBS if f"`{verb}`" not in page] == []
