@@ -6,8 +6,10 @@ import base64
 import itertools
 import json
 import os
+import select
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +17,14 @@ from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 _TIMEOUT_S = 60
+#: the browser reads at 3 and writes at 4, numbers that other files may have here
+_LAUNCH = """
+import fcntl, os, sys
+high = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]
+for end, wanted in zip(high, (3, 4)):
+    os.dup2(end, wanted)
+os.execvp(sys.argv[3], sys.argv[3:])
+"""
 
 
 def program() -> str | None:
@@ -103,6 +113,8 @@ class Browser:
 
     def _next(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
+            ready, _, _ = select.select([self._receive], [], [], _TIMEOUT_S)
+            assert ready, f"the browser said nothing for {_TIMEOUT_S} s"
             block = os.read(self._receive, 1 << 20)
             assert block, "the browser has ended"
             self._rest += block
@@ -125,11 +137,9 @@ def open_browser(profile: Path) -> Iterator[Browser]:
     theirs[3], ours["send"] = os.pipe()
     ours["receive"], theirs[4] = os.pipe()
     flags = "--headless --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run"
-    # the browser wants its ends to be 3 and 4, which may be taken here
-    shell = f'exec "$0" "$@" 3<&{theirs[3]} 4>&{theirs[4]}'
-    words = ["sh", "-c", shell, name, *flags.split(), f"--user-data-dir={profile}"]
+    words = [sys.executable, "-c", _LAUNCH, str(theirs[3]), str(theirs[4]), name]
     process = subprocess.Popen(
-        [*words, "--remote-debugging-pipe"],
+        [*words, *flags.split(), f"--user-data-dir={profile}", "--remote-debugging-pipe"],
         pass_fds=tuple(theirs.values()),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

@@ -254,7 +254,8 @@ def test_the_platformio_project_finds_the_models_matches_on_this_computer(expect
 
 def test_the_platformio_project_finds_them_on_an_stm32_from_reset_on(expected, tmp_path):
     header, matches, place = expected
-    board = ("arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb")  # PlatformIO knows them of the board
+    # PlatformIO takes the last two from its description of the board
+    board = ("arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb")
     program = compiled("nucleo_f446re", header, tmp_path, *board)
     values = boot(program, flash=0x0800_0000, ram_bytes=128 << 10)
     assert values == {"refused": 0, "matches": matches, "place": place}

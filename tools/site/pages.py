@@ -217,7 +217,8 @@ def _home(package: str, name: str, value: Any) -> str:
 
 def _stage_page(stage: Stage, objects: dict[str, str]) -> str:
     blocks = [
-        f'::: {path}\n    options:\n      heading: "{heading}"\n' for path, heading in objects.items()
+        f'::: {path}\n    options:\n      heading: "{heading}"\n'
+        for path, heading in objects.items()
     ]
     return f"# {stage.title}\n\n{stage.text}\n\n" + "\n".join(blocks)
 
@@ -227,8 +228,8 @@ def _first_page() -> str:
     lines = [
         "# Python",
         "",
-        "What `import edge_vpr` offers, and the packages beside it, by stage. Docstrings give shapes,",
-        "units and errors. All other modules are internal and may change.",
+        "What `import edge_vpr` offers, and the packages beside it, by stage. Each entry gives",
+        "shapes, units and errors. All other modules are internal and may change.",
         "",
         "| page | what |",
         "| --- | --- |",

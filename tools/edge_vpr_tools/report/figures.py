@@ -28,7 +28,7 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
     """Draw the selected pixels over the map that they were drawn from."""
     sensor = reference.pixel_map.sensor
     what = "mean" if reference.settings.strategy == "seed-code" else "variance"
-    with figure(7.0, 1.2 + 6.0 * sensor.height / sensor.width) as (drawing, axes):
+    with figure(7.0, 1.1 + 5.2 * sensor.height / sensor.width) as (drawing, axes):
         shown = np.where(reference.hot, np.nan, reference.saliency)
         # a few pixels may vary a thousand times more than most: a root keeps the others visible
         image = axes.imshow(np.sqrt(shown), cmap="cividis", interpolation="nearest")
@@ -145,7 +145,10 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
             xlim=(0, 1.01),
             ylim=(0, 1.03),
         )
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
+        if len(curves) == 1:
+            axes.legend(loc="lower left", fontsize=9)
+        else:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
     return drawing
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from edge_vpr_tools.report.page import Page
@@ -23,7 +24,8 @@ def add_run(page: Page, record: Mapping[str, Any]) -> None:
     """
     page.heading("Settings and versions")
     if record.get("command"):
-        command = " ".join(map(str, record["command"]))
+        program, *words = map(str, record["command"])
+        command = " ".join([Path(program).name, *words])
         page.text(f"Made by: {command} ({record.get('finished_utc', 'time not recorded')}).")
     settings = record.get("settings", {})
     if settings:
@@ -56,5 +58,5 @@ def plain(value: object) -> str:
         case bool():
             return "yes" if value else "no"
         case list() | tuple():
-            return ", ".join(map(plain, value))
+            return ", ".join(map(plain, value)) or "none"
     return str(value)

@@ -42,7 +42,7 @@ class Scale:
         values = self.values[known]
         if known.size < 2 or values[0] == values[-1]:
             return np.empty(0), np.empty(0)
-        round_values = MaxNLocator(_TICKS).tick_values(values[0], values[-1])
+        round_values = MaxNLocator(_TICKS, steps=[1, 2, 5, 10]).tick_values(values[0], values[-1])
         inside = round_values[(round_values >= values[0]) & (round_values <= values[-1])]
         return np.interp(inside, values, known), inside
 

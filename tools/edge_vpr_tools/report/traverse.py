@@ -68,7 +68,7 @@ def write_report(
     settings = matches.settings
     page.text(
         f"{len(matches)} query windows matched against {len(reference)} places, "
-        f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels} pixels, "
+        f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels, "
         f"{reference.bytes_per_place} bytes a place ({reference.packed_bytes_per_place} packed), "
         + (
             "by the place filter."
@@ -141,9 +141,13 @@ def _add_queries(
     page.heading("Events and windows")
     add("event_rate", lambda: figures.event_rate(drives),
          "The selected pixels follow the whole sensor, at a fraction of the events."
-         + (" Theirs are estimated from codes." if reference.is_coded else ""))  # fmt: skip
-    add("window_lengths", lambda: figures.window_lengths(drives),
-         "A fixed-count window is short where much moves.")  # fmt: skip
+         + (" Their events are estimated from codes." if reference.is_coded else ""))  # fmt: skip
+    lengths = (
+        "A window of a fixed number of events is short where much moves."
+        if reference.settings.window == "count"
+        else "Windows of a fixed time are equally long."
+    )
+    add("window_lengths", lambda: figures.window_lengths(drives), lengths)
 
 
 def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
