@@ -176,12 +176,13 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
         elif path.startswith("docs/"):
             inside = path.removeprefix("docs/")
         elif (ROOT / path).exists():
-            return f"{before}{config.repo_url}/blob/main/{path}{after}"
+            return f"{before}{config.extra['repository']}/blob/main/{path}{after}"
         else:
             raise PluginError(f"{here} leads to {target}, which is not there")
         return f"{before}{posixpath.relpath(inside, posixpath.dirname(here) or '.')}{after}"
 
-    parts = _FENCE.split(markdown)
+    # what follows the language of a block is for the tests
+    parts = _FENCE.split(re.sub(r"^(```\w+) [^\n]*$", r"\1", markdown, flags=re.MULTILINE))
     return "".join(part if i % 2 else _LINK.sub(led, part) for i, part in enumerate(parts))
 
 

@@ -28,7 +28,7 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
     """Draw the selected pixels over the map that they were drawn from."""
     sensor = reference.pixel_map.sensor
     what = "mean" if reference.settings.strategy == "seed-code" else "variance"
-    with figure(7.0, 1.1 + 5.2 * sensor.height / sensor.width) as (drawing, axes):
+    with figure(7.0, 1.5 + 5.2 * sensor.height / sensor.width) as (drawing, axes):
         shown = np.where(reference.hot, np.nan, reference.saliency)
         # a few pixels may vary a thousand times more than most: a root keeps the others visible
         image = axes.imshow(np.sqrt(shown), cmap="cividis", interpolation="nearest")
