@@ -69,7 +69,8 @@ class Browser:
     def open(self, path: Path) -> None:
         """Load a file and wait until all of it is there."""
         self._events.clear()
-        self.call("Page.navigate", url=path.absolute().as_uri())
+        found = self.call("Page.navigate", url=path.absolute().as_uri())
+        assert "errorText" not in found, found["errorText"]
         while not any(event.get("method") == "Page.loadEventFired" for event in self._events):
             self._note(self._next())
 

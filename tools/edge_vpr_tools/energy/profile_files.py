@@ -80,7 +80,11 @@ def write_report(found: Profile, folder: Path) -> None:
     page.heading("Conditions of the measurement")
     page.table(
         ("condition", "value"),
-        [(name.replace("_", " "), plain(value)) for name, value in provenance.items()],
+        [
+            (name.replace("_", " "), plain(value))
+            for name, value in provenance.items()
+            if name != "versions"
+        ],
     )
     add_run(page, to_json(found.run))
     page.write(folder / results.REPORT)

@@ -17,6 +17,8 @@ from edge_vpr.archive import replacing
 
 #: Matplotlib draws at 130 dots an inch, a browser shows 96
 _SHOWN = 96 / 130
+#: longer cells are read as text, also where they begin with a figure
+_LONGEST_NUMBER = 28
 
 
 @dataclass(frozen=True)
@@ -119,4 +121,5 @@ class Page:
 
 
 def _is_number(cell: str) -> bool:
-    return not cell or re.match(r"-?\d|-$", cell) is not None
+    """Whether a cell is a short figure, perhaps with its unit, bounds or spread."""
+    return not cell or (len(cell) <= _LONGEST_NUMBER and re.match(r"-?\d|-$", cell) is not None)

@@ -47,7 +47,7 @@ def add_run(page: Page, record: Mapping[str, Any]) -> None:
                 for one in inputs
             ],
         )
-    page.folded("The whole record (run.json)", json.dumps(record, indent=2))
+    page.folded("The whole record of the run", json.dumps(record, indent=2))
 
 
 def plain(value: object) -> str:
@@ -57,6 +57,8 @@ def plain(value: object) -> str:
             return "none"
         case bool():
             return "yes" if value else "no"
+        case Mapping():
+            return ", ".join(f"{name} {plain(one)}" for name, one in value.items())
         case list() | tuple():
             return ", ".join(map(plain, value)) or "none"
     return str(value)
