@@ -118,6 +118,24 @@ def test_no_page_of_the_site_is_wider_than_a_phone(site, tmp_path):
     assert [problem for problem in browser.problems if "file:" not in problem] == []
 
 
+def test_what_follows_a_section_of_a_docstring_is_not_taken_for_an_attribute():
+    """NumPy's docstrings have their sections last: a sentence behind them has no place."""
+    griffe = pytest.importorskip("griffe", reason="griffe reads docstrings: extra docs")
+    waiting = [griffe.load(name, search_paths=[ROOT]) for name in ("edge_vpr", "firmware_model")]
+    items = 0
+    while waiting:
+        thing = waiting.pop()
+        waiting += [member for member in thing.members.values() if not member.is_alias]
+        if thing.docstring is None:
+            continue
+        for section in thing.docstring.parse("numpy", warnings=False):
+            for item in section.value if isinstance(section.value, list) else ():
+                name = getattr(item, "name", None) or ""
+                items += 1
+                assert not name.endswith("."), f"{thing.path}: {name}"
+    assert items > 500
+
+
 def test_every_page_has_a_place_in_the_site():
     """MkDocs says so too, but only where it is installed."""
     named = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text()))
