@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from edge_vpr_tools.output.json_records import to_json
 from edge_vpr_tools.output.provenance import write_json
 from edge_vpr_tools.output.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.run_section import add_run, plain
 from edge_vpr_tools.report.style import save
 
 
@@ -65,9 +65,17 @@ def write_report(found: Profile, folder: Path) -> None:
         )  # fmt: skip
         for name, draw, caption in drawings:
             _add(page, folder / name, draw(), caption)
-    page.heading("Where and how")
-    page.verbatim(json.dumps(to_json(found.provenance), indent=2))
-    page.verbatim(json.dumps(to_json(found.run), indent=2))
+    provenance = to_json(found.provenance)
+    page.heading("Conditions of the measurement")
+    page.table(
+        ("condition", "value"),
+        [
+            (name.replace("_", " "), plain(value))
+            for name, value in provenance.items()
+            if name != "versions"
+        ],
+    )
+    add_run(page, to_json(found.run))
     page.write(folder / results.REPORT)
 
 

@@ -20,6 +20,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.report.scales import Scale, add_scale
 from edge_vpr_tools.report.style import BLUE, CYCLE, DASHES, ORANGE, RED, SKY, figure
 
 
@@ -27,7 +28,7 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
     """Draw the selected pixels over the map that they were drawn from."""
     sensor = reference.pixel_map.sensor
     what = "mean" if reference.settings.strategy == "seed-code" else "variance"
-    with figure(7.0, 1.2 + 6.0 * sensor.height / sensor.width) as (drawing, axes):
+    with figure(7.0, 1.5 + 5.2 * sensor.height / sensor.width) as (drawing, axes):
         shown = np.where(reference.hot, np.nan, reference.saliency)
         # a few pixels may vary a thousand times more than most: a root keeps the others visible
         image = axes.imshow(np.sqrt(shown), cmap="cividis", interpolation="nearest")
@@ -59,8 +60,10 @@ def distance_matrix(
     distances: npt.NDArray[np.floating],
     stride: int,
     matches: Matches,
-    truth: GroundTruth | None,
-    found: Evaluation | None,
+    truth: GroundTruth | None = None,
+    found: Evaluation | None = None,
+    query_scale: Scale | None = None,
+    place_scale: Scale | None = None,
 ) -> Figure:
     """Draw the distances of all places to all queries, the matches, and where they should be.
 
@@ -71,6 +74,8 @@ def distance_matrix(
     stride : int
     matches : Matches
     truth, found : GroundTruth and Evaluation, optional
+    query_scale, place_scale : Scale, optional
+        Of the query's windows and of the map's places: a second axis for each.
     """
     first = int(matches.query[0])
     extent = (
@@ -108,6 +113,10 @@ def distance_matrix(
             ylabel="reference place",
         )
         axes.grid(visible=False)
+        if query_scale is not None:
+            add_scale(axes, "top", query_scale)
+        if place_scale is not None:
+            add_scale(axes, "right", place_scale)
         axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, -0.08), ncols=3)
     return drawing
 
@@ -136,7 +145,10 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
             xlim=(0, 1.01),
             ylim=(0, 1.03),
         )
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
+        if len(curves) == 1:
+            axes.legend(loc="lower left", fontsize=9)
+        else:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
     return drawing
 
 
@@ -197,8 +209,15 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     return drawing
 
 
-def online_places(matches: Matches) -> Figure:
-    """Draw which place was matched when; matches of little trust are light."""
+def online_places(matches: Matches, place_scale: Scale | None = None) -> Figure:
+    """Draw which place was matched when; matches of little trust are light.
+
+    Parameters
+    ----------
+    matches : Matches
+    place_scale : Scale, optional
+        Of the map's places: a second axis.
+    """
     with figure(7.5, 5.0) as (drawing, axes):
         # a picture shows no more than some ten thousand points
         shown = matches.every(1 + len(matches) // 20_000)
@@ -212,6 +231,8 @@ def online_places(matches: Matches) -> Figure:
             ylabel="reference place",
             ylim=(-0.5, matches.places_in_map - 0.5),
         )
+        if place_scale is not None:
+            add_scale(axes, "right", place_scale)
     return drawing
 
 
