@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from edge_vpr.online.vector_kernels import MAX_STEPS, update_blocks
+from fixedpoint.own_mean import LEVEL_BITS
 
 # What is called for every event takes its arrays one by one, or is inlined: reading an array out of
 # the state counts a reference, which takes longer than the event's own bookkeeping.
@@ -115,3 +116,25 @@ def push(s, slot, time):
     s.bound[0] += 1
     note(s.moves, s.totals, slot, -1)
     return True
+
+
+@njit(cache=True, nogil=True)
+def write_codes(levels, mean, bits, code):
+    """Write the own-mean code of each count for each counter, as `OwnMeanCode.tables` has it.
+
+    Parameters
+    ----------
+    levels : ndarray of int32, shape (size,)
+        Of `OwnMeanCode`.
+    mean : ndarray of int32, shape (J,)
+    bits : int
+    code : ndarray of uint16, shape (J, size)
+        Written to.
+    """
+    half = np.int32(1 << (bits - 1))
+    for j in range(code.shape[0]):
+        offset = np.int32((1 << (LEVEL_BITS - 1)) - mean[j])
+        row = code[j]
+        for c in range(row.size):
+            octaves = np.int32((levels[c] + offset) >> LEVEL_BITS)
+            row[c] = min(max(octaves, -half), half - 1) + half

@@ -11,7 +11,7 @@ from edge_vpr.descriptors.bursts import BurstFilter
 from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
-from edge_vpr.events import EVENT_DTYPE, Events, join_events, make_events
+from edge_vpr.events import EVENT_DTYPE, Events, join_events, make_events, put_events
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -146,12 +146,11 @@ class LiveLocaliser:
         matches: list[npt.NDArray[np.void]] = []
         to_match = events
         if self._n_waiting:
-            waited = self._waiting[: self._n_waiting].copy()
-            self._n_waiting = 0
             if self.decoder.health.losses == self._losses:
-                to_match = join_events([waited, events])
+                to_match = self._with_waiting(events)
             else:
                 # they came before the loss, and are no sign that the windows are whole again
+                waited = self._with_waiting(events[:0])
                 for piece in [waited] if self._bursts is None else self._bursts.pieces(waited):
                     self._update(self._localiser, piece, matches)
         pieces = self._cleaned(to_match, last)
@@ -188,10 +187,19 @@ class LiveLocaliser:
             or health.losses != self._losses
         ):
             return False
-        self._waiting[self._n_waiting : n] = events
+        put_events(self._waiting[self._n_waiting :], events)
         self._n_waiting = n
         self._reached, self._events = reached, health.events
         return True
+
+    def _with_waiting(self, events: Events) -> Events:
+        """Return the events that wait and these; what waits next may be written over them."""
+        begin, stop = self._n_waiting, self._n_waiting + events.size
+        self._n_waiting = 0
+        if stop > self._waiting.size:
+            return join_events([self._waiting[:begin], events])
+        put_events(self._waiting[begin:], events)
+        return self._waiting[:stop]
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
@@ -203,7 +211,7 @@ class LiveLocaliser:
                 self._near(localiser, int(events["t"][0]), matches)
                 taken = int(np.searchsorted(events["t"], self._time + self._most_us, "right"))
                 last = int(events["t"][taken - 1])
-            matches.append(localiser.update(events[:taken]))
+            matches.append(localiser.update(events if taken == events.size else events[:taken]))
             self._time = last
             events = events[taken:]
 
