@@ -163,17 +163,6 @@ def join_events(parts: Sequence[Events]) -> Events:
     return np.concatenate([part.view(_PLAIN) for part in parts]).view(EVENT_DTYPE)
 
 
-def put_events(room: Events, events: Events) -> None:
-    """Copy events to the beginning of an array that has room for them.
-
-    Parameters
-    ----------
-    room, events : ndarray of EVENT_DTYPE
-        Without gaps in memory.
-    """
-    room[: events.size].view(_PLAIN)[:] = events.view(_PLAIN)
-
-
 def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:
     """Keep the events of a rectangle and shift them so that its corner becomes ``(0, 0)``.
 

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
+from edge_vpr.boxed import Boxed, boxed
 from edge_vpr.events import Events
-from edge_vpr.online.boxed import Boxed, boxed
 from edge_vpr.online.followed import Followed
 from edge_vpr.online.followed_windows import FollowedWindows
 from edge_vpr.online.kernel import DONE, REFUSED, RING_FULL, WINDOW_OVER, follow, follow_few

@@ -96,7 +96,9 @@ def _played(
 ) -> npt.NDArray[np.float64]:
     assert process.stdout is not None
     out = process.stdout.fileno()
-    link.write(start, 1.0)
+    line = link.fileno()
+    os.set_blocking(line, True)
+    os.write(line, start)
     poll = select.poll()
     poll.register(out, select.POLLIN)
     lines = _Lines()
@@ -110,7 +112,7 @@ def _played(
         written = time.perf_counter()
         left = memoryview(frame)
         while left:
-            left = left[link.write(bytes(left), 1.0) :]
+            left = left[os.write(line, left) :]
         if number < WARM * FRAMES or number % FRAMES:
             continue
         end = time.monotonic() + 5

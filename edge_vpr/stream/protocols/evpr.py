@@ -8,15 +8,21 @@ from typing import Any, cast
 
 import numpy as np
 
+from edge_vpr.boxed import Box
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.health import EXACT
 from edge_vpr.stream.protocols.cobs import Bytes
 from edge_vpr.stream.protocols.evpr_encoder import EvprEncoder
 from edge_vpr.stream.protocols.evpr_frames import FRAME_END, MAX_FRAME, MAX_STUFFED
-from edge_vpr.stream.protocols.evpr_kernels import BROUGHT, MEMORY, take_frames, unstuff_frames
+from edge_vpr.stream.protocols.evpr_kernels import (
+    MEMORY,
+    FrameRoom,
+    take_frames,
+    unstuff_frames,
+)
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
-from edge_vpr.stream.timestamp_filter import Clock, no_columns
+from edge_vpr.stream.timestamp_filter import Clock
 
 
 class EvprDecoder(Decoder):
@@ -26,9 +32,9 @@ class EvprDecoder(Decoder):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
-        self._memory = np.array([(-1, 0, 0, 0)], dtype=MEMORY)
         self._endless = False  # within a frame that is too long already
-        self._reserve(1 << 12)
+        self._started = False  # whether the time of a frame is known
+        self._room = Box(FrameRoom.of(1 << 12, np.array([(-1, 0, 0, 0)], dtype=MEMORY)))
 
     def _samples(self) -> Iterable[bytes]:
         yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
@@ -36,12 +42,6 @@ class EvprDecoder(Decoder):
     def setup(self) -> bytes:
         """Say that the host is there, by an empty frame."""
         return FRAME_END
-
-    def _reserve(self, size: int) -> None:
-        """Make room for what frames of `size` bytes together can hold."""
-        self._plain = np.empty(size, dtype=np.uint8)
-        self._spans = np.empty((size // 2 + 1, 3), dtype=np.int64)
-        self._room = no_columns(size // 3)
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         end = data.rfind(FRAME_END) + 1
@@ -65,19 +65,17 @@ class EvprDecoder(Decoder):
 
     def _take_frames(self, raw: Bytes) -> Columns:
         """Decode frames, each with the zero at its end."""
-        if raw.size > self._plain.size:
-            self._reserve(raw.size)
-        n = unstuff_frames(raw, self._plain, self._spans)
-        spans, plain = self._spans[:n], self._plain.data
+        if raw.size > self._room.value.plain.size:
+            self._room = Box(FrameRoom.of(raw.size, self._room.value.memory))
+        room, boxed = self._room.value, self._room.boxed
+        n = unstuff_frames(boxed, raw)
+        plain = room.plain.data
         # zlib's checksum is several times faster than a compiled one of our own
-        checks = np.array(
-            [zlib.crc32(plain[at : at + size]) for at, size, _ in spans.tolist()], dtype=np.int64
-        )
-        brought = np.zeros(1, dtype=BROUGHT)
-        t, x, y, p = columns = self._room
-        events = take_frames(self._plain, spans, checks, self._memory, brought, columns)
-        self._account(cast("tuple[int, ...]", brought.item()))
-        return Columns(t[:events], x[:events], y[:events], p[:events])
+        for i, (at, size, _) in enumerate(room.spans[:n].tolist()):
+            room.checks[i] = zlib.crc32(plain[at : at + size])
+        events = take_frames(boxed, n)
+        self._account(cast("tuple[int, ...]", room.brought.item()))
+        return Columns(*(column[:events] for column in room.columns))
 
     def _account(self, brought: Any) -> None:
         health = self.health
@@ -93,7 +91,9 @@ class EvprDecoder(Decoder):
         health.device_dropped += dropped
         health.device_resets += resets
         if frames:
-            self._timestamps.start_at(base)
+            if not self._started:
+                self._started = True
+                self._timestamps.start_at(base)
             self._idle_at = idle_at
 
 

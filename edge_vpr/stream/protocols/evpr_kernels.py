@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
-from edge_vpr.stream.protocols.cobs import unstuff
+from edge_vpr.recordings.source import Columns
+from edge_vpr.stream.protocols.cobs import Bytes, unstuff
 from edge_vpr.stream.protocols.evpr_frames import CHECK, HEADER, MAX_STUFFED, VERSION
+from edge_vpr.stream.timestamp_filter import no_columns
 
 _HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
 #: A frame that was sent before the last one, by less than this, came twice.
@@ -27,13 +32,55 @@ BROUGHT = np.dtype(
 )  # fmt: skip
 
 
+class FrameRoom(NamedTuple):
+    """Room for the frames of one chunk, and what is remembered from chunk to chunk.
+
+    Attributes
+    ----------
+    plain : ndarray of uint8
+    spans : ndarray of int64, shape (frames, 3)
+        Where a plain frame lies, how many bytes its checksum covers (none if it is damaged beyond
+        that), and how many bytes it took on the line.
+    checks : ndarray of int64, shape (frames,)
+        Checksums of the frames as they came.
+    columns : Columns
+    memory : ndarray of MEMORY, shape (1,)
+    brought : ndarray of BROUGHT, shape (1,)
+    """
+
+    plain: Bytes
+    spans: npt.NDArray[np.int64]
+    checks: npt.NDArray[np.int64]
+    columns: Columns
+    memory: npt.NDArray[np.void]
+    brought: npt.NDArray[np.void]
+
+    @classmethod
+    def of(cls, size: int, memory: npt.NDArray[np.void]) -> FrameRoom:
+        """Make room for what frames of `size` bytes together can hold."""
+        frames = size // 2 + 1
+        return cls(
+            np.empty(size, dtype=np.uint8),
+            np.empty((frames, 3), dtype=np.int64),
+            np.empty(frames, dtype=np.int64),
+            no_columns(size // 3),
+            memory,
+            np.zeros(1, dtype=BROUGHT),
+        )
+
+
 @njit(cache=True, nogil=True)
-def unstuff_frames(raw, plain, spans):  # type: ignore[no-untyped-def]
+def unstuff_frames(box, raw):  # type: ignore[no-untyped-def]
     """Undo the stuffing of every frame; count them.
 
-    A span says where the plain frame lies, how many bytes its checksum covers (none if it is
-    damaged beyond that), and how many bytes it took on the line.
+    Parameters
+    ----------
+    box : Boxed
+        Of `FrameRoom`.
+    raw : ndarray of uint8, shape (n,)
     """
+    room = box.value
+    plain, spans = room.plain, room.spans
     frames, start, at = 0, 0, 0
     for i in range(raw.size):
         if raw[i] != 0:
@@ -60,11 +107,25 @@ def _number(data, at, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def take_frames(plain, spans, checks, memory, brought, columns):  # type: ignore[no-untyped-def]
-    """Decode the frames that are whole, and compare the device's running totals with ours."""
+def take_frames(box, frames):  # type: ignore[no-untyped-def]
+    """Decode the frames that are whole, and compare the device's running totals with ours.
+
+    Parameters
+    ----------
+    box : Boxed
+        Of `FrameRoom`.
+    frames : int
+
+    Returns
+    -------
+    int
+        Events in the columns.
+    """
+    plain, spans, checks, columns, memory, brought = box.value
     last, found = memory[0], brought[0]
+    brought.view(np.int64)[:] = 0
     n = 0
-    for i in range(checks.size):
+    for i in range(frames):
         at, end = spans[i, 0], spans[i, 0] + spans[i, 1]
         width, x_bits, y_bits = plain[at] & 15, plain[at + 1] & 15, plain[at + 1] >> 4
         words = end - at - _HEADER_BYTES

@@ -6,7 +6,8 @@ takes. A tuple in a box is taken apart once, and a call costs the same whatever 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import copy
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from numba import config, njit, types
 
@@ -46,3 +47,31 @@ else:
             Kernels take it as an argument, and read `value`.
         """
         return Boxed(value)
+
+
+Tuple = TypeVar("Tuple", bound=tuple[Any, ...])
+
+
+class Box(Generic[Tuple]):
+    """A tuple of arrays as Python has it, and as kernels do.
+
+    Parameters
+    ----------
+    value : tuple
+
+    Attributes
+    ----------
+    value : tuple
+    boxed : Boxed
+        The same arrays, for kernels.
+    """
+
+    __slots__ = ("boxed", "value")
+
+    def __init__(self, value: Tuple) -> None:
+        self.value = value
+        self.boxed = boxed(value)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Box[Tuple]:
+        """Copy the arrays, and box the copies."""
+        return Box(copy.deepcopy(self.value, memo))
