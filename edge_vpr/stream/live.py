@@ -185,7 +185,8 @@ class LiveLocaliser:
         if self._bursts is None:
             return [events]
         pieces = self._bursts.pieces(events)
-        pieces.append(self._bursts.finish() if last else self._bursts.advance(reached_us))
+        if isinstance(self._bursts, BurstFilter):  # which holds events back
+            pieces.append(self._bursts.finish() if last else self._bursts.advance(reached_us))
         return pieces
 
     def _incomplete(self, pieces: list[Events], before_us: int, now: int) -> bool:

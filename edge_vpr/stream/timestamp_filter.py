@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from edge_vpr.boxed import Box
+from edge_vpr.boxed import Box, Boxed
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.health import Health
@@ -106,11 +106,15 @@ class TimestampFilter:
             )
         )  # fmt: skip
 
-    def start_at(self, time: int) -> None:
-        """Take the device's `time` as 0, unless events came before."""
-        state = self._state[0]
-        if not state["dated"]:
-            state["dated"], state["last"] = 1, time
+    @property
+    def boxed(self) -> Boxed:
+        """What `start_clock` and `admit_columns` take; call `report` then."""
+        return self._box.boxed
+
+    @property
+    def most_held(self) -> int:
+        """Events that may be held from chunk to chunk."""
+        return self._held.size
 
     def reach(self, time: int) -> None:
         """Advance the clock to the device's `time` without an event."""
@@ -135,8 +139,8 @@ class TimestampFilter:
         """
         t, x, y, p = columns
         out = np.empty(t.size + self._held.size, dtype=EVENT_DTYPE)
-        n = _admit(self._box.boxed, t, x, y, p, out)
-        self._report(t.size, n)
+        n = admit_columns(self._box.boxed, t, x, y, p, out)
+        self.report(t.size, n)
         return out[:n]
 
     def take_over_from(self, other: TimestampFilter) -> None:
@@ -147,16 +151,17 @@ class TimestampFilter:
         state["clock_resets"] += state["dated"]
         state["now"] += state["dated"]
         state["dated"] = 0
-        self._report(0, 0)
+        self.report(0, 0)
 
     def finish(self) -> None:
         """End the stream: what is still held was never confirmed."""
         state = self._state[0]
         state["leaps"] += state["held"]
         state["held"] = 0
-        self._report(0, 0)
+        self.report(0, 0)
 
-    def _report(self, decoded: int, delivered: int) -> None:
+    def report(self, decoded: int, delivered: int) -> None:
+        """Count events of a chunk, and what the kernel has counted."""
         health = self.health
         _, _, _, held, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
         health.decoded += decoded
@@ -187,7 +192,16 @@ def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _admit(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
+def start_clock(box, time):  # type: ignore[no-untyped-def]
+    """Take the device's `time` as 0, unless events came before."""
+    s = box.value.state[0]
+    if not s["dated"]:
+        s["dated"], s["last"] = 1, time
+
+
+@njit(cache=True, nogil=True)
+def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
+    """Do the work of `TimestampFilter.admit`; return how many events are in `out`."""
     state, held, width, height, period, late, step_limit, silence, tick, confirm = box.value
     s = state[0]
     dated, last, now, n_held = s["dated"], s["last"], s["now"], s["held"]

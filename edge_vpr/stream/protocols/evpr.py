@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterable
 from typing import Any, cast
 
 import numpy as np
 
 from edge_vpr.boxed import Box
-from edge_vpr.events import Sensor
-from edge_vpr.recordings.source import Columns
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.stream.health import EXACT
 from edge_vpr.stream.protocols.cobs import Bytes
 from edge_vpr.stream.protocols.evpr_encoder import EvprEncoder
@@ -18,8 +16,7 @@ from edge_vpr.stream.protocols.evpr_frames import FRAME_END, MAX_FRAME, MAX_STUF
 from edge_vpr.stream.protocols.evpr_kernels import (
     MEMORY,
     FrameRoom,
-    take_frames,
-    unstuff_frames,
+    decode_frames,
 )
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
 from edge_vpr.stream.timestamp_filter import Clock
@@ -33,7 +30,6 @@ class EvprDecoder(Decoder):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is too long already
-        self._started = False  # whether the time of a frame is known
         self._room = Box(FrameRoom.of(1 << 12, np.array([(-1, 0, 0, 0)], dtype=MEMORY)))
 
     def _samples(self) -> Iterable[bytes]:
@@ -43,7 +39,7 @@ class EvprDecoder(Decoder):
         """Say that the host is there, by an empty frame."""
         return FRAME_END
 
-    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+    def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
         end = data.rfind(FRAME_END) + 1
         parts, rest = [], data[end:]
         if end:
@@ -63,23 +59,22 @@ class EvprDecoder(Decoder):
         self._endless = self._endless and not final
         return parts, rest
 
-    def _take_frames(self, raw: Bytes) -> Columns:
+    def _take_frames(self, raw: Bytes) -> Events:
         """Decode frames, each with the zero at its end."""
-        if raw.size > self._room.value.plain.size:
-            self._room = Box(FrameRoom.of(raw.size, self._room.value.memory))
-        room, boxed = self._room.value, self._room.boxed
-        n = unstuff_frames(boxed, raw)
-        plain = room.plain.data
-        # zlib's checksum is several times faster than a compiled one of our own
-        for i, (at, size, _) in enumerate(room.spans[:n].tolist()):
-            room.checks[i] = zlib.crc32(plain[at : at + size])
-        events = take_frames(boxed, n)
+        room = self._room.value
+        if raw.size // 3 > room.columns.t.size:
+            self._room = Box(FrameRoom.of(raw.size, room.memory))
+            room = self._room.value
+        clock = self._timestamps
+        out = np.empty(raw.size // 3 + clock.most_held, dtype=EVENT_DTYPE)
+        decoded, delivered = decode_frames(self._room.boxed, clock.boxed, raw, out)
+        clock.report(decoded, delivered)
         self._account(cast("tuple[int, ...]", room.brought.item()))
-        return Columns(*(column[:events] for column in room.columns))
+        return out[:delivered]
 
     def _account(self, brought: Any) -> None:
         health = self.health
-        frames, damaged, skipped, repeats, gaps, lost, dropped, resets, base, idle_at = brought
+        frames, damaged, skipped, repeats, gaps, lost, dropped, resets, _, idle_at = brought
         health.frames += frames
         health.crc_errors += damaged
         health.resyncs += damaged
@@ -91,9 +86,6 @@ class EvprDecoder(Decoder):
         health.device_dropped += dropped
         health.device_resets += resets
         if frames:
-            if not self._started:
-                self._started = True
-                self._timestamps.start_at(base)
             self._idle_at = idle_at
 
 
