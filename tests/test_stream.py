@@ -1040,3 +1040,20 @@ def test_the_soak_makes_a_map_that_can_be_matched():
     soak = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(soak)
     assert len(soak.a_map(np.random.default_rng(0), Sensor(128, 128))) == soak.PLACES
+
+
+@pytest.mark.parametrize(("protocol", "wraps"), [("evpr", 0), ("evt3", 200)])
+def test_an_hour_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recording(
+    protocol, wraps, monkeypatch
+):
+    """`tools/bench/long_day.py` takes a day, and looks at memory as well."""
+    monkeypatch.syspath_prepend(ROOT / "tools" / "bench")
+    spec = importlib.util.spec_from_file_location("long_day", ROOT / "tools/bench/long_day.py")
+    long_day = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(long_day)
+    reference = long_day.a_map(np.random.default_rng(1), long_day.SENSOR)
+    day = long_day.live_day(protocol, reference, hours=1.0)
+    assert day.same
+    assert day.matches > 3_500
+    assert (day.lost, day.rejected) == (0, 0)
+    assert day.wraps >= wraps
