@@ -1042,8 +1042,8 @@ def test_the_soak_makes_a_map_that_can_be_matched():
     assert len(soak.a_map(np.random.default_rng(0), Sensor(128, 128))) == soak.PLACES
 
 
-@pytest.mark.parametrize(("protocol", "wraps"), [("evpr", 0), ("evt3", 200)])
-def test_an_hour_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recording(
+@pytest.mark.parametrize(("protocol", "wraps"), [("evpr", 0), ("evt3", 80)])
+def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recording(
     protocol, wraps, monkeypatch
 ):
     """`tools/bench/long_day.py` takes a day, and looks at memory as well."""
@@ -1052,8 +1052,8 @@ def test_an_hour_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
     long_day = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(long_day)
     reference = long_day.a_map(np.random.default_rng(1), long_day.SENSOR)
-    day = long_day.live_day(protocol, reference, hours=1.0)
+    day = long_day.live_day(protocol, reference, hours=0.4)
     assert day.same
-    assert day.matches > 3_500
+    assert day.matches > 1_400
     assert (day.lost, day.rejected) == (0, 0)
     assert day.wraps >= wraps
