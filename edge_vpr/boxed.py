@@ -34,18 +34,7 @@ else:
 
     @njit(cache=True)  # type: ignore[no-redef]
     def boxed(value):
-        """Put a tuple of arrays and numbers into a box, which keeps the arrays alive.
-
-        Parameters
-        ----------
-        value : tuple
-            The arrays are shared: what one side writes, the other one reads.
-
-        Returns
-        -------
-        Boxed
-            Kernels take it as an argument, and read `value`.
-        """
+        """Put a plain tuple into a box that keeps its arrays alive."""
         return Boxed(value)
 
 
@@ -55,23 +44,32 @@ Tuple = TypeVar("Tuple", bound=tuple[Any, ...])
 class Box(Generic[Tuple]):
     """A tuple of arrays as Python has it, and as kernels do.
 
+    The arrays are shared: what one side writes, the other one reads.
+
     Parameters
     ----------
     value : tuple
+        Of arrays, numbers, and such tuples.
 
     Attributes
     ----------
     value : tuple
     boxed : Boxed
-        The same arrays, for kernels.
+        What kernels take as an argument. Its `value` is of plain tuples, also where names were: a
+        kernel gives them back, ``Followed(*box.value)``. A cache that knew the class by its name
+        could not be read, nor thrown away, by a later version without that name.
     """
 
     __slots__ = ("boxed", "value")
 
     def __init__(self, value: Tuple) -> None:
         self.value = value
-        self.boxed = boxed(value)
+        self.boxed = boxed(_plain(value))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Box[Tuple]:
         """Copy the arrays, and box the copies."""
         return Box(copy.deepcopy(self.value, memo))
+
+
+def _plain(value: Any) -> Any:
+    return tuple(map(_plain, value)) if isinstance(value, tuple) else value

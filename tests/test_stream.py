@@ -799,6 +799,26 @@ def test_a_drive_too_short_for_a_sequence_makes_no_map_and_is_kept(sent, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["map_drive.npz"]
 
 
+def test_a_killed_run_that_learns_is_cleared_at_the_next_one(sent, tmp_path):
+    words = ["-", "--protocol", "evpr", "--sensor", "64x48", "--learn", "-o", tmp_path / "map.npz"]
+    program = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", "--port", *map(str, words)]
+    run = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    try:
+        run.stdin.write(sent.read_bytes())
+        run.stdin.flush()
+        end = time.monotonic() + 60
+        while not list(tmp_path.glob(".*/.*/drive.npz*")):
+            assert run.poll() is None and time.monotonic() < end
+            time.sleep(0.02)
+    finally:
+        run.kill()
+        run.wait()
+        run.stdin.close()
+    assert len(list(tmp_path.iterdir())) == 1
+    write_recording(tmp_path / "next.npz", open_recording(sent.parent / "query.npz"))
+    assert [path.name for path in tmp_path.iterdir()] == ["next.npz"]
+
+
 def test_a_quiet_run_prints_nothing_and_writes_what_it_should(sent, drive, tmp_path, capsys):
     output, log = tmp_path / "map.npz", tmp_path / "run.jsonl"
     words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output, "--pixels", "20"]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from edge_vpr.boxed import boxed
+from edge_vpr.boxed import Box
 from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
@@ -53,7 +53,7 @@ class CausalBurstFilter:
         state["slot"] = -2
         fired = np.full(sensor.pixels, -2, dtype=np.int64)
         self._fired = _Fired(fired, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
-        self._box = boxed(self._fired)
+        self._box = Box(self._fired)
 
     def update(self, events: Events) -> Events:
         """Feed the next events; see `BurstFilter.update`."""
@@ -62,8 +62,8 @@ class CausalBurstFilter:
         if events.size > self._fired.room.size:
             room = np.empty(events.size, dtype=EVENT_DTYPE)
             self._fired = self._fired._replace(room=room)
-            self._box = boxed(self._fired)
-        n = _keep(self._box, events, self._width)
+            self._box = Box(self._fired)
+        n = _keep(self._box.boxed, events, self._width)
         self.removed += events.size - n
         return events if n == events.size else self._fired.room[:n].copy()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from edge_vpr.descriptors.pauses import ACTIVITY_BITS, PAUSE_SHIFT
+from edge_vpr.descriptors.pauses import is_pause
 from edge_vpr.matching.filter_arithmetic import (
     add_evidence,
     least_and_second,
@@ -65,12 +65,14 @@ def _second(sums, count, best, exclusion, places):
 
 
 @njit(cache=True, nogil=True)
-def filter_answer(predicted, sums, c, events, row):
+def filter_answer(predicted, metric, sums, c, events, row):
     """Write the place of the least metric, of the window that is not over.
 
     Parameters
     ----------
-    predicted : Predicted
+    predicted : Predictions
+    metric : ndarray of int32, shape (K,)
+        Scratch.
     sums : ndarray of uint16 or uint32
         Of `Sliding` with one window, with all moves taken.
     c : record of CONTROL
@@ -85,8 +87,7 @@ def filter_answer(predicted, sums, c, events, row):
     bool
         False if only changes are asked for and there is none; nothing is written then.
     """
-    metric = predicted.metric
-    if events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < c.usual:
+    if is_pause(events, c.usual):
         for k in range(metric.size):
             metric[k] = min(predicted.paused[k], METRIC_TOP)
     else:

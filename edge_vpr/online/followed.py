@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.matching.filter_recursion import Predictions
+from edge_vpr.matching.step_prices import Metrics
 from edge_vpr.online.match_records import MATCH_DTYPE
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.state import Sliding
@@ -39,38 +41,16 @@ CONTROL = np.dtype(
 )
 
 
-class Predicted(NamedTuple):
-    """Metrics that evidence is added to; empty where sequences are matched.
-
-    Attributes
-    ----------
-    moving, paused : ndarray of int32, shape (K,)
-        `PlaceFilter.prediction` and `PlaceFilter.paused`.
-    follows : ndarray of bool, shape (K,)
-        `PlaceFilter.follows`.
-    metric : ndarray of int32, shape (K,)
-        Scratch.
-    """
-
-    moving: npt.NDArray[np.int32]
-    paused: npt.NDArray[np.int32]
-    follows: npt.NDArray[np.bool_]
-    metric: npt.NDArray[np.int32]
-
-    @classmethod
-    def of(cls, places: int) -> Predicted:
-        """Make room for so many places."""
-        moving, paused, metric = np.zeros((3, places), dtype=np.int32)
-        return cls(moving, paused, np.zeros(places, dtype=np.bool_), metric)
-
-
 class Followed(NamedTuple):
     """What the kernel works on.
 
     Attributes
     ----------
     s : Sliding
-    predicted : Predicted
+    predicted : Predictions
+        Of the place filter; of size 0 where sequences are matched.
+    metric : ndarray of int32, shape (K,)
+        Scratch of the place filter.
     control : ndarray of CONTROL, shape (1,)
     trust : ndarray of int64, shape (m,)
     probability : ndarray of float64, shape (m,)
@@ -85,7 +65,8 @@ class Followed(NamedTuple):
     """
 
     s: Sliding
-    predicted: Predicted
+    predicted: Predictions
+    metric: Metrics
     control: npt.NDArray[np.void]
     trust: npt.NDArray[np.int64]
     probability: npt.NDArray[np.float64]
@@ -121,9 +102,12 @@ class Followed(NamedTuple):
             trust, probability = judge.confidence.trust.copy(), judge.confidence.probability.copy()
             if judge.precision is not None:
                 first.least_trust = judge.confidence.least_trust(judge.precision)
+        places = len(reference) if settings.matching == "filter" else 0
+        moving, paused, metric = np.zeros((3, places), dtype=np.int32)
         return cls(
             s,
-            Predicted.of(len(reference) if settings.matching == "filter" else 0),
+            Predictions(moving, paused, np.zeros(metric.size, dtype=np.bool_)),
+            metric,
             control,
             trust,
             probability,

@@ -6,8 +6,11 @@ import numpy as np
 from numba import njit
 
 from edge_vpr.descriptors.windows import MAX_WINDOWS
+from edge_vpr.matching.filter_recursion import Predictions
 from edge_vpr.online.answers import filter_answer, judge, sequence_answer
 from edge_vpr.online.event_intake import few_in_order
+from edge_vpr.online.followed import Followed
+from edge_vpr.online.state import Sliding
 from edge_vpr.online.state_kernels import age, note, take_moves
 
 # why the kernel returned
@@ -34,13 +37,13 @@ def follow(box, slots, times, until):
         Events taken, matches written to `Followed.out`, and `DONE`, `MATCHES_FULL`, `RING_FULL`, or
         `WINDOW_OVER`: a window of the place filter has ended, and its counts are complete.
     """
-    f = box.value
-    s, c, predicted, out = f.s, f.control[0], f.predicted, f.out
+    f = Followed(*box.value)
+    s, c, predicted, out = Sliding(*f.s), f.control[0], Predictions(*f.predicted), f.out
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, steps = s.columns, s.sums, s.steps
     tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
-    filtered = predicted.metric.size > 0
+    metric = f.metric
     given, i = 0, 0
     # counted down: a division for each event would take as long as the rest of its bookkeeping
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
@@ -86,8 +89,8 @@ def follow(box, slots, times, until):
             continue
         take_moves(moves, totals, counts, code, counters, columns, sums, steps)
         row, events = out[given], bound[0] - bound[1]
-        if filtered:
-            answered = filter_answer(predicted, sums, c, events, row)
+        if metric.size > 0:
+            answered = filter_answer(predicted, metric, sums, c, events, row)
         else:
             answered = sequence_answer(sums, totals[0], c, length, row)
         if answered:
@@ -118,7 +121,7 @@ def follow_few(box, events):
     last : int
         Time of the last event.
     """
-    f = box.value
+    f = Followed(*box.value)
     c, last = f.control[0], events[events.size - 1]["t"]
     selected = few_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
     if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):

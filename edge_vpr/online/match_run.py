@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.boxed import Boxed, boxed
+from edge_vpr.boxed import Box, Boxed
 from edge_vpr.events import Events
 from edge_vpr.online.followed import Followed
 from edge_vpr.online.followed_windows import FollowedWindows
@@ -34,7 +34,7 @@ class MatchRun:
         self.windows = windows
         self._followed = followed
         self._control = followed.control[0]
-        self._box: Boxed | None = None
+        self._box: Box[Followed] | None = None
         self._out = followed.out.view(np.uint8).data
 
     @property
@@ -126,8 +126,8 @@ class MatchRun:
         if self._box is None or self._followed.s is not self.windows.s:
             self._followed = self._followed._replace(s=self.windows.s)
             self._rebound()
-            self._box = boxed(self._followed)
-        return self._box
+            self._box = Box(self._followed)
+        return self._box.boxed
 
     def _rebound(self) -> None:
         """Bring the control up to date with another map or other windows."""

@@ -101,24 +101,6 @@ def advance(s, until):
 
 
 @njit(cache=True, nogil=True)
-def push(s, slot, time):
-    """Take the next selected event; False if the ring is full: let it grow, and call again."""
-    while not (
-        age(s.time, s.slot, s.bound, s.moves, s.totals, s.tau, s.n, time + 1)
-        and s.totals[0].moves < len(s.moves)
-    ):
-        settle(s)
-    mask = s.slot.size - 1
-    if s.bound[0] - s.bound[-1] > mask:
-        return False
-    s.slot[s.bound[0] & mask] = slot
-    s.time[s.bound[0] & mask] = time
-    s.bound[0] += 1
-    note(s.moves, s.totals, slot, -1)
-    return True
-
-
-@njit(cache=True, nogil=True)
 def write_codes(levels, mean, bits, code):
     """Write the own-mean code of each count for each counter, as `OwnMeanCode.tables` has it.
 

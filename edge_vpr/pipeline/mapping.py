@@ -53,7 +53,8 @@ def map_traverse(
     Raises
     ------
     UsageError
-        If the recording is shorter than a window, or too few pixels can be drawn.
+        If the recording is shorter than a window (than two, where pixels are selected by their
+        variance), or too few pixels can be drawn.
     RecordingError, EventError
         If the recording is faulty.
     """
@@ -86,6 +87,12 @@ def map_traverse(
             hot = find_hot_pixels(first.totals)
         elif hot is None:
             hot = np.zeros_like(counted)
+        if first.windows == 1 and settings.strategy in ("variance", "top"):
+            raise UsageError(
+                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels are "
+                "selected by how their counts vary from window to window: take shorter windows "
+                "(--tau), or a longer drive"
+            )
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         pixel_map = select_pixels(
             saliency,

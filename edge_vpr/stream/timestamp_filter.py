@@ -194,7 +194,7 @@ def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def start_clock(box, time):  # type: ignore[no-untyped-def]
     """Take the device's `time` as 0, unless events came before."""
-    s = box.value.state[0]
+    s = _Kept(*box.value).state[0]
     if not s["dated"]:
         s["dated"], s["last"] = 1, time
 

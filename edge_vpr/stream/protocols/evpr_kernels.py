@@ -78,7 +78,7 @@ def decode_frames(box, clock, raw, out):  # type: ignore[no-untyped-def]
     decoded, delivered : int
         Events of the frames, and those in `out`.
     """
-    room = box.value
+    room = FrameRoom(*box.value)
     brought = room.brought
     brought.view(np.int64)[:] = 0
     n, start = 0, 0

@@ -48,5 +48,6 @@ def run(args: argparse.Namespace) -> None:
     quiet = is_quiet()
     title = "One street, driven twice, the second time at half to double the speed"
     table(HEADER, rows(trials), title=title, width=_WIDTH, quiet=quiet)
-    for line in [*remarks(trials, latencies), f"See {output / results.REPORT}"]:
+    for line in remarks(trials, latencies):
         say(line, width=_WIDTH, markup=True, quiet=quiet)
+    say(f"See {output / results.REPORT}", width=_WIDTH, quiet=quiet)

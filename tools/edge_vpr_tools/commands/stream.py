@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -14,8 +13,9 @@ from io import FileIO
 from itertools import count
 from pathlib import Path
 
-from edge_vpr.errors import RecordingError, UsageError, printable
+from edge_vpr.errors import RecordingError, printable
 from edge_vpr.events import Events, Sensor
+from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, duration_us
@@ -24,8 +24,9 @@ from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.links import open_link
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr.stream.protocols import open_decoder
-from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, match_flags
-from edge_vpr_tools.arguments.stream_arguments import check_arguments
+from edge_vpr.whole_files import work_folder
+from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, with_match_flags
+from edge_vpr_tools.arguments.stream_checks import check_arguments
 from edge_vpr_tools.output.cleaning import warn_if_much
 from edge_vpr_tools.output.interrupt import stopped_by_signals
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early, open_view
@@ -57,33 +58,27 @@ def run(args: argparse.Namespace) -> None:
 
 def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
     check_not_smooth(args.smooth)
-    settings = reference.settings.replaced(match_flags(args), "the command line")
+    settings = with_match_flags(args, reference.settings)
     return reference.matched_with(replace(settings, smooth=False))
 
 
 def _learn(args: argparse.Namespace, settings: Settings) -> None:
     """Record a drive beside the map that is to be, and make it; a drive without a map is kept."""
     output = Path(args.output)
-    try:
-        folder = Path(tempfile.mkdtemp(dir=output.parent, prefix=f".{output.name}."))
-    except OSError as error:
-        raise UsageError(
-            f"cannot write {output}: {error.strerror}: name a folder that is writable"
-        ) from error
-    drive = folder / "drive.npz"
-    try:
-        _follow(args, None, drive)
-        reference, removed, _ = map_recording(open_recording(drive), settings)
-        reference.save(output)
-        drive.unlink()
-    finally:
-        if drive.exists():
-            names = (output.with_name(f"{output.stem}_drive{n or ''}.npz") for n in count())
-            kept = next(name for name in names if not name.exists())
-            drive.replace(kept)
-            kept_as = f"edge-vpr map {printable(kept)} -o {printable(output)}"
-            print(f"the drive is kept: {kept_as}", file=sys.stderr)
-        folder.rmdir()
+    with work_folder(output) as folder:
+        drive = folder / "drive.npz"
+        try:
+            _follow(args, None, drive)
+            reference, removed, _ = map_recording(open_recording(drive), settings)
+            reference.save(output)
+            drive.unlink()
+        finally:
+            if drive.exists():
+                names = (output.with_name(f"{output.stem}_drive{n or ''}.npz") for n in count())
+                kept = next(name for name in names if not name.exists())
+                drive.replace(kept)
+                kept_as = f"edge-vpr map {printable(kept)} -o {printable(output)}"
+                print(f"the drive is kept: {kept_as}", file=sys.stderr)
     warn_if_much(removed, args.port, "keep them with --bursts keep")
     if not args.json:
         summary(
@@ -132,6 +127,9 @@ def _follow(args: argparse.Namespace, reference: ReferenceMap | None, drive: Pat
             _record(events, drive or (files[0] if files else None), args, live, view)
         finally:
             view.summary(decoder.health, live.bursts_removed)
+            if reference is not None:
+                removed = Removed(decoder.health.events, live.bursts_removed)
+                warn_if_much(removed, args.port, "make the map with --bursts keep")
         if reader.error is not None:
             raise reader.error
         if view.unwritten:

@@ -16,6 +16,9 @@ from edge_vpr.evaluation.truth_from_matrix import from_matrix, load_matrix
 from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.recordings import parse_period
 
+#: Suffixes of files that hold a track, and no alignment.
+_TRACKS = (".nmea", ".gpx")
+
 Times = npt.NDArray[np.int64]
 
 
@@ -77,6 +80,8 @@ def load_truth(
             load_track(file).shifted(offset) for file, offset in zip(files, offsets, strict=True)
         )
         return from_tracks(reference, query, places_us, queries_us, tolerance)
+    if Path(files[0]).suffix.lower() in _TRACKS:
+        raise UsageError(f"{files[0]} is one track: give two, the reference's and then the query's")
     alignment = load_alignment(files[0])
     if alignment.unit == "frame" and frame_period is None:
         raise UsageError(
