@@ -11,7 +11,7 @@ demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
 
 # what has compiled kernels runs a second time in plain Python
-KERNELS := cleaning codes counters distances filter_run localiser matches own_mean pipeline \
+KERNELS := cleaning codes counters distances filter_run informative_pixels localiser matches own_mean pipeline \
            place_filter simulate_pixels stream_protocols windows
 
 PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(KERNELS:%=tests/test_%.py)
