@@ -43,7 +43,7 @@ STRATEGIES: Mapping[str, Mapping[str, Any]] = {
 ALL = "all pixels"
 
 
-#: how the pixels are matched: counts in sequences, as the paper does, or as the robot does by default
+#: how the pixels are matched: counts in sequences, as in the paper, or by default as on a robot
 PAPER, ROBOT = "sequences of counts (the paper)", "place filter, running mean (robot)"
 _ROBOT = {"smooth": False, "query_mean": "running"}
 
