@@ -326,13 +326,14 @@ def end_of(index, folder, ended, capsys):
     for before in needed(index):
         end_of(before, folder, ended, capsys)
     line, _ = RUNS[index]
-    if "--overwrite" not in line:  # of a run that comes after this one
-        for name in written(line):
+    if "--overwrite" not in line:
+        later = (changed(*RUNS[other]) for other in ended if other > index)
+        for name in written(line) & set().union(*later):
             path = Path(name.format(f=folder))
-            if path.is_dir() and "-o" in line:
+            if path.is_dir():
                 shutil.rmtree(path)
-            elif path.is_file():
-                path.unlink()
+            else:
+                path.unlink(missing_ok=True)
     capsys.readouterr()
     code = cli.main(line.format(f=folder).split())
     ended[index] = code, capsys.readouterr().err
