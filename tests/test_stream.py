@@ -779,7 +779,7 @@ def test_events_that_cannot_be_recorded_are_matched_all_the_same(
         next(events)
         raise RecordingError(f"{path} cannot be written: No space left on device")
 
-    monkeypatch.setattr("edge_vpr_tools.commands.stream.write_recording", write_recording)
+    monkeypatch.setattr("edge_vpr_tools.runs.live.write_recording", write_recording)
     words = ["--port", sent, "--map", drive / "map.npz", "--record", tmp_path / "e.npz"]
     assert streamed(*words) == 1
     told = capsys.readouterr()
