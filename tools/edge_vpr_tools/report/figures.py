@@ -167,7 +167,7 @@ def reliability_diagram(found: Reliability) -> Figure:
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
-        axes.legend(loc="upper left")
+        axes.legend(loc="best")
     return drawing
 
 
