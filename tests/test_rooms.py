@@ -44,7 +44,7 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 #: stages of the pipeline; each imports only those before it
 STAGES = [
     *("errors", "array_checks", "plain_values", "whole_files"),
-    *("events", "evt_words", "archive", "settings"),
+    *("events", "evt_words", "archive", "settings", "boxed"),
     *("confidence", "route", "odometry", "recordings", "descriptors", "map_checks"),
     "reference_map",
     *("matching", "pipeline", "evaluation", "simulate", "datasets", "online", "stream"),
@@ -173,7 +173,7 @@ def test_every_public_name_is_there():
 
 
 #: kernels that still take more than eight arguments
-LONG = {"layout._take", "pixel_model._cross", "timestamp_filter._admit", "traffic._paint"}
+LONG = {"layout._take", "pixel_model._cross", "traffic._paint"}
 
 
 def test_no_kernel_takes_more_than_eight_arguments():

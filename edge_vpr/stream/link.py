@@ -109,6 +109,10 @@ class DescriptorLink(Link):
             except BlockingIOError:
                 return 0
 
+    def fileno(self) -> int:
+        """Return the descriptor, of which a benchmark writes without a detour."""
+        return self._fd
+
     def close(self) -> None:
         """See `Link.close`."""
         if self._fd >= 0:

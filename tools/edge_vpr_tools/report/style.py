@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
 from edge_vpr.archive import replacing
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, printable
 from edge_vpr_tools.report.formats import FORMATS
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
@@ -52,6 +52,19 @@ def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Ax
         drawing = Figure(figsize=(width, height))
         FigureCanvasAgg(drawing)
         yield drawing, drawing.add_subplot()
+
+
+def name_label(name: str) -> str:
+    r"""Return a file's or variant's name for a figure, where dollars would make it a formula.
+
+    Examples
+    --------
+    >>> name_label("a$1$\x1b[2J")
+    'a\\$1\\$\\x1b[2J'
+    """
+    # a label that begins with an underscore would be left out of a legend
+    shown = printable(name, 100).replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
 
 
 def quantity_axis(axis: Axis, unit: str) -> None:
