@@ -63,8 +63,8 @@ def write_report(
 
     def add(name: str, draw: Callable[[], Figure], caption: str) -> None:
         drawing = draw()
-        save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
-        page.picture(drawn(drawing, "png"), caption)
+        saved = save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
+        page.picture(saved.get("png") or drawn(drawing, "png"), caption)
 
     settings = matches.settings
     page.text(
