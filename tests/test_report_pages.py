@@ -157,7 +157,8 @@ def test_a_printed_report_is_black_on_white_without_menu(browser, tmp_path):
 def test_only_columns_of_short_figures_are_aligned_on_the_right(tmp_path):
     page = Page("a table")
     text = "2.03 us against 2.36 us a query: 1.12 (1.05 to 1.46) times"
-    page.table(("design", "cost", "remark"), [("5 px", "4.29 (3.97 to 4.33) mJ", text)] * 2)
+    row = ("5 px", "4.29 (3.97 to 4.33) mJ", "3.379e+04", "0.9%", text, "384b59f102e264b2", "")
+    page.table(tuple("abcdefg"), [row, ("-", *row[1:])])
     page.write(tmp_path / "report.html")
     cells = re.findall(r"<td( class=\"number\")?>([^<]*)", (tmp_path / "report.html").read_text())
-    assert [bool(number) for number, _ in cells[:3]] == [True, True, False]
+    assert [bool(number) for number, _ in cells[:7]] == [True] * 4 + [False] * 3

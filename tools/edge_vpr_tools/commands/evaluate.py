@@ -14,6 +14,7 @@ from edge_vpr_tools.output.messages import answer
 from edge_vpr_tools.output.provenance import read_json, run_record, write_json
 from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.report.traverse import write_report
+from edge_vpr_tools.report.wording import MISSED
 from edge_vpr_tools.runs.truth_files import load_tracks
 
 
@@ -56,7 +57,10 @@ def run(args: argparse.Namespace) -> None:
         f"{found.queries_tied} tied"
     )
     _print_trust(matches, found)
-    answer(f"recall: {args.recall_denominator} queries are missed; see {folder / results.REPORT}")
+    answer(
+        f"recall counts as missed queries: {MISSED[args.recall_denominator]}; "
+        f"see {folder / results.REPORT}"
+    )
 
 
 def _print_trust(matches: Matches, found: Evaluation) -> None:

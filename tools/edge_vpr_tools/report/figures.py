@@ -22,6 +22,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.scales import Scale, add_scale
 from edge_vpr_tools.report.style import BLUE, CYCLE, DASHES, ORANGE, RED, SKY, figure
+from edge_vpr_tools.report.wording import MISSED
 
 
 def selected_pixels(reference: ReferenceMap) -> Figure:
@@ -137,10 +138,9 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
             )
         axes.axhline(0.99, color="gray", lw=0.8)
         some = next(iter(curves.values()))
-        missed = some.recall_denominator
         axes.set(
             title=f"Precision and recall over all thresholds on the {some.score}",
-            xlabel=f"recall (missed: {missed})",
+            xlabel=f"recall (missed queries: {MISSED[some.recall_denominator]})",
             ylabel="precision",
             xlim=(0, 1.01),
             ylim=(0, 1.03),
@@ -155,7 +155,7 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
 def reliability_diagram(found: Reliability) -> Figure:
     """Draw how often matches are right against the probability that they were given."""
     with figure(6.5, 5.2) as (drawing, axes):
-        axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="as it should be")
+        axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="probability equals share")
         axes.plot(found.probability, found.right, color=BLUE, lw=1.5)
         sizes = 15 + 285 * found.matches / found.matches.max()
         label = f"{found.matches.sum()} matches in {len(found.matches)} bins, larger: more"
@@ -167,7 +167,7 @@ def reliability_diagram(found: Reliability) -> Figure:
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
-        axes.legend(loc="upper left")
+        axes.legend(loc="best")
     return drawing
 
 

@@ -19,6 +19,8 @@ from edge_vpr.archive import replacing
 _SHOWN = 96 / 130
 #: longer cells are read as text, also where they begin with a figure
 _LONGEST_NUMBER = 28
+#: a figure, and behind it a space, a per cent sign or nothing; or a dash
+_NUMBER = re.compile(r"(-?\d[\d,.]*(e[+-]?\d+)?|-)([ %]|$)")
 
 
 @dataclass(frozen=True)
@@ -122,4 +124,4 @@ class Page:
 
 def _is_number(cell: str) -> bool:
     """Whether a cell is a short figure, perhaps with its unit, bounds or spread."""
-    return not cell or (len(cell) <= _LONGEST_NUMBER and re.match(r"-?\d|-$", cell) is not None)
+    return not cell or (len(cell) <= _LONGEST_NUMBER and _NUMBER.match(cell) is not None)

@@ -82,11 +82,17 @@ def quantity_axis(axis: Axis, unit: str) -> None:
     axis.set_major_formatter(EngFormatter(unit))
 
 
-def save(drawing: Figure, *paths: Path) -> None:
+def save(drawing: Figure, *paths: Path) -> dict[str, bytes]:
     """Write a figure to files, each atomically, in the format of its suffix (PNG, PDF or SVG).
 
     The files of one figure are the same whenever they are written: they hold no date.
+
+    Returns
+    -------
+    dict of str to bytes
+        What was written, by format: drawing takes longer than anything else in a report.
     """
+    found: dict[str, bytes] = {}
     for path in paths:
         kind = path.suffix.lower().removeprefix(".")
         if kind not in FORMATS:
@@ -94,8 +100,11 @@ def save(drawing: Figure, *paths: Path) -> None:
                 f"figure {path} does not end in .{', .'.join(FORMATS)}: name it for example "
                 f"{path.stem}.pdf"
             )
+        if kind not in found:
+            found[kind] = drawn(drawing, kind)
         with replacing(path) as temporary:
-            temporary.write_bytes(drawn(drawing, kind))
+            temporary.write_bytes(found[kind])
+    return found
 
 
 def drawn(drawing: Figure, kind: str) -> bytes:

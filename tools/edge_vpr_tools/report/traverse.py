@@ -25,6 +25,7 @@ from edge_vpr_tools.report.page import Page
 from edge_vpr_tools.report.run_section import add_run
 from edge_vpr_tools.report.scales import Scale, along_route, seconds
 from edge_vpr_tools.report.style import drawn, save
+from edge_vpr_tools.report.wording import MISSED
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500
@@ -62,8 +63,8 @@ def write_report(
 
     def add(name: str, draw: Callable[[], Figure], caption: str) -> None:
         drawing = draw()
-        save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
-        page.picture(drawn(drawing, "png"), caption)
+        saved = save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
+        page.picture(saved.get("png") or drawn(drawing, "png"), caption)
 
     settings = matches.settings
     page.text(
@@ -155,16 +156,18 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
         ("P@100R", f"{found.precision_at_100_recall:.3f}",
          "share of right matches when every query is matched"),
         ("R@99P", f"{found.recall_at_99_precision:.3f}",
-         f"largest recall at 99 % precision; missed: {found.recall_denominator}"),
+         f"largest recall at 99 % precision; missed queries: {MISSED[found.recall_denominator]}"),
         ("average precision", f"{found.curve.average_precision:.3f}",
          "area under the precision-recall curve, as a sum of steps"),
         *((f"Recall@{n}", f"{recall:.3f}", f"a right place is among the {n} nearest")
           for n, recall in found.recall_at.items()),
         *_trust_figures(found),
-        ("queries", f"{found.queries}", "evaluated"),
-        ("unknown", f"{found.queries_unknown}", "left out, since their truth is not known"),
-        ("without a place", f"{found.queries_without_place}", "evaluated, but not in the map"),
-        ("tied", f"{found.queries_tied}", "other places at the same distance; the lowest counts"),
+        ("queries", f"{found.queries}", "number of queries evaluated"),
+        ("unknown", f"{found.queries_unknown}", "queries left out, since their truth is not known"),
+        ("without a place", f"{found.queries_without_place}",
+         "queries evaluated, although no place in the map is right"),
+        ("tied", f"{found.queries_tied}",
+         "queries with several places at the least distance; the lowest place counts"),
     ]  # fmt: skip
 
 
