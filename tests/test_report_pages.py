@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from edge_vpr_tools.report.page import Page
 from edge_vpr_tools.report.run_section import add_run
 from edge_vpr_tools.report.scales import Scale, add_scale, along_route
 from edge_vpr_tools.report.style import drawn, figure
+from edge_vpr_tools.report.wording import MISSED
 
+from edge_vpr.evaluation.metrics import RecallDenominator
 from edge_vpr.route import Route
 
 # fmt: off
@@ -162,3 +165,7 @@ def test_only_columns_of_short_figures_are_aligned_on_the_right(tmp_path):
     page.write(tmp_path / "report.html")
     cells = re.findall(r"<td( class=\"number\")?>([^<]*)", (tmp_path / "report.html").read_text())
     assert [bool(number) for number, _ in cells[:7]] == [True] * 4 + [False] * 3
+
+
+def test_every_way_to_count_missed_queries_has_words():
+    assert set(MISSED) == set(get_args(RecallDenominator))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from edge_vpr.evaluation.metrics import RecallDenominator
-
-#: queries that recall counts as missed
-MISSED: dict[RecallDenominator, str] = {
+#: queries that recall counts as missed, by the name of the denominator
+MISSED: dict[str, str] = {
     "rejected-correct": "rejected ones whose best match was right",
     "all-with-place": "all with a place in the map that they did not get",
 }
