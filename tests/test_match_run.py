@@ -45,21 +45,39 @@ def a_map(rng, kind, window, code, **changes):
     return map_of(counts, full_scale, sequence_length=2, **changes, **code)
 
 
+def of_another_layout(events):
+    other = np.zeros(events.size, [("p", "?"), ("x", "<u2"), ("y", "<u2"), ("t", "<i8")])
+    for name in EVENT_DTYPE.names:
+        other[name] = events[name]
+    return other
+
+
+def test_more_than_a_few_events_go_by_columns_and_give_the_same():
+    rng = np.random.default_rng(7)
+    reference = a_map(rng, "filter", "time", {})
+    events = random_events(rng, 2 * FEW, SENSOR, 40_000)
+    every = MatchSchedule(events=5)
+    whole = Localiser(reference, every=every).update(events)
+    found = feed(Localiser(reference, every=every), np.split(events, [FEW, FEW + 1]))
+    assert whole.size > 100
+    assert found.tobytes() == whole.tobytes()
+
+
 @given(
     seed=st.integers(0, 2**32),
     kind=st.sampled_from(["sequence", "filter"]),
     window=st.sampled_from(["time", "count"]),
     code=st.sampled_from(CODED),
     every=st.sampled_from(SCHEDULES),
-    step=st.sampled_from([1, 2, FEW - 1, FEW]),
+    step=st.sampled_from([1, 2, 63, 499]),
 )
 @settings(max_examples=40)
 def test_events_one_by_one_give_the_matches_of_one_chunk(seed, kind, window, code, every, step):
-    """A chunk of more than a few goes another way, by columns."""
+    """A chunk of another layout goes another way, by columns, as one of more than a few does."""
     rng = np.random.default_rng(seed)
     reference = a_map(rng, kind, window, code)
     events = random_events(rng, 500, SENSOR, 2_500)
-    whole = Localiser(reference, every=every).update(events)
+    whole = Localiser(reference, every=every).update(of_another_layout(events))
     cut = Localiser(reference, every=every)
     found = feed(cut, [events[i : i + step] for i in range(0, events.size, step)])
     assert whole.size > 0
@@ -127,9 +145,7 @@ def test_a_few_events_of_any_memory_layout_are_the_same_events():
     spread[::2] = events
     read_only = events.copy()
     read_only.setflags(write=False)
-    other = np.zeros(events.size, [("p", "?"), ("x", "<u2"), ("y", "<u2"), ("t", "<i8")])
-    for name in EVENT_DTYPE.names:
-        other[name] = events[name]
+    other = of_another_layout(events)
     for given_events in (spread[::2], read_only, events.view(np.recarray), other):
         pieces = np.split(given_events, range(10, events.size, 10))
         found = feed(Localiser(reference), pieces)
