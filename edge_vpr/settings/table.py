@@ -41,7 +41,8 @@ TABLE = {
         group="pixels",
         choices=STRATEGIES,
         more="By the variance of their counts (the paper), by the mean (its released code), at "
-        "random, at random without the bottom third, or those of the highest variance.",
+        "random, at random without the bottom third, those of the highest variance, or one after "
+        "another by what each says of the place beyond those before it.",
     ),
     "sigma": SettingField(
         kind=float,

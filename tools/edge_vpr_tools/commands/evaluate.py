@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
+from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.matching.matches import Matches
 from edge_vpr_tools.arguments.truth import load_evaluated
 from edge_vpr_tools.output import results
@@ -13,6 +14,8 @@ from edge_vpr_tools.output.messages import answer
 from edge_vpr_tools.output.provenance import read_json, run_record, write_json
 from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.report.traverse import write_report
+from edge_vpr_tools.report.wording import MISSED
+from edge_vpr_tools.runs.truth_files import load_tracks
 
 
 def run(args: argparse.Namespace) -> None:
@@ -24,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
         If the folder or the ground truth cannot be used.
     """
     folder, formats = Path(args.results), read_formats(args.figures)
-    _, matches, truth = load_evaluated(args)
+    reference, matches, truth = load_evaluated(args)
     found = evaluate(
         matches,
         truth,
@@ -36,7 +39,11 @@ def run(args: argparse.Namespace) -> None:
     metrics["ground_truth"] = truth.description
     metrics["evaluation"] = found.to_dict()
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
-    write_report(folder, truth, found, formats)
+    route = reference.route
+    if route is None and len(args.ground_truth) == 2:
+        track, _ = load_tracks(args.ground_truth, args.offset)
+        route = with_positions(reference, track).route
+    write_report(folder, truth, found, formats, route)
     write_json(folder / results.METRICS, metrics)
 
     answer(
@@ -50,7 +57,10 @@ def run(args: argparse.Namespace) -> None:
         f"{found.queries_tied} tied"
     )
     _print_trust(matches, found)
-    answer(f"recall: {args.recall_denominator} queries are missed; see {folder / results.REPORT}")
+    answer(
+        f"recall counts as missed queries: {MISSED[args.recall_denominator]}; "
+        f"see {folder / results.REPORT}"
+    )
 
 
 def _print_trust(matches: Matches, found: Evaluation) -> None:
