@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import config
 from streams import random_events
 from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
 from test_localiser import CODED, PIXELS, SENSOR, feed, map_of
 
+from edge_vpr.boxed import Box
 from edge_vpr.confidence import Confidence, Judge
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.runner_up import margin_to_second, ratio_to_second
 from edge_vpr.online.followed import FEW, MATCHES_AT_ONCE
+from edge_vpr.online.kernel import follow_few
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.state_kernels import write_codes
@@ -176,3 +182,25 @@ def test_codes_are_written_in_place_as_they_are_tabulated(seed, bits, full_scale
     written = np.full((6, full_scale + 1), 999, dtype=np.uint16)
     write_codes(code.levels, mean, bits, written)
     assert np.array_equal(written, code.tables(mean))
+
+
+def test_the_cache_of_a_kernel_names_no_class_of_its_state():
+    """A later version without that name could not read the cache, and would not start."""
+    if config.DISABLE_JIT:
+        pytest.skip("nothing is compiled")
+    Localiser(a_map(np.random.default_rng(8), "filter", "time", {})).update(
+        make_events([1], [0], [0])
+    )
+    (signature,) = follow_few.signatures[:1]
+    assert "BoxedType" in str(signature)
+    assert b"edge_vpr.online" not in pickle.dumps(signature)
+
+
+def test_a_copy_of_a_box_shares_nothing_with_it():
+    first = Box((np.zeros(3, dtype=np.int64), (np.ones(2), 5)))
+    second = copy.deepcopy(first)
+    second.value[0][:] = 7
+    second.value[1][0][:] = 7
+    assert first.value[0].tolist() == [0, 0, 0]
+    assert first.value[1][0].tolist() == [1, 1]
+    assert first.boxed is not second.boxed
