@@ -299,7 +299,7 @@ def test_a_saved_state_goes_on_bit_for_bit(tmp_path_factory, seed, cut, window, 
 
 def test_a_damaged_state_is_an_error(tmp_path):
     (tmp_path / "state.npz").write_bytes(b"nothing")
-    with pytest.raises(MapError, match="not a readable localiser state"):
+    with pytest.raises(MapError, match="is not a localiser state of edge-vpr"):
         Localiser.load(tmp_path / "state.npz")
 
 

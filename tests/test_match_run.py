@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import config
 from streams import random_events
 from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
 from test_localiser import CODED, PIXELS, SENSOR, feed, map_of
 
+from edge_vpr.boxed import Box
 from edge_vpr.confidence import Confidence, Judge
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.runner_up import margin_to_second, ratio_to_second
 from edge_vpr.online.followed import FEW, MATCHES_AT_ONCE
+from edge_vpr.online.kernel import follow_few
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.state_kernels import write_codes
@@ -45,21 +51,39 @@ def a_map(rng, kind, window, code, **changes):
     return map_of(counts, full_scale, sequence_length=2, **changes, **code)
 
 
+def of_another_layout(events):
+    other = np.zeros(events.size, [("p", "?"), ("x", "<u2"), ("y", "<u2"), ("t", "<i8")])
+    for name in EVENT_DTYPE.names:
+        other[name] = events[name]
+    return other
+
+
+def test_more_than_a_few_events_go_by_columns_and_give_the_same():
+    rng = np.random.default_rng(7)
+    reference = a_map(rng, "filter", "time", {})
+    events = random_events(rng, 2 * FEW, SENSOR, 40_000)
+    every = MatchSchedule(events=5)
+    whole = Localiser(reference, every=every).update(events)
+    found = feed(Localiser(reference, every=every), np.split(events, [FEW, FEW + 1]))
+    assert whole.size > 100
+    assert found.tobytes() == whole.tobytes()
+
+
 @given(
     seed=st.integers(0, 2**32),
     kind=st.sampled_from(["sequence", "filter"]),
     window=st.sampled_from(["time", "count"]),
     code=st.sampled_from(CODED),
     every=st.sampled_from(SCHEDULES),
-    step=st.sampled_from([1, 2, FEW - 1, FEW]),
+    step=st.sampled_from([1, 2, 63, 499]),
 )
 @settings(max_examples=40)
 def test_events_one_by_one_give_the_matches_of_one_chunk(seed, kind, window, code, every, step):
-    """A chunk of more than a few goes another way, by columns."""
+    """A chunk of another layout goes another way, by columns, as one of more than a few does."""
     rng = np.random.default_rng(seed)
     reference = a_map(rng, kind, window, code)
     events = random_events(rng, 500, SENSOR, 2_500)
-    whole = Localiser(reference, every=every).update(events)
+    whole = Localiser(reference, every=every).update(of_another_layout(events))
     cut = Localiser(reference, every=every)
     found = feed(cut, [events[i : i + step] for i in range(0, events.size, step)])
     assert whole.size > 0
@@ -127,9 +151,7 @@ def test_a_few_events_of_any_memory_layout_are_the_same_events():
     spread[::2] = events
     read_only = events.copy()
     read_only.setflags(write=False)
-    other = np.zeros(events.size, [("p", "?"), ("x", "<u2"), ("y", "<u2"), ("t", "<i8")])
-    for name in EVENT_DTYPE.names:
-        other[name] = events[name]
+    other = of_another_layout(events)
     for given_events in (spread[::2], read_only, events.view(np.recarray), other):
         pieces = np.split(given_events, range(10, events.size, 10))
         found = feed(Localiser(reference), pieces)
@@ -160,3 +182,25 @@ def test_codes_are_written_in_place_as_they_are_tabulated(seed, bits, full_scale
     written = np.full((6, full_scale + 1), 999, dtype=np.uint16)
     write_codes(code.levels, mean, bits, written)
     assert np.array_equal(written, code.tables(mean))
+
+
+def test_the_cache_of_a_kernel_names_no_class_of_its_state():
+    """A later version without that name could not read the cache, and would not start."""
+    if config.DISABLE_JIT:
+        pytest.skip("nothing is compiled")
+    Localiser(a_map(np.random.default_rng(8), "filter", "time", {})).update(
+        make_events([1], [0], [0])
+    )
+    (signature,) = follow_few.signatures[:1]
+    assert "BoxedType" in str(signature)
+    assert b"edge_vpr.online" not in pickle.dumps(signature)
+
+
+def test_a_copy_of_a_box_shares_nothing_with_it():
+    first = Box((np.zeros(3, dtype=np.int64), (np.ones(2), 5)))
+    second = copy.deepcopy(first)
+    second.value[0][:] = 7
+    second.value[1][0][:] = 7
+    assert first.value[0].tolist() == [0, 0, 0]
+    assert first.value[1][0].tolist() == [1, 1]
+    assert first.boxed is not second.boxed

@@ -17,8 +17,8 @@ from edge_vpr.reference_map import ReferenceMap
 
 #: Matches that the kernel gives before it returns.
 MATCHES_AT_ONCE = 4_096
-#: Up to so many events are looked up, followed and matched in one call.
-FEW = 64
+#: Up to so many events are looked up, followed and matched in one call; more go by columns.
+FEW = 4_096
 #: No window of the place filter ends by then.
 NEVER = np.iinfo(np.int64).max
 

@@ -110,7 +110,7 @@ class DescriptorLink(Link):
                 return 0
 
     def fileno(self) -> int:
-        """Return the descriptor, of which a benchmark writes without a detour."""
+        """Return the descriptor; -1 once the link is closed."""
         return self._fd
 
     def close(self) -> None:

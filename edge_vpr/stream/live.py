@@ -12,6 +12,7 @@ from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
 from edge_vpr.events import Events, join_events, make_events
+from edge_vpr.online.followed import FEW
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -228,7 +229,8 @@ def _rehearse(
     bursts: BurstFilter | CausalBurstFilter,
 ) -> None:
     """Compile what matching needs, which takes up to seconds, before the first bytes come."""
-    events = synthetic_events()
+    # of more than a few, the last piece goes by columns
+    events = synthetic_events(2 * FEW)
     localiser = Localiser(reference, every=every)
     # to Numba one event alone is an array of another kind: without gaps, and aligned or not
     for some in (events[:1], events[1:2], events[2:]):

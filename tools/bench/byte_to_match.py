@@ -67,6 +67,7 @@ def byte_to_match(
     """
     rng = np.random.default_rng(0)
     link, encoder = VirtualLink(), open_encoder("evpr", SENSOR)
+    start = encoder.start()
     sent = [encoder.encode(events) for events in frames(rng, rate, WARM + number)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.npz"
@@ -84,7 +85,7 @@ def byte_to_match(
         with subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0) as process:
             Bridge(link, encoder).wait_for_host()
             try:
-                return _played(link, encoder.start(), sent, process)
+                return _played(link, start, sent, process)
             finally:
                 process.terminate()
                 process.wait(timeout=30)
@@ -101,44 +102,24 @@ def _played(
     os.write(line, start)
     poll = select.poll()
     poll.register(out, select.POLLIN)
-    lines = _Lines()
-    taken: list[float] = []
-    begin = time.monotonic()
-    for number, frame in enumerate(sent):
-        due = begin + number * FRAME_US / 1e6
+    read_s: dict[int, float] = {}
+    rest, begin = b"", time.monotonic()
+    written = np.empty(len(sent))
+    for number, frame in enumerate([*sent, b""]):
+        due = begin + (number if frame else number + 200) * FRAME_US / 1e6
         while (wait := due - time.monotonic()) > 0:
             if poll.poll(1e3 * wait):
-                lines.matched(os.read(out, 1 << 16))
-        written = time.perf_counter()
+                data, now = os.read(out, 1 << 16), time.perf_counter()
+                *whole, rest = (rest + data).split(b"\n")
+                for row in map(json.loads, whole):
+                    read_s.setdefault(row.get("t", -1), now)
         left = memoryview(frame)
+        if frame:
+            written[number] = time.perf_counter()
         while left:
             left = left[os.write(line, left) :]
-        if number < WARM * FRAMES or number % FRAMES:
-            continue
-        end = time.monotonic() + 5
-        expected = number * FRAME_US
-        while lines.newest_us < expected:
-            if not poll.poll(1e3 * (end - time.monotonic())):
-                raise TimeoutError(f"frame {number} gave no match within 5 s")
-            lines.matched(os.read(out, 1 << 16))
-        taken.append(1e6 * (lines.read_s - written))
-    return np.array(taken)
-
-
-class _Lines:
-    """The newest match among the lines, and when it was read."""
-
-    def __init__(self) -> None:
-        self.newest_us, self.read_s, self._rest = -1, 0.0, b""
-
-    def matched(self, data: bytes) -> None:
-        """Take what was read just now."""
-        now = time.perf_counter()
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        for line in whole:
-            row = json.loads(line)
-            if row["kind"] == "match":
-                self.newest_us, self.read_s = int(row["t"]), now
+    asked = range(WARM * FRAMES, len(sent) - FRAMES, FRAMES)
+    return np.array([1e6 * (read_s[n * FRAME_US] - written[n]) for n in asked])
 
 
 def main() -> None:

@@ -111,7 +111,11 @@ def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
     """
     plain, columns, memory, brought = room
     last, found = memory[0], brought[0]
-    width, x_bits, y_bits = plain[0] & 15, plain[1] & 15, plain[1] >> 4
+    width, x_bits, y_bits = (
+        np.int64(plain[0] & 15),
+        np.int64(plain[1] & 15),
+        np.int64(plain[1] >> 4),
+    )
     words = end - _HEADER_BYTES
     if (
         words < 0
@@ -146,7 +150,7 @@ def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
         found["base"] = base
     found["frames"] += 1
     found["idle_at"] = -1 if words else base
-    form = np.int64(width), np.int64(x_bits), np.int64(y_bits)
+    form = width, x_bits, y_bits
     events = _take_words(plain[_HEADER_BYTES:end], form, base, columns, first)
     last["boot"], last["dropped"], last["last"] = boot, dropped, base
     last["next"] = (sequence + events) & 0xFFFFFFFF
