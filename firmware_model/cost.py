@@ -34,8 +34,9 @@ def memories(design: Design) -> dict[str, Memory]:
     -------
     dict of str to Memory
         Row displacements and look-up; counters; code tables, and which each counter uses; running
-        means; the descriptor that is compared; the places; the distances of the last L windows, or
-        the filter's metrics and, if kept, distances; the delay line of the search.
+        means, and those that they begin with; the descriptor that is compared; the places; the
+        distances of the last L windows, or the filter's metrics and, if kept, distances; the delay
+        line of the search.
     """
     bits = {name: form.width for name, form in design.formats.items()}
     lanes = design.lanes * bits["code"]
@@ -47,6 +48,7 @@ def memories(design: Design) -> dict[str, Memory]:
         kept = {"history": Memory(design.length * design.places, bits["distance"])}
     if design.own_mean:
         kept["mean"] = Memory(design.slots, bits["mean"])
+        kept["first_mean"] = Memory(design.slots, bits["entry"])
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,15 +14,20 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
+from firmware_model.descriptor import Event
 from firmware_model.hardware import (
     boards,
+    formal,
     mutants,
+    netlist,
     proof,
     registers,
     replay,
     report,
     simulation,
     sources,
+    stream_proof,
+    unit_proof,
     waves,
 )
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
@@ -33,6 +39,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
+from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.random_designs import random_adaptive_design, random_design
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
@@ -137,19 +144,37 @@ def core_cycles(design):
     period = max(design.words, design.length, 2)
     added = (design.places - 1) * (period - max(design.words, design.length))
     levels = (design.lanes - 1).bit_length()
-    filled = design.words * design.lanes - design.slots
-    return model.match + added + filled + levels + (9 if design.length == 1 else 10)
+    around = (9 if design.length == 1 else 10) + 2 * design.own_mean
+    return model.match + added + levels - design.words + around
 
 
 def filter_cycles(design):
     """Clocks of the filter after its first window, which takes a pass and two divisions more."""
     levels = (design.lanes - 1).bit_length()
     entries = max(len(design.steps), 3) + len(design.back)
-    distances = (design.places - 1) * max(design.words, 2) + design.words + levels
+    distances = (design.places - 1) * max(design.words, 2) + levels
     kept = 2 * design.places - 4
-    passes = distances + (kept if design.keep_distances else distances)
-    around = 29 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
-    return design.words * design.lanes + passes + design.formats["distance"].width + around
+    passes = distances + (kept if design.keep_distances else distances + design.words)
+    around = 28 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
+    return design.slots + passes + design.formats["distance"].width + around
+
+
+@needs_iverilog
+@pytest.mark.parametrize("polarity", [False, True])
+def test_an_event_is_taken_in_each_clock(tmp_path, polarity):
+    """All of a window, often of the same pixel; none is taken while its end is set."""
+    design = replace(DESIGN, polarity=polarity, tau_us=1000)
+    (case,) = random_cases(design, np.random.default_rng(7), 1, 10)
+    rng = np.random.default_rng(8)
+    pixels = [*case.memories.pixels[:3], (0, 0)]
+    times = (*range(300), *range(2000, 2100))
+    events = [Event(t, *pixels[rng.integers(4)], bool(rng.integers(2))) for t in times]
+    cases = [replace(case, events=tuple(events), start=0)]
+    write_suites(tmp_path / "v", design, {"random": cases}, 1, rtl=True)
+    ((_, done),) = simulation.replay_vectors(tmp_path / "v", tmp_path)
+    assert verify(tmp_path / "v", done.records).differences == []
+    # the first of the next window is taken, and waits in the first stage
+    assert done.events_in_a_row == 300 + 1
 
 
 @needs_iverilog
@@ -161,6 +186,7 @@ def filter_cycles(design):
         replace(DESIGN, lanes=1, places=6),
         replace(DESIGN, lanes=9, length=1, places=9),
         replace(DESIGN, lanes=16, length=4),
+        replace(DESIGN, code="own-mean"),
         replace(FILTER, window="count"),
         replace(ADAPTIVE, window="count", lanes=9, places=9),
         replace(FILTER, window="count", back=(1, 2), keep_distances=True),
@@ -179,13 +205,13 @@ def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
         assert done.most_cycles == core_cycles(design)
 
 
-def test_a_match_of_a_map_of_usual_size_takes_hardly_more_clocks_than_the_model_says():
-    """The filter's scale is divided after its match, and its mean in as many bits as it has."""
+def test_a_match_takes_at_most_eight_clocks_more_than_the_model_says():
+    """Of maps of usual size: the first place is compared while the descriptor is encoded."""
     for design in (report.DOCUMENTED, replace(report.DOCUMENTED, matching="filter", length=1)):
         for code in ("log", "own-mean"):
-            coded = replace(design, code=code, full_scales=(0,))
-            extra = core_cycles(coded) - cost.cycles(coded).match
-            assert extra <= (8 if design.filters else 17)
+            for lanes in (1, 2, 4, 8, 16):
+                coded = replace(design, code=code, full_scales=(0,), lanes=lanes)
+                assert core_cycles(coded) - cost.cycles(coded).match <= 8
 
 
 #: cases that are enough to find them
@@ -197,10 +223,10 @@ FAULTS = {
         "count == FULL ? FULL : count + 1'b1",
         "count + 1'b1",
     ),
-    "a window ends one microsecond too late": (
+    "the end of a window moves without its carry": (
         "vpr_window_timer.sv",
-        "left[TIMESTAMP_BITS-1] || left == 0",
-        "left[TIMESTAMP_BITS-1]",
+        "added ^ end_carry",
+        "added",
     ),
     "the row of an event off the sensor is not looked at": (
         "vpr_pixel_lookup.sv",
@@ -212,7 +238,7 @@ FAULTS = {
         "column != 16'(column[COLUMN_BITS-1:0])",
         "1'b0",
     ),
-    "counters are not cleared": ("vpr_encoder.sv", "counted && !counted_filler", "1'b0"),
+    "counters are not cleared": ("vpr_encoder.sv", "clear      = counted", "clear      = 1'b0"),
     "what an adder lacks is lost": (
         "vpr_sad_lanes.sv",
         "node_lacks <= negative",
@@ -230,8 +256,8 @@ FAULTS = {
     ),
     "of equal sums the highest place is best": (
         "vpr_search.sv",
-        "sum < best_sum;",
-        "sum <= best_sum;",
+        "below_best[SUM_BITS];",
+        "below_best[SUM_BITS] || sum == best_sum;",
     ),
     "a second best of zero is accepted": ("vpr_accept.sv", "second_sum != 0 && ", ""),
     "a match is not held until it is taken": (
@@ -330,6 +356,30 @@ def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsy
     assert check_files(tmp_path / "v") > 0
 
 
+@needs_iverilog
+def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
+    """By cocotb, under stalls and a reset, in a project's folder."""
+    pytest.importorskip(
+        "cocotb", reason="cocotb is not installed: pip install 'edge-vpr[hardware]'"
+    )
+    write_vectors(tmp_path / "vectors", DESIGN, 3, "corners", slice(1))
+    shutil.copytree(tmp_path / "vectors" / "rtl", tmp_path / "src")
+    (tmp_path / "cocotb").mkdir()
+    shutil.copy(sources.COCOTB_BENCH, tmp_path / "cocotb")
+    command = [sys.executable, f"cocotb/{sources.COCOTB_BENCH.name}", "--stall", "30"]
+    held = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert held.returncode == 0, held.stdout + held.stderr
+    assert "1 cases, 0 differ" in held.stdout
+    check_files(tmp_path / "vectors")  # nothing is left beside them
+    file = tmp_path / "src" / "vpr_counters.sv"
+    text = file.read_text("ascii")
+    file.write_text(text.replace("FULL : count + 1'b1", "FULL : count"), "ascii")
+    broken = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert broken.returncode == 1
+    assert "1 cases, 1 differ" in broken.stdout
+    assert "m_event 0 is" in broken.stdout + broken.stderr
+
+
 @needs("yosys", "make")
 def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
     """All that its Makefile names is there; a folder with something in it is refused."""
@@ -353,6 +403,10 @@ def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
     )
     assert done.returncode == 0
     assert "icepack icebreaker.asc icebreaker.bin" in plan
+    bench = subprocess.run(
+        ["make", "-n", "cocotb"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
+    ).stdout
+    assert (tmp_path / "core" / bench.split()[1]).read_bytes() == sources.COCOTB_BENCH.read_bytes()
     capsys.readouterr()
     assert main(command) == 2
     assert "not an empty folder" in capsys.readouterr().err
@@ -374,6 +428,17 @@ KINDS = [
     replace(FILTER, window="count", places=1, lanes=9, keep_distances=True, steps=(1,)),
     replace(DESIGN, code="own-mean", code_bits=8),
 ]
+
+
+@needs("yosys")
+@pytest.mark.parametrize("design", KINDS)
+def test_the_memories_of_the_core_are_those_of_the_cost_model(design):
+    """Depth and width of each, of the netlist; a single window needs none for past distances."""
+    sized = cost.memories(design)
+    if design.length == 1:
+        sized.pop("history", None)
+    stated = sorted(memory for memory in sized.values() if memory.bits)
+    assert netlist.netlist_memories(design) == stated
 
 
 @needs("verilator")
@@ -491,13 +556,16 @@ def changed(file, old, new):
 @needs_iverilog
 def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     """By cases of the vectors that the command replays; the case that finds one comes first."""
-    bench = mutants.Bench(tmp_path, 1, only=("walk_of_kept_distances", "spread_of_one"))
+    only = ("walk_of_kept_distances", "spread_of_one", "own_means")
+    bench = mutants.Bench(tmp_path, 1, only=only)
     assert bench.found_by(None) is None
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
     assert bench.found_by(dearer) in {name for _, name in bench.cases}
     for old, new in (("whole ? product", "1'b0 ? product"), ("2] || whole,", "2],")):
         assert bench.found_by(changed("vpr_filter.sv", old, new)) == "filter/spread_of_one"
     assert bench.cases[0][1] == "filter/spread_of_one"
+    lowest = changed("vpr_own_mean.sv", "octaves < LOWEST", "1'b0")
+    assert bench.found_by(lowest) == "filter/own_means"
     assert bench.found_by(None) is None
 
 
@@ -602,17 +670,59 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
 @needs("yosys", "yosys-smtbmc", "z3")
 def test_the_search_is_proved_and_broken_ones_are_refused():
     """One size and one broken version; the command has all."""
-    assert proof.prove(proof.SMALL)
+    assert unit_proof.prove(unit_proof.SMALL)
     name = "of equal sums the highest place is best"
-    assert proof.refuted(proof.SMALL, proof.broken(name))
-    assert all(proof.broken(name) for name in proof.BROKEN)
+    assert unit_proof.refuted(unit_proof.SMALL, unit_proof.broken(name))
+    assert all(unit_proof.broken(name) for name in unit_proof.BROKEN)
 
 
 @needs("yosys", "yosys-smtbmc", "z3")
 def test_broken_predictions_of_the_filter_are_refused():
     """The command proves the prediction as it is, which takes a minute."""
-    for name in proof.BROKEN_PREDICTIONS:
-        assert not proof.prove_prediction(proof.broken_prediction(name))
+    for name in unit_proof.BROKEN_PREDICTIONS:
+        assert not unit_proof.prove_prediction(unit_proof.broken_prediction(name))
+
+
+@needs("yosys", "yosys-smtbmc", "z3")
+def test_the_end_of_a_window_by_time_is_proved_and_broken_timers_are_refused():
+    assert unit_proof.prove_timer()
+    for name in unit_proof.BROKEN_TIMERS:
+        assert not unit_proof.prove_timer(unit_proof.broken_timer(name))
+
+
+@needs("yosys", "yosys-abc")
+def test_counters_and_events_are_proved_for_any_number_of_clocks():
+    """Two claims that take a second; the command proves those about windows and matches too."""
+    _, by_count, *_ = stream_proof.CORE_KINDS
+    assert stream_proof.holds(stream_proof.COUNTERS)
+    assert stream_proof.holds(stream_proof.core_claim("EVENT", by_count))
+
+
+@needs("yosys", "yosys-abc")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a count wraps",
+        "the count before the last is not looked at",
+        "an event is lost when the window is full",
+    ],
+)
+def test_broken_streams_are_refused(name):
+    """Of counters and events; the command has all."""
+    assert stream_proof.refused(name)
+
+
+def test_each_broken_version_breaks_the_source_as_it_is():
+    """The text that it replaces is there once, and its claim is one that is proved."""
+    for claim, file, old, new in stream_proof.BROKEN.values():
+        assert claim in stream_proof.CLAIMS
+        assert formal.broken_source(file, old, new) != formal.core_source(file)
+    assert {claim.define for claim, *_ in stream_proof.BROKEN.values()} == {
+        "PROVE",
+        *stream_proof.CORE_CLAIMS,
+    }
+    with pytest.raises(ToolError, match="0 times 'no such text'"):
+        formal.broken_source("vpr_core.sv", "no such text", "")
 
 
 @needs("yosys")

@@ -1,7 +1,8 @@
-"""A project for boards: sources, parameters, tables, pins, vectors and a Makefile."""
+"""A project for boards: sources, parameters, tables, pins, vectors, benches and a Makefile."""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from firmware_model.hardware import registers, sources
@@ -15,17 +16,25 @@ from firmware_model.vectors.suite import standard_suites, write_suites
 _MAKEFILE = """\
 # make BOARD: a board's bitstream, by yosys, nextpnr and its packer; boards: {boards}
 # make test: the core returns the golden vectors, by Icarus Verilog and edge-vpr
+# make cocotb: the same by a bench in Python (pip install cocotb) and Icarus Verilog
 SOURCES = src/{package}.sv {sources}
 TABLES = {tables}
 YOSYS = yosys
+PYTHON = python3
+# folders of cases, such as vectors/corners/tie_of_two; by default all
+CASES =
 
-.PHONY: all test clean {boards}
+.PHONY: all test cocotb clean {boards}
 all: {first}
 {rules}
 test:
 \tpython -m firmware_model.hardware.replay vectors
 
+cocotb:
+	$(PYTHON) cocotb/{bench} $(CASES)
+
 clean:
+	rm -rf sim_build
 \trm -f $(foreach end,json asc config bin bit,$(addsuffix .$(end),{boards}))
 """
 _RULES = """
@@ -78,6 +87,8 @@ def write_project(folder: Path, memories: Memories, seed: int) -> None:
     (folder / "src" / f"{registers.PACKAGE}.sv").write_text(
         registers.package(design), encoding="ascii"
     )
+    (folder / "cocotb").mkdir()
+    shutil.copyfile(sources.COCOTB_BENCH, folder / "cocotb" / sources.COCOTB_BENCH.name)
     (folder / registers.HEADER).write_text(registers.header(design), encoding="ascii")
     for board in BOARDS.values():
         pins = (sources.FOLDER / board.pins).read_text(encoding="ascii")
@@ -87,6 +98,7 @@ def write_project(folder: Path, memories: Memories, seed: int) -> None:
     design.save(folder / "design.toml")
     makefile = _MAKEFILE.format(
         package=PACKAGE,
+        bench=sources.COCOTB_BENCH.name,
         tables=" ".join(f"{name}.mem" for name in tables(design)),
         sources=" ".join(f"src/{name}" for name in sources.DEVICE),
         boards=" ".join(BOARDS),

@@ -98,14 +98,12 @@ def measure(
             if str(seed) in known:
                 continue
             if not (folder / "core.json").exists():
-                files = " ".join(map(str, source_files(folder, board)))
-                script = f"read_verilog -sv {files}; {board.synthesis} -json core.json"
-                _run(["yosys", "-q", "-p", script], folder)
+                synthesize(folder, board)
             log = _place(folder, seed, board)
             known[str(seed)] = {
                 "cells": _cells(log, board),
                 "megahertz": _megahertz(log),
-                "tools": [_version("yosys", "-V"), _version(board.placer, "--version")],
+                "tools": [version("yosys", "-V"), version(board.placer, "--version")],
             }
             if keep is not None:
                 beside = keep.with_name(f"{keep.name}.part")
@@ -173,6 +171,13 @@ def write_tables(design: Design, folder: Path) -> None:
         (folder / f"{name}.mem").write_text(formats.readmemh(words[name][1]), encoding="ascii")
 
 
+def synthesize(folder: Path, board: Board) -> None:
+    """Make ``core.json`` of the board design, whose tables are in `folder`."""
+    files = " ".join(map(str, source_files(folder, board)))
+    script = f"read_verilog -sv {files}; {board.synthesis} -json core.json"
+    _run(["yosys", "-q", "-p", script], folder)
+
+
 def _place(folder: Path, seed: int, board: Board) -> str:
     words = board.place_words(str(sources.FOLDER / board.pins))
     words += ["--json", "core.json", "--seed", str(seed), "--timing-allow-fail"]
@@ -193,7 +198,8 @@ def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[st
     return done
 
 
-def _version(tool: str, flag: str) -> str:
+def version(tool: str, flag: str) -> str:
+    """Return the name of a tool and its version."""
     done = subprocess.run([tool, flag], capture_output=True, text=True, check=False)
     said = (done.stdout + done.stderr).strip()
     found = re.search(r"(?:Yosys|Version) ([\w.+~-]+)", said)

@@ -31,11 +31,14 @@ class Replay(NamedTuple):
         As `firmware_model.vectors.verify.verify` takes them.
     least_cycles, most_cycles : int
         From the clock of a window's end to that of its match; 0 if there was none.
+    events_in_a_row : int
+        That were taken in successive clocks, at most.
     """
 
     records: list[Record]
     least_cycles: int
     most_cycles: int
+    events_in_a_row: int
 
 
 def available() -> bool:
@@ -120,10 +123,11 @@ def replay(
         arguments["trace"] = trace.resolve()
     words = [f"+{key}={value}" for key, value in arguments.items()]
     said = _run([RUNTIME, "-n", str(program.resolve()), *words], case, seconds)
-    cycles = re.search(r"cycles a match (\d+) to (\d+)", said)
-    if cycles is None:
+    found = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
+    if found is None:
         raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
-    return Replay(read_results(results), int(cycles[1]), int(cycles[2]))
+    in_a_row, least, most = map(int, found.groups())
+    return Replay(read_results(results), least, most, in_a_row)
 
 
 def replay_vectors(

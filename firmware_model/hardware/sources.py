@@ -44,6 +44,8 @@ AXI = "vpr_axi_lite.sv"
 AXI_BENCH = "vpr_axi_bench.sv"
 #: replays a case through the SPI of a board with an iCE40UP5K
 UP5K_BENCH = "vpr_up5k_bench.sv"
+#: replays cases by cocotb, in Python
+COCOTB_BENCH = FOLDER / "cocotb" / "vpr_cocotb.py"
 
 
 def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:

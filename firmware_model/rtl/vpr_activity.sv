@@ -2,8 +2,8 @@
 // 1/16 of the usual number, which is told in units of 1/256 event.
 //
 // With `window_end` the usual number moves by 1/64 of its difference to the window's; the events of
-// a window saturate. That is done a bit a clock, while `settled` is low: no window may end then.
-// `pauses` is of the open window.
+// a window saturate. That is done a bit a clock, while `settled` is low: until then no event may be
+// counted, and no window may end. `pauses` is of the open window.
 module vpr_activity #(
     parameter int EVENTS_BITS   = 23,
     parameter int ACTIVITY_BITS = 31
@@ -23,16 +23,16 @@ module vpr_activity #(
     localparam int STEPS          = ACTIVITY_BITS + ACTIVITY_SHIFT;
     localparam int STEP_BITS      = $clog2(STEPS);
 
-    logic [EVENTS_BITS-1:0]    events;
-    logic [ACTIVITY_BITS-1:0]  usual;
+    logic [EVENTS_BITS-1:0]   events;
+    logic [ACTIVITY_BITS-1:0] usual;
 
-    logic                      partly;  // the bits of the usual number below an event are not 0
+    // The window does not pause if events << DROPPED >= usual: from the event on with which it has
+    // as many as the upper bits of the usual number say, or one more, if the lower are not all 0
+    logic partly, any, more;
+    // of the clock before: no window ends within two clocks of an event
+    logic as_many, was_counted;
 
-    // events << DROPPED < usual: those bits come as a borrow
-    wire [EVENTS_BITS+1:0] above =
-        {1'b0, events, 1'b0} - (EVENTS_BITS + 2)'({usual[ACTIVITY_BITS-1:DROPPED], partly});
-
-    assign pauses = events == 0 || above[EVENTS_BITS+1];
+    assign pauses = !any || !(more || (as_many && !partly));
 
     // The difference comes from its lowest bit on. Those that the shift drops come while the lowest
     // bits of the usual number wait in `delayed`; then they are added.
@@ -42,7 +42,7 @@ module vpr_activity #(
     logic                      borrow, carry;
 
     // which bits of each are at hand; registers, as comparing the step takes its time
-    logic has_ended, has_usual, shifts, below_event;
+    logic has_ended, has_usual, shifts, below_event, came_below;
 
     wire of_ended   = has_ended && ended[0];
     wire of_usual   = has_usual && usual[0];
@@ -51,19 +51,29 @@ module vpr_activity #(
     wire next       = waits ^ difference ^ carry;
 
     always_ff @(posedge clk) begin
-        if (window_end || load) events <= '0;
-        else if (counted && events != '1) events <= events + 1'b1;
+        if (window_end || load) begin
+            events <= '0;
+            any    <= 1'b0;
+            more   <= 1'b0;
+        end else if (counted) begin
+            if (events != '1) events <= events + 1'b1;
+            any <= 1'b1;
+        end
+        as_many     <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED]);
+        was_counted <= counted && !window_end && !load;
+        if (as_many && was_counted) more <= 1'b1;
         if (window_end) begin
-            settled <= 1'b0;
-            ended   <= events;
-            step    <= '0;
-            borrow  <= 1'b0;
-            carry   <= 1'b0;
-            partly  <= 1'b0;
+            settled     <= 1'b0;
+            ended       <= events;
+            step        <= '0;
+            borrow      <= 1'b0;
+            carry       <= 1'b0;
+            partly      <= 1'b0;
             has_ended   <= 1'b0;
             has_usual   <= 1'b1;
             shifts      <= 1'b0;
             below_event <= 1'b1;
+            came_below  <= 1'b0;
         end else if (!settled) begin
             step    <= step + 1'b1;
             settled <= step == STEP_BITS'(STEPS - 1);
@@ -72,7 +82,9 @@ module vpr_activity #(
             if (shifts) carry <= (waits && (difference || carry)) || (difference && carry);
             if (has_ended) ended <= ended >> 1;
             usual   <= {next, usual[ACTIVITY_BITS-1:1]};
-            if (shifts && below_event && next) partly <= 1'b1;
+            // the bit that came with the clock before
+            came_below <= shifts && below_event;
+            if (came_below && usual[ACTIVITY_BITS-1]) partly <= 1'b1;
             if (step == STEP_BITS'(FRACTION - 1)) has_ended <= 1'b1;
             if (step == STEP_BITS'(ACTIVITY_BITS - 1)) has_usual <= 1'b0;
             if (step == STEP_BITS'(ACTIVITY_SHIFT - 1)) shifts <= 1'b1;
@@ -84,6 +96,4 @@ module vpr_activity #(
             settled <= 1'b1;
         end
     end
-
-    wire unused = &{1'b0, above};
 endmodule

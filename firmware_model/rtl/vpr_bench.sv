@@ -191,8 +191,8 @@ module vpr_bench;
             end
         end
         $fclose(out);
-        $display("%0s: %0d events, cycles a match %0d to %0d", case_name, events_given,
-                 least_cycles, most_cycles);
+        $display("%0s: %0d events, at most %0d in a row, cycles a match %0d to %0d", case_name,
+                 events_given, most_in_a_row, least_cycles, most_cycles);
         $finish;
     end
 
@@ -202,8 +202,9 @@ module vpr_bench;
     integer events_seen, windows_seen, words_seen, lane;
     logic   match_before;
     wire    window_end = device.core.window_end;
-    integer clock_now, ended_at, least_cycles, most_cycles;
+    integer clock_now, ended_at, least_cycles, most_cycles, in_a_row, most_in_a_row;
     initial begin
+        most_in_a_row = 0;
         clock_now    = 0;
         least_cycles = 0;
         most_cycles  = 0;
@@ -225,6 +226,9 @@ module vpr_bench;
 
     always @(posedge clk) begin
         clock_now = clock_now + 1;
+        // events that were taken in successive clocks
+        in_a_row = running && s_event_tvalid && s_event_tready ? in_a_row + 1 : 0;
+        if (in_a_row > most_in_a_row) most_in_a_row = in_a_row;
         if (!running) begin
             events_seen  = 0;
             windows_seen = 0;

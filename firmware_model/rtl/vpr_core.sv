@@ -7,8 +7,9 @@
 // Outputs that are of no use are left open with their tready at 1, and cost nothing.
 //
 // `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
-// which is read in its last clock, as is `start_activity`, the usual number of events in a window. s_event_tready rises WORDS * LANES + 2 clocks after it. Events are taken
-// while a window is matched; the end of a further window waits.
+// which is read in its last clock, as is `start_activity`, the usual number of events in a window.
+// s_event_tready rises TIMESTAMP_BITS + 1 clocks after it. Events are taken while a window is matched,
+// after it was encoded; the end of a further window waits.
 module vpr_core #(
     parameter int          HEIGHT            = 2,
     parameter int          PIXELS            = 1,
@@ -64,7 +65,8 @@ module vpr_core #(
     parameter int          MATCH_BITS          = 39,
     parameter              MEMORY_STYLE      = "auto",
     parameter              PLACES_FILE       = "",
-    parameter              LOADABLE          = 0
+    parameter              LOADABLE          = 0,
+    parameter              SLOW_BLOCKS       = 0
 ) (
     input  logic                                   clk,
     input  logic                                   rst,
@@ -109,8 +111,8 @@ module vpr_core #(
     logic                       busy;
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
-    logic                       counted, paused, settled;
-    logic                       drain, clear, clearing;
+    logic                       counted, paused, settled, pending;
+    logic                       drain, draining, clear;
     logic [SLOT_BITS-1:0]       drain_slot, clear_slot;
     logic [COUNT_BITS-1:0]      drained;
     logic [LANES*CODE_BITS-1:0] place_word;
@@ -122,7 +124,7 @@ module vpr_core #(
         .TIMESTAMP_BITS(TIMESTAMP_BITS), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
         .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
         .COUNT_BITS(COUNT_BITS), .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS),
-        .LOADABLE(LOADABLE)
+        .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) events (
         .clk(clk), .rst(rst), .load(load[1:0]), .load_address(load_address), .load_word(load_word),
         .start_time(start_time),
@@ -130,9 +132,9 @@ module vpr_core #(
         .s_event_tdata(s_event_tdata),
         .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
         .m_event_tdata(m_event_tdata),
-        .clearing(clearing), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
+        .pending(pending), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
         .counted(counted),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot)
     );
 
@@ -143,8 +145,8 @@ module vpr_core #(
         .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE)
     ) encoder (
         .clk(clk), .rst(rst), .load(load[4:2]), .load_address(load_address), .load_word(load_word),
-        .start(window_end), .paused(paused), .clearing(clearing),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .start(window_end), .paused(paused),
+        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot),
         .word_valid(m_window_tvalid), .word_ready(m_window_tready),
         .word_last(m_window_tlast), .word(m_window_tdata)
@@ -170,7 +172,7 @@ module vpr_core #(
     // Distances, sums, and the search
 
     logic [31:0]                   window;
-    logic                          compare, distance_start;
+    logic                          begun, compare, distance_start, filter_idle;
     logic                          place_step, place_last;
     logic                          distance_valid;
     logic [DISTANCE_BITS-1:0]      distance;
@@ -185,18 +187,18 @@ module vpr_core #(
         .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE),
         .FILE(PLACES_FILE)
     ) place_memory (
-        .clk(clk), .rst(rst), .busy(busy),
+        .clk(clk), .rst(rst), .busy(busy), .stop(window_end),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
-        .start(distance_start), .step(place_step), .last(place_last), .word(place_word)
+        .start(begun), .step(place_step), .last(place_last), .word(place_word)
     );
 
     vpr_distance #(
         .WORDS(WORDS), .LANES(LANES), .PERIOD(PERIOD), .CODE_BITS(CODE_BITS),
-        .DISTANCE_BITS(DISTANCE_BITS)
+        .DISTANCE_BITS(DISTANCE_BITS), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) distances (
-        .clk(clk), .rst(rst), .query_write(query_write), .query_word(m_window_tdata),
-        .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
+        .clk(clk), .rst(rst), .query_write(query_write), .query_inverse(~m_window_tdata),
+        .follow(begun && !(FILTER && paused)), .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
         .distance_valid(distance_valid), .distance(distance)
     );
 
@@ -215,7 +217,7 @@ module vpr_core #(
                 .TOTAL_BITS(DISTANCE_TOTAL_BITS), .RECIPROCAL_BITS(RECIPROCAL_BITS),
                 .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS)
             ) place_filter (
-                .clk(clk), .rst(rst), .start(compare), .paused(paused),
+                .clk(clk), .rst(rst), .start(compare), .paused(paused), .idle(filter_idle),
                 .distance_start(distance_start), .distance_valid(distance_valid),
                 .distance(distance), .sum_valid(sum_valid), .sum_last(sum_last), .place(place),
                 .sum(sum), .found(ends_search), .best_sum(best_sum)
@@ -233,7 +235,8 @@ module vpr_core #(
                 window
             };
         end else begin : g_sequence
-            assign distance_start = compare;
+            assign distance_start = 1'b0;
+            assign filter_idle    = 1'b1;
             vpr_sequence #(
                 .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS),
                 .DISTANCE_BITS(DISTANCE_BITS), .SUM_BITS(SUM_BITS), .MEMORY_STYLE(MEMORY_STYLE)
@@ -282,6 +285,7 @@ module vpr_core #(
     wire match_taken = m_match_tvalid && m_match_tready;
 
     always_ff @(posedge clk) begin
+        begun     <= window_end;
         compare   <= query_write && m_window_tlast;
         finishing <= FINISHING'({finishing, sum_valid && sum_last});
         if (finished) m_match_tvalid <= has_best;
@@ -291,8 +295,12 @@ module vpr_core #(
             window         <= window + 1'b1;
             m_window_tuser <= events_taken;
         end else if (match_taken || (finished && !has_best)) busy <= 1'b0;
-        window_ready <= !busy && !window_end && settled;
+        // no event is counted while the last window's counts are drained, or its number of events used
+        pending      <= window_end || draining || !settled;
+        window_ready <= !busy && !window_end && settled && filter_idle;
         if (rst) begin
+            begun          <= 1'b0;
+            pending        <= 1'b1;
             compare        <= 1'b0;
             finishing      <= '0;
             m_match_tvalid <= 1'b0;

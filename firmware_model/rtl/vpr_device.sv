@@ -2,7 +2,10 @@
 module vpr_device #(
     parameter MEMORY_STYLE = "auto",  // of the places and of past distances, see vpr_ram_single
     parameter PLACES_FILE  = "",      // of the places; they may be loaded instead
-    parameter LOADABLE     = 0        // tables are loaded, in place of their files
+    parameter LOADABLE     = 0,       // tables are loaded, in place of their files
+    // where block memories take more than half a clock: counts are not kept in them, and the places
+    // have a register behind them, so that a match takes a clock more
+    parameter SLOW_BLOCKS  = 0
 ) (
     input  logic clk,
     input  logic rst,
@@ -61,7 +64,7 @@ module vpr_device #(
         .DISTANCE_TOTAL_BITS(vpr_design::DISTANCE_TOTAL_BITS),
         .RECIPROCAL_BITS(vpr_design::RECIPROCAL_BITS), .EVIDENCE_BITS(vpr_design::EVIDENCE_BITS),
         .TRUST_BITS(vpr_design::TRUST_BITS), .MATCH_BITS(vpr_design::MATCH_BITS),
-        .MEMORY_STYLE(MEMORY_STYLE), .PLACES_FILE(PLACES_FILE), .LOADABLE(LOADABLE)
+        .MEMORY_STYLE(MEMORY_STYLE), .PLACES_FILE(PLACES_FILE), .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) core (
         .clk(clk), .rst(rst), .load(load), .load_address(load_address), .load_word(load_word),
         .start_time(start_time), .start_activity(start_activity),

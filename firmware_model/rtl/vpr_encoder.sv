@@ -1,7 +1,8 @@
 // Counts of the ended window to a descriptor: a slot a clock is read, cleared, encoded by its code
-// table, or against its running mean (OWN_MEAN), and packed, LANES codes a word, the first in the least significant bits. Lanes beyond the
-// last slot are zero. The whole unit stands while a word is not taken. After reset it passes over
-// all slots once, without a word, to clear them (`clearing`).
+// table, or against its running mean (OWN_MEAN), and packed, LANES codes a word, the first in the
+// least significant bits. Lanes beyond the last slot are zero. The whole unit stands while a word is
+// not taken. After reset it passes over all slots once, without a word, to clear them. `draining`
+// holds while it needs the counters.
 module vpr_encoder #(
     parameter int          SLOTS      = 1,
     parameter int          WORDS      = 1,
@@ -27,7 +28,7 @@ module vpr_encoder #(
     input  logic [31:0]                load_word,
     input  logic                       start,
     input  logic                       paused,
-    output logic                       clearing,
+    output logic                       draining,
     output logic                       drain,
     output logic [SLOT_BITS-1:0]       drain_slot,
     input  logic [COUNT_BITS-1:0]      drained,
@@ -38,8 +39,8 @@ module vpr_encoder #(
     output logic                       word_last,
     output logic [LANES*CODE_BITS-1:0] word
 );
-    localparam int PADDED       = WORDS * LANES;
-    localparam int INDEX_BITS   = $clog2(PADDED + 1);
+    // lanes beyond the last slot
+    localparam int FILL         = WORDS * LANES - SLOTS;
     localparam int LANE_BITS    = LANES > 1 ? $clog2(LANES) : 1;
     localparam int STRIDE       = COUNT_MAX + 1;
     localparam int ENTRIES      = TABLES * STRIDE;
@@ -47,22 +48,31 @@ module vpr_encoder #(
     // steps from a count to its code
     localparam int STAGES       = OWN_MEAN ? 3 : 1;
 
-    logic                  issuing;
-    logic [INDEX_BITS-1:0] index;
-    logic [LANE_BITS-1:0]  lane;
+    logic                 issuing, clearing;
+    logic [SLOT_BITS-1:0] index;
+    logic [LANE_BITS-1:0] lane;
 
     // behind the counters, and on the way to the code
-    logic                 counted, counted_filler, counted_word, counted_last;
-    logic [STAGES-1:0]    coded, coded_filler, coded_word, coded_last;
+    logic                 counted, counted_word, counted_last;
+    logic [STAGES-1:0]    coded, coded_word, coded_last;
     logic [CODE_BITS-1:0] code;
 
-    wire step      = !word_valid || word_ready;
-    wire end_lane  = lane == LANE_BITS'(LANES - 1);
-    wire end_index = index == INDEX_BITS'(PADDED - 1);
+    // as the differences of codes take it
+    logic [LANES*CODE_BITS-1:0] word_inverse;
+    assign word = ~word_inverse;
 
+    // the newest lane above those before it, which move down by one, and at last to the end
+    wire [LANES*CODE_BITS-1:0] next_word = (LANES * CODE_BITS)'({code, word}
+        >> (coded_last[STAGES-1] ? CODE_BITS * (FILL + 1) : CODE_BITS));
+
+    wire step      = !word_valid || word_ready;
+    wire end_index = index == SLOT_BITS'(SLOTS - 1);
+    wire end_lane  = lane == LANE_BITS'(LANES - 1) || end_index;
+
+    assign draining   = issuing || counted;
     assign drain      = step;
-    assign drain_slot = index[SLOT_BITS-1:0];
-    assign clear      = counted && !counted_filler;
+    assign drain_slot = index;
+    assign clear      = counted;
 
     always_ff @(posedge clk) begin
         if (start || rst) begin
@@ -78,16 +88,13 @@ module vpr_encoder #(
         end
         if (step) begin
             counted        <= issuing;
-            counted_filler <= index >= INDEX_BITS'(SLOTS);
             counted_word   <= issuing && end_lane;
             counted_last   <= end_index;
-            clear_slot     <= index[SLOT_BITS-1:0];
+            clear_slot     <= index;
             coded          <= STAGES'({coded, counted});
-            coded_filler   <= STAGES'({coded_filler, counted_filler});
             coded_word     <= STAGES'({coded_word, counted_word && !clearing});
             coded_last     <= STAGES'({coded_last, counted_last});
-            // the newest lane above those before it, which move down by one
-            if (coded[STAGES-1]) word <= (LANES * CODE_BITS)'({newest, word} >> CODE_BITS);
+            if (coded[STAGES-1]) word_inverse <= ~next_word;
             word_valid     <= coded_word[STAGES-1];
             word_last      <= coded_last[STAGES-1];
         end
@@ -101,8 +108,6 @@ module vpr_encoder #(
             word_valid   <= 1'b0;
         end
     end
-
-    wire [CODE_BITS-1:0] newest = coded_filler[STAGES-1] ? CODE_BITS'(0) : code;
 
     generate
         if (OWN_MEAN) begin : g_own_mean

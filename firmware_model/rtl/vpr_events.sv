@@ -1,9 +1,11 @@
-// Events to counters: four clocks an event, and a further four for each window that it ends.
+// Events to counters, one a clock: displacement, address, entry, slot, count, and the raised count
+// are a clock each.
 //
 // s_event carries a word of events.mem: time, column (16 bits), row (15), ON (1), from the least
 // significant bit. m_event carries a word of expected_events.mem for each: selected, slot, count.
-// An event that ends windows by time waits until the matcher takes each of them (`window_ready`);
-// so does the event behind a window's last one by count.
+// An event that ends windows by time waits in the first stage until the matcher takes each of them
+// (`window_ready`), and as many clocks longer as a timestamp has bits; those behind a window's last
+// one by count wait before they are counted. So do all while the counters are drained (`pending`).
 module vpr_events #(
     parameter int          HEIGHT            = 2,
     parameter int          PIXELS            = 1,
@@ -23,7 +25,8 @@ module vpr_events #(
     parameter int          SLOT_BITS         = 1,
     parameter int          COUNT_BITS        = 1,
     parameter int          WINDOW_COUNT_BITS = 1,
-    parameter bit          LOADABLE          = 0
+    parameter bit          LOADABLE          = 0,
+    parameter bit          SLOW_BLOCKS       = 0   // see vpr_device
 ) (
     input  logic                            clk,
     input  logic                            rst,
@@ -37,66 +40,69 @@ module vpr_events #(
     output logic                            m_event_tvalid,
     input  logic                            m_event_tready,
     output logic [SLOT_BITS+COUNT_BITS:0]   m_event_tdata,
-    input  logic                            clearing,
+    input  logic                            pending,
     input  logic                            window_ready,
     output logic                            window_end,
     output logic [31:0]                     events_taken,
     output logic                            counted,
+    input  logic                            draining,
     input  logic                            drain,
     input  logic [SLOT_BITS-1:0]            drain_slot,
     output logic [COUNT_BITS-1:0]           drained,
     input  logic                            clear,
     input  logic [SLOT_BITS-1:0]            clear_slot
 );
-    localparam logic [2:0] CLEARING = 3'd0;
-    localparam logic [2:0] IDLE     = 3'd1;
-    localparam logic [2:0] ADDRESS  = 3'd2;  // the row's displacement is there
-    localparam logic [2:0] ENTRY    = 3'd3;  // the look-up's entry is there
-    localparam logic [2:0] COUNT    = 3'd4;  // slot, and whether the window has ended
-    localparam logic [2:0] DONE     = 3'd5;  // the slot's count
-    localparam logic [2:0] FULL     = 3'd6;  // the window by count has ended
+    // an event in each stage: its displacement, address, entry, slot, count, and raised count
+    logic displaces, addresses, enters, has_slot, has_count, has_raised;
 
-    logic [2:0]                state;
-    logic [TIMESTAMP_BITS-1:0] timestamp;
-    logic                      selected;
-    logic [SLOT_BITS-1:0]      slot;
-    logic [COUNT_BITS-1:0]     raised;
-    logic                      time_over;
-    logic                      last_counted;
+    logic                  settled, over, full;
+    logic                  counts;  // the event with the raised count is of a selected pixel
+    logic                  selected;
+    logic [SLOT_BITS-1:0]  slot, raised_slot;
+    logic [COUNT_BITS-1:0] raised;
 
-    wire take      = s_event_tvalid && s_event_tready;
-    wire finish    = state == DONE && m_event_tready;
-    wire full_next = !BY_TIME && selected && last_counted;
+    wire moves = !has_raised || m_event_tready;       // the last two stages
+    wire looks = moves && !full && !pending;          // those before them
+    wire waits = displaces && (over || !settled);     // in the first stage, for its window
+    wire take  = s_event_tvalid && s_event_tready;
 
-    assign s_event_tready = state == IDLE || (finish && !full_next);
-    assign m_event_tvalid = state == DONE;
-    assign m_event_tdata  = selected ? {raised, slot, 1'b1} : '0;
-    assign counted        = finish && selected;
-    assign window_end     = window_ready && ((state == COUNT && time_over) || state == FULL);
+    assign s_event_tready = settled && (!displaces || (looks && !over));
+    assign m_event_tvalid = has_raised;
+    assign m_event_tdata  = counts ? {raised, raised_slot, 1'b1} : '0;
+
+    assign counted = counts && moves;
+
+    // all events of the window are counted
+    wire ends = BY_TIME ? displaces && over && settled && !addresses && !enters && !has_slot : full;
 
     always_ff @(posedge clk) begin
-        if (take) timestamp <= s_event_tdata[TIMESTAMP_BITS-1:0];
-        case (state)
-            CLEARING: if (!clearing) state <= IDLE;
-            ADDRESS:  state <= ENTRY;
-            ENTRY:    state <= COUNT;
-            COUNT: begin
-                if (!time_over) state <= DONE;
-                else if (window_ready) state <= ADDRESS;
-            end
-            DONE:     if (finish) state <= full_next ? FULL : take ? ADDRESS : IDLE;
-            FULL:     if (window_ready) state <= IDLE;
-            default:  if (take) state <= ADDRESS;
-        endcase
-        if (finish) events_taken <= events_taken + 1'b1;
+        window_end <= window_ready && ends && !has_count && !has_raised && !window_end;
+        if (take) displaces <= 1'b1;
+        else if (looks && !waits) displaces <= 1'b0;
+        if (looks) begin
+            addresses <= displaces && !waits;
+            enters    <= addresses;
+            has_slot  <= enters;
+        end
+        if (moves) begin
+            has_count  <= has_slot && looks;
+            has_raised <= has_count;
+        end
+        if (m_event_tvalid && m_event_tready) events_taken <= events_taken + 1'b1;
         if (rst) begin
-            state        <= CLEARING;
+            window_end   <= 1'b0;
+            displaces    <= 1'b0;
+            addresses    <= 1'b0;
+            enters       <= 1'b0;
+            has_slot     <= 1'b0;
+            has_count    <= 1'b0;
+            has_raised   <= 1'b0;
             events_taken <= '0;
         end
     end
 
     // windows by count do not look at the time, nor narrow clocks at all of it
-    wire unused = &{1'b0, s_event_tdata, start_time, timestamp};
+    wire unused = &{1'b0, s_event_tdata, start_time};
 
     vpr_pixel_lookup #(
         .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
@@ -105,38 +111,43 @@ module vpr_events #(
         .LOADABLE(LOADABLE)
     ) pixel_lookup (
         .clk(clk), .load(load), .load_address(load_address), .load_word(load_word),
-        .take(take),
+        .take(take), .enable(looks),
         .column(s_event_tdata[EVENT_TIME_BITS+:16]),
         .row(s_event_tdata[EVENT_TIME_BITS+16+:15]),
         .on(s_event_tdata[EVENT_TIME_BITS+31]),
         .selected(selected), .slot(slot)
     );
 
+    wire counting = has_slot && selected && looks;
+
     generate
         if (BY_TIME) begin : g_by_time
-            assign last_counted = 1'b0;
+            assign full = 1'b0;
             vpr_window_timer #(
                 .TIMESTAMP_BITS(TIMESTAMP_BITS), .TAU_US(TAU_US)
             ) window_timer (
                 .clk(clk), .load(rst), .start_time(start_time), .next_window(window_end),
-                .timestamp(timestamp), .ended(time_over)
+                .take(s_event_tready), .timestamp(s_event_tdata[TIMESTAMP_BITS-1:0]),
+                .settled(settled), .over(over)
             );
         end else begin : g_by_count
-            assign time_over = 1'b0;
+            assign settled = 1'b1;
+            assign over    = 1'b0;
             vpr_window_quota #(
                 .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS), .WINDOW_EVENTS(WINDOW_EVENTS)
             ) window_quota (
-                .clk(clk), .load(rst), .counted(counted), .last(last_counted)
+                .clk(clk), .load(rst), .counted(counting), .next_window(window_end), .full(full)
             );
         end
     endgenerate
 
     vpr_counters #(
-        .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX)
+        .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX),
+        .SLOW_BLOCKS(SLOW_BLOCKS)
     ) counters (
-        .clk(clk), .rst(rst), .clearing(clearing), .swap(window_end),
-        .slot(slot), .raise(counted), .raised(raised),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained),
+        .clk(clk), .rst(rst), .enable(moves), .take(counting), .slot(slot),
+        .raises(counts), .raised_slot(raised_slot), .raised(raised),
+        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
         .clear(clear), .clear_slot(clear_slot)
     );
 endmodule

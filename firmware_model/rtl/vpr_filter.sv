@@ -4,8 +4,9 @@
 // A window takes passes over all places: for the mean of the distances; for their spread, unless it
 // is known from the window before; and for the metrics, each the prediction plus the evidence,
 // saturated. Each pass asks for the distances again (`distance_start`), unless they are kept
-// (KEEP). In a pause there is no evidence, and no distance is asked for. The spread of this window
-// is divided after its match.
+// (KEEP); those of the first pass come unasked, some clocks after `start`. In a pause there is no
+// evidence, and there are no distances. The spread of this window is divided after its match; until
+// then the unit is not `idle`, and no window may end.
 //
 // `found` says that the search stands at `best_sum`, the least metric. Distances come two clocks
 // apart at least, and so do metrics.
@@ -28,6 +29,7 @@ module vpr_filter #(
     input  logic                     rst,
     input  logic                     start,
     input  logic                     paused,
+    output logic                     idle,
     output logic                     distance_start,
     input  logic                     distance_valid,
     input  logic [DISTANCE_BITS-1:0] distance,
@@ -40,7 +42,7 @@ module vpr_filter #(
 );
     localparam int ENTRIES       = (STEPS > 3 ? STEPS : 3) + BACK;
     // from a place's distance to its prediction, and to its evidence
-    localparam int PREDICTED     = 2 + $clog2(ENTRIES + 1);
+    localparam int PREDICTED     = 3 + $clog2(ENTRIES + 1);
     localparam int SCALED        = 3;
     localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
@@ -61,22 +63,26 @@ module vpr_filter #(
     logic                       scaled;  // by the spread of this window
     logic [LEAD_BITS-1:0]       lead;
     logic [PLACE_BITS-1:0]      index;
-    logic [DISTANCE_BITS-1:0]   kept, nearest;
+    logic [DISTANCE_BITS-1:0]   kept, nearest_inverse;
     logic [RECIPROCAL_BITS-1:0] reciprocal;
+
+    // the carry says that the distance is more than the nearest
+    wire [DISTANCE_BITS:0]   farther = {1'b0, distance} + {1'b0, nearest_inverse};
 
     // A place: its distance comes from the distance unit, from memory, or is not asked for
     wire                     unasked   = paused || (KEEP && pass != FOR_MEAN);
     wire                     item      = state == RUN && (unasked ? beat : distance_valid);
     wire [DISTANCE_BITS-1:0] here      = KEEP && pass != FOR_MEAN ? kept : distance;
     wire                     item_last = index == PLACE_BITS'(PLACES - 1);
-    wire                     begins    = state == IDLE && waiting;
+    wire                     begins    = waiting;  // it is idle when a window begins
     wire                     leads     = state == LEAD && beat;
+    assign idle = state == IDLE && !waiting;
     // the next pass: one after the mean, unless this window's own spread is needed first
     wire [1:0]               next_pass =
         pass == FOR_MEAN && reciprocal == 0 ? FOR_SPREAD : FOR_METRICS;
 
     always_ff @(posedge clk) begin
-        waiting        <= start || (waiting && state != IDLE);
+        waiting        <= start;
         beat           <= (state == RUN || state == LEAD) && !beat;
         distance_start <= 1'b0;
         divide         <= 1'b0;
@@ -84,10 +90,7 @@ module vpr_filter #(
         case (state)
             IDLE: begin
                 pass <= paused ? FOR_METRICS : FOR_MEAN;
-                if (waiting) begin
-                    state          <= paused && BACK > 0 ? LEAD : RUN;
-                    distance_start <= !paused;
-                end
+                if (waiting) state <= paused && BACK > 0 ? LEAD : RUN;
             end
             LEAD: if (leads && lead == 1) begin
                 state          <= RUN;
@@ -114,8 +117,9 @@ module vpr_filter #(
             lead  <= LEAD_BITS'(BACK);
         end else if (item && !item_last) index <= index + 1'b1;
         if (begins) scaled <= 1'b0;
-        if (begins) nearest <= '1;
-        else if (distance_valid && pass == FOR_MEAN && distance < nearest) nearest <= distance;
+        if (begins) nearest_inverse <= '0;
+        else if (distance_valid && pass == FOR_MEAN && !farther[DISTANCE_BITS])
+            nearest_inverse <= ~distance;
         if (rst) begin
             state          <= IDLE;
             waiting        <= 1'b0;
@@ -145,10 +149,13 @@ module vpr_filter #(
         end
     endgenerate
 
+    logic [METRIC_BITS-1:0] sum_inverse;  // as the search compares it
+    assign sum = ~sum_inverse;
+
     // Prediction: the metrics of the window before are read BACK places ahead
 
     logic                   placed;
-    logic [METRIC_BITS-1:0] least, former, prediction;
+    logic [METRIC_BITS-1:0] least, former_inverse, prediction;
     logic [PLACE_BITS-1:0]  ahead;  // its metric is read
     logic                   off;
 
@@ -183,8 +190,8 @@ module vpr_filter #(
     vpr_ram #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
     ) metric_memory (
-        .clk(clk), .write(sum_valid), .write_address(place), .write_word(sum),
-        .read(1'b1), .read_address(ahead), .read_word(former)
+        .clk(clk), .write(sum_valid), .write_address(place), .write_word(sum_inverse),
+        .read(1'b1), .read_address(ahead), .read_word(former_inverse)
     );
 
     vpr_prediction #(
@@ -192,7 +199,7 @@ module vpr_filter #(
         .RESTART(RESTART), .METRIC_BITS(METRIC_BITS)
     ) predictions (
         .clk(clk), .clear(state == IDLE || state == DIVIDE), .shift(shift),
-        .off(off), .metric(former), .paused(paused), .placed(placed),
+        .off(off), .metric(~former_inverse), .paused(paused), .placed(placed),
         .least(least), .prediction(prediction)
     );
 
@@ -215,14 +222,14 @@ module vpr_filter #(
 
     integer i;
     always_ff @(posedge clk) begin
-        if (item) above <= here - nearest;
+        if (item) above <= here - ~nearest_inverse;
         product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(factor);
         evidence[0] <= paused ? '0 : (weighted >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(weighted);
         for (i = 1; i < PREDICTED - SCALED; i = i + 1) evidence[i] <= evidence[i-1];
         valid <= PREDICTED'({valid, metrics});
         sum_valid <= valid[PREDICTED-1];
         if (valid[PREDICTED-1]) begin
-            sum   <= metric[METRIC_BITS] ? '1 : metric[METRIC_BITS-1:0];
+            sum_inverse <= metric[METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
             place <= place + 1'b1;
         end
         if (begins) place <= '1;
@@ -234,5 +241,5 @@ module vpr_filter #(
 
     assign sum_last = place == PLACE_BITS'(PLACES - 1);
 
-    wire unused = &{1'b0, product[SHIFT-1:0]};
+    wire unused = &{1'b0, product[SHIFT-1:0], farther};
 endmodule

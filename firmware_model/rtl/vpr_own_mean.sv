@@ -43,28 +43,28 @@ module vpr_own_mean #(
     localparam logic signed [OCTAVE_BITS-1:0] LOWEST  = OCTAVE_BITS'(-(1 << (CODE_BITS - 1)));
 
     logic [ENTRY_BITS-1:0]       level, first_mean;
-    logic [MEAN_BITS-1:0]        total, held_total;
+    // as they are subtracted, in memory
+    logic [MEAN_BITS-1:0]        total_inverse, moved_inverse;
+    wire  [MEAN_BITS-1:0]        total = ~total_inverse;
+    logic [MEAN_BITS-1:0]        held_total;
     logic signed [MEAN_BITS:0]   difference;
     logic                        read_valid, read_last, read_clearing;
     logic                        held_valid, held_last, held_clearing;
     logic [SLOT_BITS-1:0]        read_slot, held_slot;
     logic                        moved_valid;
     logic [SLOT_BITS-1:0]        moved_slot;
-    logic [MEAN_BITS-1:0]        moved_total;
     logic [LAST_SHIFT:0]         seen;  // windows, and 1 << FIRST_SHIFT; saturates
 
     // how far the mean moves: by less with each power of two of windows
     logic [LAST_SHIFT-FIRST_SHIFT:0] by;
-    logic signed [MEAN_BITS:0]       moves;
-    always_comb begin
-        case (by)
-            5'b00001: moves = difference >>> 4;
-            5'b00010: moves = difference >>> 5;
-            5'b00100: moves = difference >>> 6;
-            5'b01000: moves = difference >>> 7;
-            default:  moves = difference >>> 8;
-        endcase
-    end
+    // the level less the mean, with a carry into the lowest bit
+    wire [MEAN_BITS+1:0] above = {1'b0, level, {FRACTION{1'b0}}, 1'b1} + {1'b1, total_inverse, 1'b1};
+
+    wire [MEAN_BITS:0] moves = ({(MEAN_BITS + 1){by[0]}} & (MEAN_BITS + 1)'(difference >>> 4))
+                             | ({(MEAN_BITS + 1){by[1]}} & (MEAN_BITS + 1)'(difference >>> 5))
+                             | ({(MEAN_BITS + 1){by[2]}} & (MEAN_BITS + 1)'(difference >>> 6))
+                             | ({(MEAN_BITS + 1){by[3]}} & (MEAN_BITS + 1)'(difference >>> 7))
+                             | ({(MEAN_BITS + 1){by[4]}} & (MEAN_BITS + 1)'(difference >>> 8));
 
     wire signed [MEAN_BITS+1:0] rounded =
         (MEAN_BITS + 2)'(difference) + $signed((MEAN_BITS + 2)'(ROUNDING));
@@ -90,8 +90,8 @@ module vpr_own_mean #(
     vpr_ram #(
         .DEPTH(SLOTS), .BITS(MEAN_BITS), .ADDRESS_BITS(SLOT_BITS)
     ) means (
-        .clk(clk), .write(moved_valid), .write_address(moved_slot), .write_word(moved_total),
-        .read(step), .read_address(slot), .read_word(total)
+        .clk(clk), .write(moved_valid), .write_address(moved_slot), .write_word(moved_inverse),
+        .read(step), .read_address(slot), .read_word(total_inverse)
     );
 
     always_ff @(posedge clk) begin
@@ -105,14 +105,13 @@ module vpr_own_mean #(
             held_clearing <= read_clearing;
             held_slot     <= read_slot;
             held_total    <= read_clearing ? {first_mean, {FRACTION{1'b0}}} : total;
-            difference    <= read_clearing ? '0
-                           : $signed({1'b0, level, {FRACTION{1'b0}}}) - $signed({1'b0, total});
+            difference    <= read_clearing ? '0 : (MEAN_BITS + 1)'(above >> 1);
             octaves       <= OCTAVE_BITS'($signed(rounded[MEAN_BITS+1-:WHOLE_BITS]));
             if (held_last && !held_clearing && !hold && !seen[LAST_SHIFT]) seen <= seen + 1'b1;
         end
         moved_valid <= held_valid && (held_clearing || !hold);
         moved_slot  <= held_slot;
-        moved_total <= held_total + moves[MEAN_BITS-1:0];
+        moved_inverse <= ~(held_total + moves[MEAN_BITS-1:0]);
         // the highest power of two that it has reached
         by <= seen[8] ? 5'b10000 : seen[7] ? 5'b01000 : seen[6] ? 5'b00100
               : seen[5] ? 5'b00010 : 5'b00001;
@@ -126,5 +125,5 @@ module vpr_own_mean #(
         end
     end
 
-    wire unused = &{1'b0, rounded, moves};
+    wire unused = &{1'b0, rounded, moves, above};
 endmodule

@@ -1,8 +1,8 @@
 // Slot of a pixel by row displacement: the entry of (column, row) is at column + displacement[row],
 // and belongs to the pixel only if it names that row as its owner.
 //
-// A pixel is taken with `take`. Its result is registered at the third clock edge after that one and
-// stays until another pixel is taken.
+// A pixel is taken with `take`, where it stays until another is; its result is registered at the
+// third clock edge with `enable` after that one. Another pixel may come with each clock.
 module vpr_pixel_lookup #(
     parameter int HEIGHT       = 2,
     parameter int PIXELS       = 1,
@@ -22,6 +22,7 @@ module vpr_pixel_lookup #(
     input  logic [19:0]          load_address,
     input  logic [31:0]          load_word,
     input  logic                 take,
+    input  logic                 enable,
     input  logic [15:0]          column,
     input  logic [14:0]          row,
     input  logic                 on,
@@ -31,10 +32,12 @@ module vpr_pixel_lookup #(
     logic [ADDRESS_BITS-1:0]         displacement;
     logic [OWNER_BITS+SLOT_BITS-1:0] entry;
 
-    logic [COLUMN_BITS-1:0] held_column;
-    logic [ROW_BITS-1:0]    held_row;
-    logic                   off_column, off_row;
-    logic                   second_half;
+    // the pixel, the one whose address is there, and the one whose entry is
+    logic [COLUMN_BITS-1:0]  held_column;
+    logic [ROW_BITS-1:0]     held_row, address_row, entry_row;
+    logic                    off_column, off_row, address_off, entry_off;
+    logic                    second_half, address_second, entry_second;
+    logic [ADDRESS_BITS-1:0] address;
 
     always_ff @(posedge clk) begin
         if (take) begin
@@ -46,6 +49,15 @@ module vpr_pixel_lookup #(
             off_row     <= {1'b0, row} >= 16'(HEIGHT);
             second_half <= POLARITY && !on;
         end
+        if (enable) begin
+            address        <= ADDRESS_BITS'(held_column) + displacement;
+            address_row    <= held_row;
+            address_off    <= off_column || off_row;
+            address_second <= second_half;
+            entry_row      <= address_row;
+            entry_off      <= address_off;
+            entry_second   <= address_second;
+        end
     end
 
     vpr_rom #(
@@ -56,20 +68,20 @@ module vpr_pixel_lookup #(
         .load(load[0]), .load_address(load_address), .load_word(load_word)
     );
 
-    wire [ADDRESS_BITS-1:0] address = ADDRESS_BITS'(held_column) + displacement;
-
     vpr_rom #(
         .DEPTH(DEPTH), .BITS(OWNER_BITS + SLOT_BITS), .ADDRESS_BITS(ADDRESS_BITS),
         .FILE(LOOKUP_FILE), .LOADABLE(LOADABLE)
     ) entries (
-        .clk(clk), .enable(1'b1), .address(address), .word(entry),
+        .clk(clk), .enable(enable), .address(address), .word(entry),
         .load(load[1]), .load_address(load_address), .load_word(load_word)
     );
 
     wire [OWNER_BITS-1:0] owner = entry[SLOT_BITS+:OWNER_BITS];
 
     always_ff @(posedge clk) begin
-        selected <= !off_column && !off_row && owner == OWNER_BITS'(held_row);
-        slot     <= entry[SLOT_BITS-1:0] + (second_half ? SLOT_BITS'(PIXELS) : SLOT_BITS'(0));
+        if (enable) begin
+            selected <= !entry_off && owner == OWNER_BITS'(entry_row);
+            slot <= entry[SLOT_BITS-1:0] + (entry_second ? SLOT_BITS'(PIXELS) : SLOT_BITS'(0));
+        end
     end
 endmodule

@@ -1,6 +1,6 @@
 // Codes of all places, WORDS words each, in the order of places.mem. One address serves to load and
-// to read them: it returns to the first word after the last, after reset and with `start`. A load
-// that a match interrupts begins again. They may also come from a file for $readmemh.
+// to read them: it returns to the first word after the last, after reset and with `start`, in the
+// clock after a window's end (`stop`). A load that a match interrupts begins again. They may also come from a file for $readmemh.
 module vpr_place_memory #(
     parameter int PLACES       = 1,
     parameter int WORDS        = 1,
@@ -12,6 +12,7 @@ module vpr_place_memory #(
     input  logic                    clk,
     input  logic                    rst,
     input  logic                    busy,
+    input  logic                    stop,
     input  logic                    s_place_tvalid,
     output logic                    s_place_tready,
     input  logic [WORD_BITS-1:0]    s_place_tdata,
@@ -24,14 +25,17 @@ module vpr_place_memory #(
 
     logic [ADDRESS_BITS-1:0] address;
 
-    assign last = address == LAST;
-
     wire load = s_place_tvalid && s_place_tready;
 
     always_ff @(posedge clk) begin
-        s_place_tready <= !busy && !rst;
-        if (start || rst) address <= '0;
-        else if (load || step) address <= last ? '0 : address + 1'b1;
+        s_place_tready <= !busy && !stop && !rst;
+        if (start || rst) begin
+            address <= '0;
+            last    <= LAST == 0;
+        end else if (load || step) begin
+            address <= last ? '0 : address + 1'b1;
+            last    <= LAST == 0 || address == LAST - 1'b1;
+        end
     end
 
     vpr_ram_single #(

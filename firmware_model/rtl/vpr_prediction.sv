@@ -3,7 +3,7 @@
 // before come in the order of places, with `shift`; `metric` is that of the place BACK ahead, or
 // there is none (`off`). `clear` forgets those before.
 //
-// `prediction` is registered at the second clock edge after the one that shifts, and one more for
+// `prediction` is registered at the third clock edge after the one that shifts, and one more for
 // each level of the tree of comparisons; it stays until the next. Before the first window
 // (`placed`) it is 0. In a pause, steps of 0 and 1 are free, and one of 2 costs 1.
 module vpr_prediction #(
@@ -40,13 +40,20 @@ module vpr_prediction #(
     // the newest, of the highest place, is the first; those off the map are as dear as a restart
     logic [ENTRIES*BITS-1:0] entries;
 
-    wire [METRIC_BITS-1:0] above = metric - least;
+    // of the metric of the clock before
+    logic [METRIC_BITS-1:0] above_inverse;
+    wire  [METRIC_BITS-1:0] above = ~above_inverse;  // metric - least
+    logic                   shifts, shifts_off;
+
     wire [METRIC_BITS:0]   below = {1'b0, above} - (METRIC_BITS + 1)'(RESTART);
-    wire [BITS-1:0]        entry = off || !below[METRIC_BITS] ? LIMIT : BITS'(above);
+    wire [BITS-1:0]        entry = shifts_off || !below[METRIC_BITS] ? LIMIT : BITS'(above);
 
     always_ff @(posedge clk) begin
+        above_inverse <= ~metric + least;
+        shifts        <= shift;
+        shifts_off    <= off;
         if (clear) entries <= {ENTRIES{LIMIT}};
-        else if (shift) entries <= (ENTRIES * BITS)'({entries, entry});
+        else if (shifts) entries <= (ENTRIES * BITS)'({entries, entry});
     end
 
     genvar level, node;

@@ -1,9 +1,11 @@
 // Memory with one write port and one read port with a registered output. It starts undefined.
-// No unit reads what it writes in the same clock: nothing is promised for it.
+// No unit reads what it writes in the same clock: nothing is promised for it. IN_LOGIC keeps it out of
+// block memories.
 module vpr_ram #(
     parameter int DEPTH        = 2,
     parameter int BITS         = 1,
-    parameter int ADDRESS_BITS = 1
+    parameter int ADDRESS_BITS = 1,
+    parameter bit IN_LOGIC     = 0
 ) (
     input  logic                    clk,
     input  logic                    write,
@@ -13,11 +15,21 @@ module vpr_ram #(
     input  logic [ADDRESS_BITS-1:0] read_address,
     output logic [BITS-1:0]         read_word
 );
-    (* no_rw_check *)
-    logic [BITS-1:0] memory[0:DEPTH-1];
-
-    always_ff @(posedge clk) begin
-        if (write) memory[write_address] <= write_word;
-        if (read) read_word <= memory[read_address];
-    end
+    generate
+        if (IN_LOGIC) begin : g_logic
+            (* ram_style = "distributed" *)
+            logic [BITS-1:0] memory[0:DEPTH-1];
+            always_ff @(posedge clk) begin
+                if (write) memory[write_address] <= write_word;
+                if (read) read_word <= memory[read_address];
+            end
+        end else begin : g_block
+            (* no_rw_check *)
+            logic [BITS-1:0] memory[0:DEPTH-1];
+            always_ff @(posedge clk) begin
+                if (write) memory[write_address] <= write_word;
+                if (read) read_word <= memory[read_address];
+            end
+        end
+    endgenerate
 endmodule

@@ -1,5 +1,6 @@
-// Sum of absolute differences of two words of LANES codes: the differences are registered, and so
-// is each level of the adder tree. The result is `sum` + `lacks`, and follows 1 + log2(LANES), rounded up, clocks later.
+// Sum of absolute differences of two words of LANES codes, one of which comes inverted, as a
+// subtraction takes it. The differences are registered, and so is each level of the adder tree. The
+// result is `sum` + `lacks`, and follows 1 + log2(LANES), rounded up, clocks later.
 module vpr_sad_lanes #(
     parameter int LANES     = 1,
     parameter int CODE_BITS = 1,
@@ -7,7 +8,7 @@ module vpr_sad_lanes #(
 ) (
     input  logic                       clk,
     input  logic [LANES*CODE_BITS-1:0] a,
-    input  logic [LANES*CODE_BITS-1:0] b,
+    input  logic [LANES*CODE_BITS-1:0] b_inverse,
     output logic [SUM_BITS-1:0]        sum,
     output logic                       lacks
 );
@@ -37,8 +38,12 @@ module vpr_sad_lanes #(
                         node_lacks <= g_level[level-1].lacking[2*node+1];
                     end
                 end else if (node < LANES) begin : g_difference
-                    wire [CODE_BITS:0] difference =
-                        {1'b0, a[node*CODE_BITS+:CODE_BITS]} - {1'b0, b[node*CODE_BITS+:CODE_BITS]};
+                    // a - b, with a carry into the lowest bit
+                    wire [CODE_BITS+1:0] sum_of_both =
+                        {1'b0, a[node*CODE_BITS+:CODE_BITS], 1'b1}
+                        + {1'b1, b_inverse[node*CODE_BITS+:CODE_BITS], 1'b1};
+                    wire [CODE_BITS:0] difference = sum_of_both[CODE_BITS+1:1];
+                    wire unused = sum_of_both[0];
                     wire negative = difference[CODE_BITS];
                     always_ff @(posedge clk) begin
                         node_sum   <= difference[BITS-1:0] ^ {BITS{negative}};

@@ -29,7 +29,7 @@ module vpr_search #(
     localparam int DELAY     = EXCLUSION + 1;
     localparam int ZONE_BITS = $clog2(DELAY + 1);
 
-    logic [DELAY*SUM_BITS-1:0] delayed;  // the newest in the least significant bits
+    logic [DELAY*SUM_BITS-1:0] delayed;  // inverses, the newest in the least significant bits
     logic [ZONE_BITS-1:0]      filled;
     logic [ZONE_BITS-1:0]      behind;   // places since the best, at most EXCLUSION
     logic                      has_left;
@@ -41,14 +41,19 @@ module vpr_search #(
     logic                  sum_lower, sum_equal, sum_below_second, oldest_lower;
     logic [PLACE_BITS-1:0] oldest_place;
 
-    wire [SUM_BITS-1:0] oldest = delayed[EXCLUSION*SUM_BITS+:SUM_BITS];
+    wire [SUM_BITS-1:0] oldest = ~delayed[EXCLUSION*SUM_BITS+:SUM_BITS];
+
+    // the carry of b + ~a says that a is less than b
+    wire [SUM_BITS:0] below_best   = {1'b0, best_sum} + {1'b0, ~sum};
+    wire [SUM_BITS:0] below_second = {1'b0, second_sum} + {1'b0, ~sum};
+    wire [SUM_BITS:0] below_left   = {1'b0, left_sum} + {1'b0, ~oldest};
 
     always_ff @(posedge clk) begin
         update           <= sum_valid && !start && !rst;
-        sum_lower        <= sum < best_sum;
+        sum_lower        <= below_best[SUM_BITS];
         sum_equal        <= sum == best_sum;
-        sum_below_second <= sum < second_sum;
-        oldest_lower     <= oldest < left_sum;
+        sum_below_second <= below_second[SUM_BITS];
+        oldest_lower     <= below_left[SUM_BITS];
         oldest_place     <= place - PLACE_BITS'(DELAY);
     end
 
@@ -63,7 +68,7 @@ module vpr_search #(
 
     always_ff @(posedge clk) begin
         if (update) begin
-            delayed <= (DELAY * SUM_BITS)'({delayed, sum});
+            delayed <= (DELAY * SUM_BITS)'({delayed, ~sum});
             if (!leaves) filled <= filled + 1'b1;
             has_left <= has_left || leaves;
             left     <= next_left;
@@ -100,4 +105,6 @@ module vpr_search #(
             second_sum <= '0;
         end
     end
+
+    wire unused = &{1'b0, below_best, below_second, below_left};
 endmodule

@@ -26,6 +26,9 @@ module vpr_sequence #(
 );
     localparam int LENGTH_BITS = $clog2(LENGTH + 1);
 
+    logic [SUM_BITS-1:0]    sum_inverse;  // as the search compares it
+    assign sum = ~sum_inverse;
+
     logic [LENGTH_BITS-1:0] seen;
     logic                   sum_next;  // with the next clock there is a sum
 
@@ -48,7 +51,7 @@ module vpr_sequence #(
         if (LENGTH == 1) begin : g_single
             assign sum_next     = distance_valid;
             assign sum_complete = seen_all;
-            always_ff @(posedge clk) if (distance_valid) sum <= SUM_BITS'(distance);
+            always_ff @(posedge clk) if (distance_valid) sum_inverse <= ~(SUM_BITS'(distance));
         end else begin : g_diagonal
             localparam int ADDRESS_BITS = $clog2(LENGTH * PLACES);
             localparam int ROW_BITS     = $clog2(LENGTH);
@@ -86,7 +89,7 @@ module vpr_sequence #(
                 term_last    <= terms == 1;
                 if (distance_valid) partial <= SUM_BITS'(distance);
                 else if (term_valid) partial <= added;
-                if (sum_next) sum <= added;
+                if (sum_next) sum_inverse <= ~added;
                 if (rst) begin
                     newest     <= ROW_BITS'(LENGTH - 1);
                     terms      <= '0;

@@ -1,7 +1,8 @@
 // The device behind SPI, as all boards have it: `locked` is low until `clk` stands. `ready` is high
 // while an event can be sent, `match` while there is a match to read.
 module vpr_spi_device #(
-    parameter MEMORY_STYLE = "auto"  // of the places and of past distances, see vpr_ram_single
+    parameter MEMORY_STYLE = "auto",   // of the places and of past distances, see vpr_ram_single
+    parameter SLOW_BLOCKS  = 0        // see vpr_device
 ) (
     input  logic clk,
     input  logic locked,
@@ -46,7 +47,7 @@ module vpr_spi_device #(
     );
 
     vpr_device #(
-        .MEMORY_STYLE(MEMORY_STYLE)
+        .MEMORY_STYLE(MEMORY_STYLE), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) device (
         .clk(clk), .rst(rst), .load('0), .load_address('0), .load_word('0),
         .start_time(start_value[vpr_design::TIMESTAMP_BITS-1:0]),

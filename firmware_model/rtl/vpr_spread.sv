@@ -39,7 +39,8 @@ module vpr_spread #(
     logic                     inverted;
     logic [REST_BITS-1:0]     rest;
     logic [LOW_BITS-1:0]      low;
-    logic [DISTANCE_BITS-1:0] mean;  // and in the end the spread
+    logic [DISTANCE_BITS-1:0] mean_inverse;  // as it is subtracted; in the end of the spread
+    wire  [DISTANCE_BITS-1:0] mean = ~mean_inverse;
     logic [DISTANCE_BITS:0]   deviation;
     logic [DISTANCE_BITS-1:0] magnitude;
     logic                     deviates, adds, lacks;
@@ -81,9 +82,9 @@ module vpr_spread #(
                 done  <= inverted || of_mean;
                 if (inverted) reciprocal <= low[RECIPROCAL_BITS-1:0];
                 else begin
-                    mean <= quotient;
+                    mean_inverse <= ~quotient;
                     if (!of_mean) begin
-                        if (quotient == 0) mean[0] <= 1'b1;
+                        if (quotient == 0) mean_inverse[0] <= 1'b0;
                         low[LOW_BITS-1] <= 1'b1;
                         inverted        <= 1'b1;
                     end
@@ -100,7 +101,7 @@ module vpr_spread #(
             state    <= ADDING;
             deviates <= 1'b0;
             adds     <= 1'b0;
-            mean     <= '0;
+            mean_inverse <= '1;
             rest     <= '0;
             low      <= '0;
         end

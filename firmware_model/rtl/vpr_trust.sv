@@ -35,8 +35,10 @@ module vpr_trust #(
 
     logic [4:0]                    phase;
     logic                          placed, below, beyond, stays, falls;
-    logic [PLACE_BITS-1:0]         place;
-    logic [METRIC_BITS-1:0]        margin;
+    // as they are subtracted
+    logic [PLACE_BITS-1:0]         place_inverse;
+    logic [METRIC_BITS-1:0]        margin_inverse;
+    wire  [PLACE_BITS-1:0]         place = ~place_inverse;
     logic signed [BITS-1:0]        step;
     logic signed [TRUST_BITS:0]    difference;
     logic [TRUST_BITS-1:0]         moves;
@@ -49,20 +51,20 @@ module vpr_trust #(
 
     always_ff @(posedge clk) begin
         phase      <= {phase[3:0], update};
-        margin     <= second_sum - best_sum;
-        if (!has_second) margin <= '1;
+        margin_inverse <= best_sum + ~second_sum;
+        if (!has_second) margin_inverse <= '0;
         step       <= $signed(BITS'(best)) - $signed(BITS'(place));
         below      <= step < LOWEST;
         beyond     <= step > HIGHEST;
         stays      <= placed && step == 0;
-        difference <= $signed({1'b0, margin, {FRACTION{1'b0}}}) - $signed({1'b0, trust});
+        difference <= ~({1'b1, margin_inverse, {FRACTION{1'b1}}} + {1'b0, trust});
         falls      <= stays && !more[TRUST_BITS];
         moves      <= stays && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
         if (phase[1] && (!placed || below || beyond)) trust <= '0;
         if (phase[4]) begin
             // the inverse of the fall, and a carry
             trust  <= TRUST_BITS'(({trust, 1'b1} + {moves, falls}) >> 1);
-            place  <= best;
+            place_inverse <= ~best;
             placed <= 1'b1;
         end
         trusted <= !lacking[TRUST_BITS];

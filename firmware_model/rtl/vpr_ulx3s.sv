@@ -23,7 +23,7 @@ module vpr_ulx3s (
     );
 
     vpr_spi_device #(
-        .MEMORY_STYLE("auto")
+        .MEMORY_STYLE("auto"), .SLOW_BLOCKS(1)
     ) device (
         .clk(clk), .locked(locked), .sck(sck), .ss_n(ss_n), .mosi(mosi), .miso(miso),
         .ready(ready), .match(match)

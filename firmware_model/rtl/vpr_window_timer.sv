@@ -1,7 +1,9 @@
 // End of a window by time, on a clock that wraps: what is left of the window at time t is
 // end - t modulo 2^TIMESTAMP_BITS, read as a signed number. The window has ended if it is 0 or less.
 //
-// `ended` is registered at the second clock edge after `timestamp` or the window changed.
+// `take` reads the time of an event, if there is one; from the next clock, `over` says whether the window has ended
+// by it. A new window moves the end by TAU_US, and what the event is behind it, a bit a clock:
+// meanwhile `settled` is low, `over` has no meaning, and no event may be taken.
 module vpr_window_timer #(
     parameter int          TIMESTAMP_BITS = 32,
     parameter logic [63:0] TAU_US         = 1
@@ -10,22 +12,56 @@ module vpr_window_timer #(
     input  logic                      load,
     input  logic [TIMESTAMP_BITS-1:0] start_time,
     input  logic                      next_window,
+    input  logic                      take,
     input  logic [TIMESTAMP_BITS-1:0] timestamp,
-    output logic                      ended
+    output logic                      settled,
+    output logic                      over
 );
-    localparam logic [TIMESTAMP_BITS-1:0] TAU = TIMESTAMP_BITS'(TAU_US);
+    localparam int STEP_BITS = $clog2(TIMESTAMP_BITS);
+    localparam logic [(1<<STEP_BITS)-1:0] LESS_TAU =
+        (1 << STEP_BITS)'(TIMESTAMP_BITS'(-TAU_US));
 
-    logic [TIMESTAMP_BITS-1:0] window_start;
-    logic [TIMESTAMP_BITS-1:0] window_end;
-    logic [TIMESTAMP_BITS-1:0] left;
-    logic                      loaded;
+    // The inverse of the end is kept, as an adder that subtracts takes it; and t - end, and whether
+    // the bits of that below the highest are 0
+    logic [TIMESTAMP_BITS-1:0] end_inverse, behind;
+    logic                      low_zero;
+    logic [STEP_BITS-1:0]      step;
+    logic                      end_carry, behind_carry;
+
+    wire added = LESS_TAU[step];
+
+    // `behind` is not negative, or the lowest number, which is its own negative
+    assign over = !behind[TIMESTAMP_BITS-1] || low_zero;
+    wire next_bit = behind[0] ^ added ^ behind_carry;
 
     always_ff @(posedge clk) begin
-        // a register between the choice and the adder: windows end several clocks apart
-        window_start <= load ? start_time : window_end;
-        loaded       <= load;
-        if (loaded || next_window) window_end <= window_start + TAU;
-        left  <= window_end - timestamp;
-        ended <= left[TIMESTAMP_BITS-1] || left == 0;
+        if (load) end_inverse <= ~start_time;
+        else if (!settled)
+            end_inverse <= {end_inverse[0] ^ added ^ end_carry, end_inverse[TIMESTAMP_BITS-1:1]};
+        if (settled && take) begin
+            behind   <= TIMESTAMP_BITS'(({timestamp, 1'b1} + {end_inverse, 1'b1}) >> 1);
+            low_zero <= &(timestamp[TIMESTAMP_BITS-2:0] ^ end_inverse[TIMESTAMP_BITS-2:0]);
+        end else if (!settled) begin
+            behind <= {next_bit, behind[TIMESTAMP_BITS-1:1]};
+            // all bits but the last to come
+            low_zero <= step == STEP_BITS'(TIMESTAMP_BITS - 1) ? low_zero
+                        : (low_zero || step == 0) && !next_bit;
+        end
+        if (settled) begin
+            step         <= '0;
+            end_carry    <= 1'b0;
+            behind_carry <= 1'b0;
+            settled      <= !next_window;
+        end else begin
+            step         <= step + 1'b1;
+            end_carry    <= (end_inverse[0] && (added || end_carry)) || (added && end_carry);
+            behind_carry <= (behind[0] && (added || behind_carry)) || (added && behind_carry);
+            settled      <= step == STEP_BITS'(TIMESTAMP_BITS - 1);
+        end
+        if (load) begin
+            settled   <= 1'b0;
+            step      <= '0;
+            end_carry <= 1'b0;
+        end
     end
 endmodule

@@ -15,7 +15,7 @@ module vpr_prediction_properties #(
 );
     // prices of steps of 0, 1 and 2 places, and of one back, as the script sets them
     localparam ENTRIES = 4;
-    localparam LATENCY = 5;  // of a tree of three levels, from the clock that shifts
+    localparam LATENCY = 5;  // of a tree of three levels, from the clock behind the one that shifts
     localparam WIDE    = 12;
 
     (* anyconst *) logic                   paused;
@@ -33,17 +33,23 @@ module vpr_prediction_properties #(
 
     logic                   begun = 1'b0;
     logic                   shifted = 1'b0;
+    // as they came with the clock before
+    logic                   shift_1 = 1'b0, off_1;
+    logic [METRIC_BITS-1:0] metric_1;
     logic [ENTRIES-1:0]     there;
     logic [METRIC_BITS-1:0] come_0, come_1, come_2, come_3;
 
     always_ff @(posedge clk) begin
-        shifted <= shift && !clear;
+        shifted  <= shift && !clear;
+        shift_1  <= shift;
+        off_1    <= off;
+        metric_1 <= metric;
         if (clear) begin
             begun <= 1'b1;
             there <= '0;
-        end else if (shift) begin
-            there  <= {there[2:0], !off};
-            come_0 <= metric;
+        end else if (shift_1) begin
+            there  <= {there[2:0], !off_1};
+            come_0 <= metric_1;
             come_1 <= come_0;
             come_2 <= come_1;
             come_3 <= come_2;
@@ -73,7 +79,7 @@ module vpr_prediction_properties #(
     logic [WIDE-1:0]    due_1, due_2, due_3, due_4, due_5;
     logic [LATENCY-1:0] follows = '0;
     always_ff @(posedge clk) begin
-        follows <= {follows[LATENCY-2:0], shift && !clear && begun};
+        follows <= {follows[LATENCY-2:0], shift_1 && !clear && begun};
         due_1   <= cheapest;  // of the metric that was shifted in the clock before
         due_2   <= due_1;
         due_3   <= due_2;

@@ -24,6 +24,7 @@ module vpr_search_properties #(
     logic [SUM_BITS-1:0]   best_sum, second_sum;
 
     logic [DELAY*SUM_BITS-1:0] delayed;
+    wire  [DELAY*SUM_BITS-1:0] sums = ~delayed;
     logic [ZONE_BITS-1:0]      filled, behind;
     logic                      has_left, update;
     logic [PLACE_BITS-1:0]     left, oldest_place;
@@ -125,7 +126,7 @@ module vpr_search_properties #(
                         assert (sum_lower == (last_sum < best_sum));
                         assert (sum_equal == (last_sum == best_sum));
                         assert (sum_below_second == (last_sum < second_sum));
-                        assert (oldest_lower == (delayed[EXCLUSION*SUM_BITS+:SUM_BITS] < left_sum));
+                        assert (oldest_lower == (sums[EXCLUSION*SUM_BITS+:SUM_BITS] < left_sum));
                         assert ({1'b0, oldest_place} + DELAY == n || filled != DELAY);
                     end
                     assert (n >= wide_first && given <= 1 << PLACE_BITS);
@@ -142,7 +143,7 @@ module vpr_search_properties #(
                     end
                     if (seen && has_left && left == k) assert (left_sum == sum_of_k);
                     if (seen && age <= EXCLUSION)
-                        assert (delayed[age*SUM_BITS+:SUM_BITS] == sum_of_k);
+                        assert (sums[age*SUM_BITS+:SUM_BITS] == sum_of_k);
                     if (!has_best || best_sum > v) assert (equal_to_v == 0);
                     assert (equal_to_v <= taken);
                     if (has_best) assert ({1'b0, ties} < taken);

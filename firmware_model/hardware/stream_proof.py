@@ -1,0 +1,214 @@
+"""Claims about the core's streams, windows, matches and counters, for the model checker pdr.
+
+The core is taken with small parameters. Its memories are replaced by ones that give any word, so
+that a claim holds for all tables, places and contents; `formal/vpr_core_properties.sv` says what
+must hold, and ``formal/vpr_counters_properties.sv`` what the counters must.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from firmware_model.hardware.formal import (
+    PROPERTIES,
+    broken_source,
+    core_source,
+    model_check,
+    run_yosys,
+)
+from firmware_model.hardware.sources import UNITS
+
+#: what each define of ``vpr_core_properties.sv`` claims
+CORE_CLAIMS = {
+    "EVENT": "m_event stays until it is taken, and returns each event that s_event took",
+    "WINDOW": "m_window stays until it is taken",
+    "MATCH": "m_match stays until it is taken",
+    "ONE": "exactly one match follows each window once L are seen, before the next",
+    "NUMBER": "a match has the number of its window",
+    "PATIENCE": "a match comes within so many clocks of its window",
+}
+#: parameters of the core that is proved, by the kind of design
+CORE_KINDS: dict[str, dict[str, int]] = {
+    "sequences of 2, windows by time": {"PATIENCE": 24},
+    "sequences of 1, own means, windows by count": {
+        "LENGTH": 1,
+        "BY_TIME": 0,
+        "OWN_MEAN": 1,
+        "PATIENCE": 24,
+    },
+    "place filter, windows by time": {"LENGTH": 1, "FILTER": 1, "PATIENCE": 64},
+    "place filter that keeps distances, own means, a step back, windows by count": {
+        "LENGTH": 1,
+        "FILTER": 1,
+        "BY_TIME": 0,
+        "KEEP_DISTANCES": 1,
+        "OWN_MEAN": 1,
+        "BACK": 1,
+        "PATIENCE": 64,
+    },
+}
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Assertions of a file of properties, about units with some parameters.
+
+    Attributes
+    ----------
+    name : str
+        As a sentence.
+    top : str
+        Module of the properties.
+    files : tuple of str
+        Sources of the units.
+    define : str
+        Of the assertions that are proved.
+    parameters : dict of str to int
+        Of `top`.
+    free_memories : bool
+        Whether memories give any word.
+    """
+
+    name: str
+    top: str
+    files: tuple[str, ...]
+    define: str = "PROVE"
+    parameters: dict[str, int] = field(default_factory=dict)
+    free_memories: bool = False
+
+
+def core_claim(define: str, kind: str) -> Claim:
+    """Return a claim of `CORE_CLAIMS` about a kind of `CORE_KINDS`."""
+    name = f"{CORE_CLAIMS[define]} ({kind})"
+    return Claim(name, "vpr_core_properties", UNITS, define, CORE_KINDS[kind], True)
+
+
+COUNTERS = Claim(
+    "each event raises the count of its slot by one, up to its maximum",
+    "vpr_counters_properties",
+    ("vpr_ram.sv", "vpr_counters.sv"),
+)
+CLAIMS = (COUNTERS, *(core_claim(define, kind) for kind in CORE_KINDS for define in CORE_CLAIMS))
+
+_BY_TIME, _BY_COUNT, _FILTER, _ = CORE_KINDS
+#: broken versions: the claim that must refuse each, its file, and what replaces what
+BROKEN: dict[str, tuple[Claim, str, str, str]] = {
+    "an event that is not taken is overwritten": (
+        core_claim("EVENT", _BY_TIME),
+        "vpr_events.sv",
+        "!has_raised || m_event_tready;",
+        "1'b1;",
+    ),
+    "an event is lost when the window is full": (
+        core_claim("EVENT", _BY_COUNT),
+        "vpr_events.sv",
+        "has_count  <= has_slot && looks;",
+        "has_count  <= has_slot && looks && !counting;",
+    ),
+    "a word of a window is not held": (
+        core_claim("WINDOW", _BY_TIME),
+        "vpr_encoder.sv",
+        "!word_valid || word_ready;",
+        "1'b1;",
+    ),
+    "a match is not held until it is taken": (
+        core_claim("MATCH", _BY_TIME),
+        "vpr_core.sv",
+        "else if (match_taken) m_match_tvalid",
+        "else m_match_tvalid",
+    ),
+    "a window ends before the match is taken": (
+        core_claim("MATCH", _BY_COUNT),
+        "vpr_core.sv",
+        "match_taken || (finished && !has_best)",
+        "finished",
+    ),
+    "a window before the L-th gives a match": (
+        core_claim("ONE", _BY_TIME),
+        "vpr_sequence.sv",
+        "sum_complete = seen_all && place",
+        "sum_complete = place",
+    ),
+    "a reset keeps the windows that were seen": (
+        core_claim("ONE", _BY_TIME),
+        "vpr_sequence.sv",
+        "seen      <= '0;",
+        "seen      <= seen;",
+    ),
+    "the first window has the number 1": (
+        core_claim("NUMBER", _BY_TIME),
+        "vpr_core.sv",
+        "window         <= '1;",
+        "window         <= '0;",
+    ),
+    "a window ends while the spread is divided": (
+        core_claim("PATIENCE", _FILTER),
+        "vpr_core.sv",
+        "settled && filter_idle;",
+        "settled;",
+    ),
+    "the last count of a slot is not looked at": (
+        COUNTERS,
+        "vpr_counters.sv",
+        "same_1 ? raised : ",
+        "",
+    ),
+    "the count before the last is not looked at": (
+        COUNTERS,
+        "vpr_counters.sv",
+        "same_2 ? written : ",
+        "",
+    ),
+    "a count wraps": (COUNTERS, "vpr_counters.sv", "count == FULL ? FULL : count", "count"),
+}
+
+
+def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: int = 900) -> bool:
+    """Return whether a claim holds, for any number of clocks.
+
+    Parameters
+    ----------
+    claim : Claim
+    changed : mapping of str to str, optional
+        Text of source files, in place of theirs.
+    seconds : int
+        After which the model checker is ended.
+
+    Raises
+    ------
+    ToolError
+        If a tool is missing, refuses the source, or gives no answer in time.
+    """
+    chosen = " ".join(f"-set {name} {value}" for name, value in claim.parameters.items())
+    with tempfile.TemporaryDirectory() as name:
+        folder, model = Path(name), Path(name) / "model.aig"
+        for file in claim.files:
+            text = core_source(file) if changed is None or file not in changed else changed[file]
+            (folder / file).write_text(text, encoding="ascii")
+        files = [folder / file for file in claim.files]
+        if claim.free_memories:
+            files.insert(0, PROPERTIES / "vpr_free_memories.sv")
+        files.append(PROPERTIES / f"{claim.top}.sv")
+        run_yosys(
+            [
+                f"read_verilog -formal -sv -DPROVE_{claim.define} {' '.join(map(str, files))}",
+                f"chparam {chosen} {claim.top}" if chosen else "",
+                f"hierarchy -check -top {claim.top}",
+                "proc; flatten; memory_map; opt -fast; async2sync; dffunmap; opt_clean",
+                "formalff -clk2ff; setundef -anyseq -undriven",
+                "opt -fast; techmap; opt -fast; abc -g AND -fast; opt_clean",
+                # registers without an initial value begin with any
+                f"write_aiger -zinit -I -B {model}",
+            ],
+            claim.top,
+        )
+        return model_check(model, seconds)
+
+
+def refused(name: str, *, seconds: int = 900) -> bool:
+    """Return whether a broken version, by its name in `BROKEN`, is refused; raises as `holds`."""
+    claim, file, old, new = BROKEN[name]
+    return not holds(claim, {file: broken_source(file, old, new)}, seconds=seconds)

@@ -1,0 +1,291 @@
+"""Prove units of the core by yosys-smtbmc: the search, the filter's prediction, and the timer.
+
+The proofs are by induction, for any number of sums, metrics or windows at any times. Deliberately
+broken versions must each be refused.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from firmware_model.hardware.formal import (
+    PROPERTIES,
+    broken_source,
+    core_source,
+    run_yosys,
+    solve,
+)
+
+#: registers of the search that the induction refers to
+REGISTERS = (
+    *("delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
+    *("sum_lower", "sum_equal", "sum_below_second", "oldest_lower", "oldest_place"),
+)
+#: clocks of a window of induction, and in which a broken version must fail
+INDUCTION, BOUND = 4, 24
+
+
+class Size(NamedTuple):
+    """Parameters of a search that is proved."""
+
+    exclusion: int
+    sum_bits: int
+    place_bits: int
+
+
+SIZES = (Size(0, 4, 4), Size(1, 3, 3), Size(2, 3, 4), Size(3, 4, 4))
+#: broken versions are of this size
+SMALL = Size(1, 2, 3)
+
+#: what is broken, and how: text of ``vpr_search.sv`` and what replaces it
+BROKEN = {
+    "of equal sums the highest place is best": (
+        "below_best[SUM_BITS];",
+        "below_best[SUM_BITS] || sum == best_sum;",
+    ),
+    "of equal seconds the highest place wins": (
+        "below_second[SUM_BITS];",
+        "below_second[SUM_BITS] || sum == second_sum;",
+    ),
+    "of equal sums on the left the highest wins": (
+        "below_left[SUM_BITS];",
+        "below_left[SUM_BITS] || oldest == left_sum;",
+    ),
+    "the second best may lie at the zone's edge": (
+        "behind == ZONE_BITS'(EXCLUSION)",
+        "behind == ZONE_BITS'(EXCLUSION - 1)",
+    ),
+    "the place on the left is off by one": ("place - PLACE_BITS'(DELAY)", "place - 1'b1"),
+    "a sum leaves the delay line too early": (
+        "leaves   = filled == ZONE_BITS'(DELAY)",
+        "leaves   = filled >= ZONE_BITS'(EXCLUSION)",
+    ),
+    "a new best forgets the place that leaves": (
+        "second     <= next_left;",
+        "second     <= left;",
+    ),
+    "a new best keeps the ties": ("ties       <= '0;\n                behind", "behind"),
+    "a match begins with the left of the last": (
+        "has_left   <= 1'b0;\n            has_best",
+        "has_best",
+    ),
+    "the best is never replaced": ("!has_best || sum_lower", "!has_best"),
+}
+
+
+def prove(size: Size, source: str | None = None, *, seconds: int = 300) -> bool:
+    """Prove the search, without a bound on the number of sums.
+
+    Parameters
+    ----------
+    size : Size
+    source : str, optional
+        Of ``vpr_search.sv``; by default as it is.
+    seconds : int
+        After which the solver is ended.
+
+    Returns
+    -------
+    bool
+        Whether base case and induction hold.
+
+    Raises
+    ------
+    ToolError
+        If a tool is missing, refuses the source, or takes too long.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        model = _translate(Path(folder), size, _search(source), induction=True)
+        base = solve(model, ["-t", str(INDUCTION)], seconds)
+        return base and solve(model, ["-i", "-t", str(INDUCTION)], seconds)
+
+
+def refuted(size: Size, source: str, *, seconds: int = 300) -> bool:
+    """Return whether some sums make a search give a wrong result within `BOUND` clocks.
+
+    Parameters
+    ----------
+    size : Size
+    source : str
+        Of ``vpr_search.sv``.
+    seconds : int
+        After which the solver is ended.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    ToolError
+        As of `prove`.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        model = _translate(Path(folder), size, source, induction=False)
+        return not solve(model, ["-t", str(BOUND)], seconds)
+
+
+#: parameters of the prediction that is proved: steps of 0, 1 and 2 places, and one back
+_PREDICTION = {
+    "STEPS": "3",
+    "BACK": "1",
+    "STEP_PRICES": f"160'h{2 | 1 << 2 * 10:040x}",
+    "BACK_PRICES": "160'h3",
+    "RESTART": "9",
+    "METRIC_BITS": "4",
+}
+#: broken versions of the prediction: text of ``vpr_prediction.sv`` and what replaces it
+BROKEN_PREDICTIONS = {
+    "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
+    "a place off the map is one to come from": ("shifts_off || !below", "!below"),
+}
+
+
+def prove_prediction(source: str | None = None, *, seconds: int = 600) -> bool:
+    """Prove that each prediction is the price of the cheapest way, and a restart at most.
+
+    Parameters
+    ----------
+    source : str, optional
+        Of ``vpr_prediction.sv``; by default as it is.
+    seconds : int
+        After which the solver is ended.
+
+    Returns
+    -------
+    bool
+        Whether base case and induction hold; of a source that is given, the base case alone, in
+        which a broken version must fail.
+
+    Raises
+    ------
+    ToolError
+        As of `prove`.
+    """
+    text = core_source("vpr_prediction.sv") if source is None else source
+    chosen = " ".join(f"-set {name} {value}" for name, value in _PREDICTION.items())
+    with tempfile.TemporaryDirectory() as name:
+        unit, model = Path(name) / "unit.sv", Path(name) / "prediction.smt2"
+        unit.write_text(text, encoding="ascii")
+        properties = PROPERTIES / "vpr_prediction_properties.sv"
+        script = (
+            f"read_verilog -formal -sv {unit}; chparam {chosen} vpr_prediction; "
+            "hierarchy -top vpr_prediction; proc; flatten; expose vpr_prediction/w:entries; "
+            f"read_verilog -formal -sv {properties}; hierarchy -top vpr_prediction_properties; "
+            f"proc; flatten; opt_clean; write_smt2 -wires {model}"
+        )
+        run_yosys([script], "prediction")
+        base = solve(model, ["-t", "8"], seconds)
+        return base and (source is not None or solve(model, ["-i", "-t", "8"], seconds))
+
+
+def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
+    """Prove that a window by time is over when the time of an event says so, for 6 bits.
+
+    Parameters
+    ----------
+    source : str, optional
+        Of ``vpr_window_timer.sv``; by default as it is.
+    seconds : int
+        After which the solver is ended.
+
+    Returns
+    -------
+    bool
+        As of `prove_prediction`.
+
+    Raises
+    ------
+    ToolError
+        As of `prove`.
+    """
+    text = core_source("vpr_window_timer.sv") if source is None else source
+    with tempfile.TemporaryDirectory() as name:
+        unit, model = Path(name) / "unit.sv", Path(name) / "timer.smt2"
+        unit.write_text(text, encoding="ascii")
+        run_yosys(
+            [
+                f"read_verilog -formal -sv {unit}",
+                "chparam -set TIMESTAMP_BITS 6 -set TAU_US 11 vpr_window_timer",
+                "hierarchy -top vpr_window_timer; proc",
+                "expose vpr_window_timer/w:end_inverse vpr_window_timer/w:behind",
+                f"read_verilog -formal -sv {PROPERTIES / 'vpr_window_timer_properties.sv'}",
+                "hierarchy -top vpr_window_timer_properties; proc; flatten; opt_clean",
+                f"write_smt2 -wires {model}",
+            ],
+            "timer",
+        )
+        base = solve(model, ["-t", "20"], seconds)
+        return base and (source is not None or solve(model, ["-i", "-t", "12"], seconds))
+
+
+#: broken versions of the timer: text of ``vpr_window_timer.sv`` and what replaces it
+BROKEN_TIMERS = {
+    "half a clock behind the end is before it": (
+        " || low_zero;",
+        ";",
+    ),
+    "an end is added without its carry": ("^ added ^ end_carry", "^ added"),
+    "an event keeps the carry of the one before": ("            behind_carry <= 1'b0;\n", ""),
+}
+
+
+def broken_timer(name: str) -> str:
+    """Return the source of a broken version, by its name in `BROKEN_TIMERS`; raises as `broken`."""
+    return broken_source("vpr_window_timer.sv", *BROKEN_TIMERS[name])
+
+
+def broken_prediction(name: str) -> str:
+    """Return the source of a broken version, by its name in `BROKEN_PREDICTIONS`.
+
+    Raises
+    ------
+    ToolError
+        If the text that it replaces does not occur once.
+    """
+    return broken_source("vpr_prediction.sv", *BROKEN_PREDICTIONS[name])
+
+
+def broken(name: str) -> str:
+    """Return the source of a broken version, by its name in `BROKEN`.
+
+    Raises
+    ------
+    ToolError
+        If the text that it replaces does not occur once.
+    """
+    return broken_source("vpr_search.sv", *BROKEN[name])
+
+
+def _search(source: str | None) -> str:
+    return core_source("vpr_search.sv") if source is None else source
+
+
+def _translate(folder: Path, size: Size, source: str, *, induction: bool) -> Path:
+    search, model = folder / "vpr_search.sv", folder / "search.smt2"
+    search.write_text(source, encoding="ascii")
+    chosen = (
+        f"-set EXCLUSION {size.exclusion} -set SUM_BITS {size.sum_bits} "
+        f"-set PLACE_BITS {size.place_bits}"
+    )
+    ports = " ".join(f"vpr_search/w:{name}" for name in REGISTERS)
+    script = "; ".join(
+        [
+            f"read_verilog -formal -sv {search}",
+            f"chparam {chosen} vpr_search",
+            "hierarchy -top vpr_search",
+            "proc",
+            f"expose {ports}",
+            f"read_verilog -formal -sv {PROPERTIES / 'vpr_search_properties.sv'}",
+            f"chparam {chosen} -set INDUCTION {int(induction)} vpr_search_properties",
+            "hierarchy -top vpr_search_properties",
+            "proc",
+            "flatten",
+            "opt_clean",
+            f"write_smt2 -wires {model}",
+        ]
+    )
+    run_yosys([script], "search")
+    return model

@@ -1,0 +1,162 @@
+// What the streams of vpr_core must do, for any inputs, tables and places: properties for the model
+// checker pdr. The core's memories are replaced by vpr_free_memories.
+//
+// Windows and matches are seen at the ports alone. A window is complete with the word of m_window
+// that has tlast; from the LENGTH-th on, exactly one match follows it before the next one is, and
+// within PATIENCE clocks in which m_window does not wait.
+module vpr_core_properties #(
+    parameter BY_TIME        = 1,
+    parameter FILTER         = 0,
+    parameter KEEP_DISTANCES = 0,
+    parameter OWN_MEAN       = 0,
+    parameter LENGTH         = 2,
+    parameter WORDS          = 2,
+    parameter LANES          = 1,
+    parameter PLACES         = 2,
+    parameter BACK           = 0,
+    parameter PATIENCE       = 40
+) (
+    input logic       clk,
+    input logic       rst,
+    input logic [3:0] start_time,
+    input logic       s_place_tvalid,
+    input logic       s_event_tvalid,
+    input logic [35:0] s_event_tdata,
+    input logic       m_event_tready,
+    input logic       m_window_tready,
+    input logic       m_match_tready
+);
+    localparam SLOTS      = 2;
+    localparam MATCH_BITS = 32 + 3 + 2 * 2 + 2 + (FILTER ? 6 : 0);
+
+    logic                  s_place_tready, s_event_tready;
+    logic                  m_event_tvalid, m_window_tvalid, m_window_tlast, m_match_tvalid;
+    logic [2:0]            m_event_tdata;
+    logic [LANES-1:0]      m_window_tdata;
+    logic [31:0]           m_window_tuser;
+    logic [MATCH_BITS-1:0] m_match_tdata;
+
+    (* anyseq *) logic [LANES-1:0] s_place_tdata;
+
+    vpr_core #(
+        .HEIGHT(2), .PIXELS(SLOTS), .LOOKUP_DEPTH(2), .SLOTS(SLOTS), .COUNT_MAX(1),
+        .BY_TIME(BY_TIME), .TAU_US(3), .WINDOW_EVENTS(2), .PLACES(PLACES), .WORDS(WORDS),
+        .LANES(LANES), .LENGTH(LENGTH), .OWN_MEAN(OWN_MEAN), .FILTER(FILTER),
+        .KEEP_DISTANCES(KEEP_DISTANCES), .STEPS(1), .BACK(BACK), .RESTART(2), .TRUST(1),
+        .EXCLUSION(0), .BY_MARGIN(1), .MARGIN(1), .EVENT_TIME_BITS(4), .TIMESTAMP_BITS(4),
+        .COLUMN_BITS(1), .ROW_BITS(1), .ADDRESS_BITS(1), .OWNER_BITS(2), .SLOT_BITS(1),
+        .COUNT_BITS(1), .WINDOW_COUNT_BITS(2), .ENTRY_BITS(OWN_MEAN ? 9 : 1), .CODE_BITS(1), .DISTANCE_BITS(2),
+        .SUM_BITS(2), .PRODUCT_BITS(4), .PLACE_BITS(1), .WINDOW_EVENTS_BITS(2),
+        .ACTIVITY_BITS(10), .DISTANCE_TOTAL_BITS(3), .RECIPROCAL_BITS(5), .EVIDENCE_BITS(2), .TRUST_BITS(6),
+        .MATCH_BITS(MATCH_BITS)
+    ) core (
+        .clk(clk), .rst(rst), .load(5'd0), .load_address(20'd0), .load_word(32'd0),
+        .start_time(start_time), .start_activity(10'd0),
+        .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
+        .s_place_tdata(s_place_tdata),
+        .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),
+        .s_event_tdata(s_event_tdata),
+        .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
+        .m_event_tdata(m_event_tdata),
+        .m_window_tvalid(m_window_tvalid), .m_window_tready(m_window_tready),
+        .m_window_tdata(m_window_tdata), .m_window_tlast(m_window_tlast),
+        .m_window_tuser(m_window_tuser),
+        .m_match_tvalid(m_match_tvalid), .m_match_tready(m_match_tready),
+        .m_match_tdata(m_match_tdata)
+    );
+
+    // Environment: a reset first; what is offered stays until it is taken
+    logic        begun = 1'b0;
+    logic        event_waited = 1'b0;
+    logic [35:0] event_before;
+    always_ff @(posedge clk) begin
+        begun        <= 1'b1;
+        event_waited <= s_event_tvalid && !s_event_tready && !rst;
+        event_before <= s_event_tdata;
+    end
+    always_comb begin
+        if (!begun) assume (rst);
+        if (event_waited && !rst) assume (s_event_tvalid && s_event_tdata == event_before);
+    end
+
+    // Streams: what is offered stays until it is taken
+    logic                  running = 1'b0;
+    logic                  event_held = 1'b0, window_held = 1'b0, match_held = 1'b0;
+    logic [2:0]            event_data;
+    logic [LANES+32:0]     window_data;
+    logic [MATCH_BITS-1:0] match_data;
+    wire  [LANES+32:0]     window_word = {m_window_tlast, m_window_tuser, m_window_tdata};
+    always_ff @(posedge clk) begin
+        running     <= begun || rst;
+        event_held  <= running && m_event_tvalid && !m_event_tready && !rst;
+        window_held <= running && m_window_tvalid && !m_window_tready && !rst;
+        match_held  <= running && m_match_tvalid && !m_match_tready && !rst;
+        event_data  <= m_event_tdata;
+        window_data <= window_word;
+        match_data  <= m_match_tdata;
+    end
+
+    // Windows and matches
+    localparam SEEN_BITS = $clog2(LENGTH + 1);
+    localparam WAIT_BITS = $clog2(PATIENCE + 2);
+
+    logic [SEEN_BITS-1:0] seen;
+    logic                 owed;
+    logic [31:0]          windows;
+    logic [WAIT_BITS-1:0] waited;
+
+    wire complete = m_window_tvalid && m_window_tready && m_window_tlast;
+    wire taken    = m_match_tvalid && m_match_tready;
+
+    always_ff @(posedge clk) begin
+        if (complete) begin
+            windows <= windows + 1'b1;
+            if (seen != LENGTH) seen <= seen + 1'b1;
+        end
+        if (complete && seen >= LENGTH - 1) owed <= 1'b1;
+        else if (taken) owed <= 1'b0;
+        if (complete || m_match_tvalid) waited <= '0;
+        else if (owed && waited <= PATIENCE) waited <= waited + 1'b1;
+        if (rst) begin
+            seen    <= '0;
+            owed    <= 1'b0;
+            windows <= '0;
+            waited  <= '0;
+        end
+    end
+
+    // Events: each that is taken is returned, in at most DEPTH steps
+    localparam DEPTH = 7;
+    logic [2:0] under_way;
+    always_ff @(posedge clk) begin
+        if (rst) under_way <= '0;
+        else under_way <= under_way + (s_event_tvalid && s_event_tready)
+                                    - (m_event_tvalid && m_event_tready);
+    end
+
+    always_comb begin
+        if (running && !rst) begin
+`ifdef PROVE_EVENT
+            if (event_held) assert (m_event_tvalid && m_event_tdata == event_data);
+            if (m_event_tvalid) assert (under_way != 0);
+            assert (under_way < DEPTH);
+`endif
+`ifdef PROVE_WINDOW
+            if (window_held) assert (m_window_tvalid && window_word == window_data);
+`endif
+`ifdef PROVE_MATCH
+            if (match_held) assert (m_match_tvalid && m_match_tdata == match_data);
+`endif
+`ifdef PROVE_ONE
+            if (complete) assert (!owed);
+            if (m_match_tvalid) assert (owed);
+`endif
+`ifdef PROVE_NUMBER
+            if (m_match_tvalid) assert (m_match_tdata[1:0] + 2'd1 == windows[1:0]);
+`endif
+`ifdef PROVE_PATIENCE
+            assert (waited < PATIENCE);
+`endif
+        end
+    end
+endmodule

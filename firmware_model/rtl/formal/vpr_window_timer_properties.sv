@@ -1,0 +1,54 @@
+// When vpr_window_timer says that a window is over, for any times: properties for yosys-smtbmc. The
+// end of the open window is kept here as a sum; the unit's own is seen through a port that the
+// proof's script adds.
+module vpr_window_timer_properties #(
+    parameter TIMESTAMP_BITS = 6,
+    parameter TAU_US         = 11
+) (
+    input logic                      clk,
+    input logic                      load,
+    input logic [TIMESTAMP_BITS-1:0] start_time,
+    input logic                      next_window,
+    input logic                      take,
+    input logic [TIMESTAMP_BITS-1:0] timestamp
+);
+    logic settled, over;
+    logic [TIMESTAMP_BITS-1:0] end_inverse, behind;
+
+    vpr_window_timer window_timer (
+        .clk(clk), .load(load), .start_time(start_time), .next_window(next_window), .take(take),
+        .timestamp(timestamp), .settled(settled), .over(over), .end_inverse(end_inverse), .behind(behind)
+    );
+
+    logic                      begun = 1'b0;
+    logic                      taken;
+    logic [TIMESTAMP_BITS-1:0] ends, time_taken;
+    logic [TIMESTAMP_BITS-1:0] unsettled;
+
+    wire signed [TIMESTAMP_BITS-1:0] rest = $signed(ends - time_taken);
+
+    always_ff @(posedge clk) begin
+        begun <= 1'b1;
+        if (load) ends <= start_time + TAU_US;
+        else if (next_window) ends <= ends + TAU_US;
+        if (load) taken <= 1'b0;
+        else if (take) taken <= 1'b1;
+        if (take) time_taken <= timestamp;
+        unsettled <= settled || load ? '0 : unsettled + 1'b1;
+    end
+
+    always_comb begin
+        if (!begun) assume (load);
+        if (!settled) assume (!take && !next_window);
+        if (take) assume (!next_window);
+    end
+
+    always_comb begin
+        if (begun && !load) begin
+            if (settled && taken) assert (over == (rest <= 0));
+            if (settled) assert (end_inverse == ~ends);
+            if (settled && taken) assert (behind == -rest);
+            assert (unsettled <= TIMESTAMP_BITS);
+        end
+    end
+endmodule
