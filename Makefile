@@ -5,13 +5,13 @@ BIN := $(VENV)/bin
 # tells a stale environment from a current one without asking pip
 STAMP = $(VENV)/.installed-$(1)
 
-.PHONY: demo test quick coverage test-rtl lint types bench clean
+.PHONY: demo test quick coverage test-rtl lint types site bench clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
 
 # what has compiled kernels runs a second time in plain Python
-KERNELS := cleaning codes counters distances filter_run localiser matches own_mean pipeline \
+KERNELS := cleaning codes counters distances filter_run informative_pixels localiser matches own_mean pipeline \
            place_filter simulate_pixels stream_protocols windows
 
 PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(KERNELS:%=tests/test_%.py)
@@ -40,12 +40,16 @@ lint: $(call STAMP,test)
 types: $(call STAMP,test)
 	$(BIN)/mypy
 
+# site/index.html; a warning is an error
+site: $(call STAMP,docs)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
 bench: $(call STAMP,bench)
 	$(BIN)/python -m pytest tools/bench --write=docs/benchmarks.md
 	$(BIN)/python tools/bench/latency.py >> docs/benchmarks.md
 
 clean:
-	rm -rf $(VENV) results
+	rm -rf $(VENV) results site
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -56,6 +60,10 @@ $(call STAMP,run): pyproject.toml | $(BIN)/python
 
 $(call STAMP,test): pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@ $(call STAMP,run)
+
+$(call STAMP,docs): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@ $(call STAMP,run)
 
 $(call STAMP,bench): pyproject.toml | $(BIN)/python

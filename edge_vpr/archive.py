@@ -56,6 +56,8 @@ def damaged(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]
         raise MapError(f"there is no {kind} at {path}: check the path") from error
     except PermissionError as error:
         raise MapError(f"{path} may not be read: check its permissions") from error
+    except IsADirectoryError as error:
+        raise MapError(f"{path} is a folder, where a {kind} is expected: name the file") from error
     except EdgeVprError as error:
         raise MapError(f"{path}: {error}: {remedy}") from error
     except KeyError as error:
@@ -125,7 +127,7 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
         more than its size allows.
     """
     with damaged(path, f"it is not a readable {kind}, make it again", kind):
-        arrays = read_members(path)
+        arrays = {} if _is_foreign(path) else read_members(path)
     header = arrays.pop(_HEADER, None)
     if header is None or header.shape != () or header.dtype.kind != "U":
         raise MapError(f"{path} is not a {kind} of edge-vpr: name a file that edge-vpr wrote")
@@ -140,6 +142,15 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
             f"{SCHEMA_VERSION}: update edge-vpr, or make the file again"
         )
     return arrays, meta
+
+
+def _is_foreign(path: str | Path) -> bool:
+    """Return whether a file is no archive, or one without our header, as a recording is."""
+    with Path(path).open("rb") as file:
+        if file.read(2) != b"PK":
+            return True
+        with zipfile.ZipFile(file) as archive:
+            return f"{_HEADER}.npy" not in archive.namelist()
 
 
 def read_members(path: str | Path) -> Arrays:

@@ -39,15 +39,27 @@ def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
     whole = str(text)
     if len(whole) > 64 * longest:  # no work in proportion to a text of megabytes
         whole = whole[: 32 * longest] + whole[-32 * longest :]
-    line = " ".join(whole.split())
-    if not line.isprintable():
-        line = "".join(
-            character if character.isprintable() else ascii(character)[1:-1] for character in line
-        )
+    line = escaped(" ".join(whole.split()))
     if len(line) <= longest:
         return line
     end = longest * 2 // 5
     return f"{line[: longest - end - 5]} ... {line[-end:]}"
+
+
+def escaped(text: object) -> str:
+    r"""Return text whose characters that are not printed are ``\x1b``, ``\n`` and alike.
+
+    Examples
+    --------
+    >>> escaped("P@100R 0.986   see a\x1b[2J.html")
+    'P@100R 0.986   see a\\x1b[2J.html'
+    """
+    line = str(text)
+    if line.isprintable():
+        return line
+    return "".join(
+        character if character.isprintable() else ascii(character)[1:-1] for character in line
+    )
 
 
 class EdgeVprError(Exception):

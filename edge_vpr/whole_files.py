@@ -26,6 +26,8 @@ _WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
 _NEW, _OLD = "new", "old"
+#: what only writing raises, and often without the name of a file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -52,7 +54,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     target = _followed(Path(path))
     mode = _mode_of_file(target)
-    with _work_folder(target) as work:
+    with work_folder(target) as work:
         temporary = work / target.name
         temporary.touch()
         yield temporary
@@ -88,7 +90,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
     target = _followed(Path(path))
     if target.exists() and not target.is_dir():
         raise UsageError(f"cannot write the folder {path}: there is a file of this name")
-    with _work_folder(target) as work:
+    with work_folder(target) as work:
         new = work / _NEW / target.name
         new.mkdir(parents=True)
         yield new
@@ -174,8 +176,23 @@ def _clear(work: Path) -> None:
 
 
 @contextmanager
-def _work_folder(target: Path) -> Iterator[Path]:
-    """Give a hidden folder beside the target, locked as long as this process lives."""
+def work_folder(target: Path) -> Iterator[Path]:
+    """Give a hidden folder beside the target, removed at the end or, after a kill, by another run.
+
+    Parameters
+    ----------
+    target : path
+        What is to be written; the folder is locked as long as this process lives.
+
+    Yields
+    ------
+    Path
+
+    Raises
+    ------
+    UsageError
+        If the folder around the target does not exist or cannot be written to.
+    """
     clear_dead_runs(target.parent)
     try:
         work, lock = _made_and_locked(target.parent)
@@ -185,6 +202,10 @@ def _work_folder(target: Path) -> Iterator[Path]:
         ) from error
     try:
         yield work
+    except OSError as error:
+        if error.errno in _FULL and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(target)) from error
+        raise
     finally:
         shutil.rmtree(work, ignore_errors=True)
         if lock is not None:

@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-import numbers
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
 
 import numpy as np
 
 from firmware_model.design_files import DesignFile
+from firmware_model.design_ranges import (
+    MAX_PRICE,
+    MAX_STEPS,
+    MAX_TABLES,
+    AcceptKind,
+    DeviceCode,
+    Matching,
+    WindowKind,
+    check_parameters,
+)
 from firmware_model.errors import DesignError
-from firmware_model.widths import FRACTION_BITS, METRIC_TOP, TRUST_TOP, formats_of
-from fixedpoint.codes import CodeKind, CounterCode
+from firmware_model.widths import formats_of
+from fixedpoint.codes import CounterCode
 from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import UnsignedFormat
 from fixedpoint.own_mean import OwnMeanCode
 
-DeviceCode = Literal[CodeKind, "own-mean"]
-WindowKind = Literal["time", "count"]
-Matching = Literal["sequence", "filter"]
-AcceptKind = Literal["margin", "ratio"]
-
-#: code tables of one design
-MAX_TABLES = 16
 #: sequence length that 0 stands for
 LENGTH = 5
-#: steps of each direction that have a price
-MAX_STEPS = 16
-#: largest price: with its fraction bits, it is below the largest metric
-MAX_PRICE = (METRIC_TOP >> FRACTION_BITS) - 1
-#: rows are told by 15 bits in an event, beside its polarity
-MAX_SIDE = 1 << 15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,32 +120,7 @@ class Design(DesignFile):
     lookup_depth: int = 0
 
     def __post_init__(self) -> None:
-        for name in _TUPLES:
-            parts = getattr(self, name)
-            if not isinstance(parts, (list, tuple)) or len(parts) > MOST_PARTS:
-                raise DesignError(f"design: {name} = {_shown(parts)}: expected a list of numbers")
-            if not all(isinstance(part, numbers.Integral) for part in parts):
-                raise DesignError(f"design: {name} = {_shown(parts)}: expected whole numbers")
-            object.__setattr__(self, name, tuple(int(part) for part in parts))
-        for name in ("polarity", "keep_distances"):
-            if not isinstance(getattr(self, name), bool):
-                raise DesignError(
-                    f"design: {name} = {_shown(getattr(self, name))}: expected true or false"
-                )
-        for name, (low, high) in _RANGES.items():
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-                raise DesignError(f"design: {name} = {_shown(value)}: expected {low} to {high}")
-        for name, choices in (
-            ("window", WindowKind),
-            ("matching", Matching),
-            ("accept", AcceptKind),
-        ):
-            if getattr(self, name) not in get_args(choices):
-                raise DesignError(
-                    f"design: {name} = {_shown(getattr(self, name))}: choose from "
-                    f"{', '.join(get_args(choices))}"
-                )
+        check_parameters(self)
         self._check_together()
         if self.lookup_depth == 0:
             object.__setattr__(
@@ -280,34 +250,6 @@ class Design(DesignFile):
     def formats(self) -> dict[str, UnsignedFormat]:
         """Format of every quantity by its name, see `firmware_model.widths`."""
         return formats_of(self)
-
-
-_TUPLES = ("full_scales", "steps", "back", "ratio")
-#: most numbers of a list, before it is looked at
-MOST_PARTS = 4_096
-_RANGES = {
-    "width": (1, MAX_SIDE),
-    "height": (1, MAX_SIDE),
-    "pixels": (1, 1 << 15),
-    "tau_us": (1, 1 << 63),
-    "window_events": (1, (1 << 32) - 1),
-    "timestamp_bits": (2, 64),
-    "places": (1, 1 << 24),
-    "length": (0, 1 << 12),
-    "restart": (0, MAX_PRICE),
-    "trust": (0, TRUST_TOP),
-    "lanes": (1, 1 << 10),
-    "exclusion": (0, 1 << 15),
-    "margin": (0, (1 << 32) - 1),
-    "lookup_depth": (0, 1 << 20),
-}
-
-
-def _shown(value: object) -> str:
-    try:
-        return repr(value)[:80]
-    except ValueError:  # of thousands of digits, as TOML allows
-        return "a number too long to print"
 
 
 def _power_of_two(least: int) -> int:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -222,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # of a part, only its own proofs can be stale
     proved = {k: why for k, why in known.items() if not options.only or k in keys}
     with tempfile.TemporaryDirectory() as folder:
-        result = survey(Bench(folder), every, proved)
+        result = survey(Bench(folder), _counted(every), proved)
     for mutant in result.equal:
         _show("equal", mutant)
         sys.stdout.write(f"    {proved[mutant.key]}\n")
@@ -235,6 +235,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{len(result.equal)} proved to be equal, {len(result.unproved)} neither\n"
     )
     return 1 if result.unproved or result.stale else 0
+
+
+def _counted(every: Sequence[Mutant]) -> Iterator[Mutant]:
+    """Yield the mutants, and tell on the way how many have been run: all of them take an hour."""
+    for i, mutant in enumerate(every):
+        if i and i % 50 == 0:
+            sys.stderr.write(f"{i:,} of {len(every):,} mutants\n")
+        yield mutant
 
 
 def _show(what: str, mutant: Mutant) -> None:

@@ -18,12 +18,14 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
 
-def seeded(inputs: int, first_seed: int) -> None:
-    """Feed so many inputs to the decoders of each protocol; say how it went."""
+def seeded(inputs: int, first_seed: int, only: list[str]) -> None:
+    """Feed so many inputs to the decoders of each protocol, or of those; say how it went."""
     from hostile_streams import PAIRS, Seeded, one_input
 
     protocols = [host.partition(":")[0] for host, _ in PAIRS]
     for number, (pair, protocol) in enumerate(zip(PAIRS, protocols, strict=True)):
+        if only and protocol not in only:
+            continue
         start, share = time.monotonic(), -(-inputs // protocols.count(protocol))
         for seed in range(first_seed, first_seed + share):
             try:
@@ -65,12 +67,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--inputs", type=int, default=100_000, help="for each protocol")
     parser.add_argument("--seed", type=int, default=0, help="of the first input")
+    parser.add_argument("--only", nargs="+", default=[], metavar="P", help="these protocols alone")
     parser.add_argument("--guided", action="store_true", help="by atheris, whose flags may follow")
     args, rest = parser.parse_known_args()
     if args.guided:
         guided(rest)
     else:
-        seeded(args.inputs, args.seed)
+        seeded(args.inputs, args.seed, args.only)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import pytest
 from edge_vpr import archive
 from edge_vpr.archive import read_archive, replacing, write_archive
 from edge_vpr.errors import MapError, UsageError
+from edge_vpr.events import make_events
 
 
 def test_what_was_written_is_read(tmp_path):
@@ -42,11 +43,25 @@ def test_a_missing_file_says_what_was_looked_for(tmp_path):
         read_archive(tmp_path / "none.npz", "thing")
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 broken", b"just text"])
-def test_an_unreadable_file_is_an_error(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "is not a thing of edge-vpr"),
+        (b"just text", "is not a thing of edge-vpr"),
+        (b"PK\x03\x04 broken", "not a readable thing, make it again"),
+    ],
+)
+def test_an_unreadable_file_is_an_error(tmp_path, content, says):
     (tmp_path / "a.npz").write_bytes(content)
-    with pytest.raises(MapError, match="not a readable thing"):
+    with pytest.raises(MapError, match=says):
         read_archive(tmp_path / "a.npz", "thing")
+
+
+def test_a_recording_in_the_place_of_a_map_is_not_called_damaged(tmp_path):
+    """Its events are a record, which no array of ours is."""
+    np.savez(tmp_path / "drive.npz", events=make_events([1], [2], [3], [1]))
+    with pytest.raises(MapError, match=r"drive\.npz is not a thing of edge-vpr: name a file"):
+        read_archive(tmp_path / "drive.npz", "thing")
 
 
 def test_a_truncated_file_is_an_error(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.arguments.completions import tree
 from edge_vpr_tools.arguments.parser import takes_value
-from edge_vpr_tools.output import compiling, messages
+from edge_vpr_tools.output import compiling, messages, tables
 from edge_vpr_tools.verbs import EXAMPLES, GROUPS, VERBS, find_verb, module_name
 from streams import random_events
 
@@ -24,6 +25,7 @@ from edge_vpr.errors import MissingExtraError, did_you_mean
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
+from edge_vpr.stream.protocols import open_encoder
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
@@ -158,6 +160,9 @@ def test_a_map_and_a_recording_in_each_others_place(drive, tmp_path, capsys):
     assert "the map comes first" in says
     says = refused(capsys, "map", drive / "map.npz", "-o", tmp_path / "b.npz")
     assert "map.npz is a reference map, and a recording is expected" in says
+    for words in (["map", drive / "map.npz", "--frames-as-windows", "-o", tmp_path / "b.npz"],
+                  ["convert", drive / "map.npz", tmp_path / "b.raw"]):  # fmt: skip
+        assert "map.npz is a reference map, and a recording is expected" in refused(capsys, *words)
     assert kind_of(drive / "map.npz") == "reference map"
     assert kind_of(drive / "drive.npz") is None and kind_of(drive / "none") is None
 
@@ -171,6 +176,36 @@ def test_a_map_that_nothing_matches_is_not_written(drive, tmp_path, capsys, flag
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["-L", "3"], "--sequence-length has no effect with --matching filter: it is for"),
+        (["--events-per-pixel", "2"], "has no effect with --window time: it is for --window count"),
+        (["--strategy", "top", "--sigma", "2"], "--sigma has no effect with --strategy top"),
+        (["--matching", "sequence", "--filter-back", "2"], "it is for --matching filter"),
+    ],
+)
+def test_a_flag_that_other_settings_make_void_is_a_warning(drive, tmp_path, capsys, flags, says):
+    words = ["map", str(drive / "drive.npz"), "-o", str(tmp_path / "map.npz"), "--tau", "100ms"]
+    words += ["--pixels", "5", "--strategy", "random"]
+    assert cli.main(words) == 0
+    assert "no effect" not in capsys.readouterr().err
+    assert cli.main([*words, *flags, "--overwrite"]) == 0
+    err = capsys.readouterr().err
+    assert "edge-vpr: warning: " in err and says in err
+    match = ["match", str(tmp_path / "map.npz"), str(drive / "drive.npz"), "--no-figures"]
+    assert cli.main([*match, "-o", str(tmp_path / "a"), "--matching", "filter", "-L", "3"]) == 0
+    assert "--sequence-length has no effect" in capsys.readouterr().err
+    assert cli.main([*match, "-o", str(tmp_path / "b"), "--no-smooth"]) == 0
+    assert "no effect" not in capsys.readouterr().err
+
+
+def test_pixels_do_not_vary_over_one_window(drive, tmp_path, capsys):
+    words = ["map", drive / "drive.npz", "-o", tmp_path / "map.npz", "--tau", "1900ms"]
+    assert "the drive holds one window of 1.9 s, and pixels" in refused(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_alignment_in_frames_needs_their_length(drive, tmp_path, capsys):
     results, truth = tmp_path / "results", tmp_path / "truth.csv"
     match = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(results)]
@@ -178,6 +213,31 @@ def test_an_alignment_in_frames_needs_their_length(drive, tmp_path, capsys):
     truth.write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
     words = ["evaluate", results, "--ground-truth", truth, "--tolerance", "2"]
     assert "--frame-period 1/30" in refused(capsys, *words)
+
+
+def test_logs_in_the_wrong_order_are_noticed_by_the_matches(drive, tmp_path, capsys):
+    """Of drives of one length along one route, so that nothing else shows it."""
+    results, reference, query = (tmp_path / name for name in ("results", "a.csv", "b.csv"))
+    match = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(results)]
+    assert cli.main([*match, "--no-figures", "--start", "0.3"]) == 0
+    reference.write_text("time_s,position_m\n0,0\n3,30\n")
+    query.write_text("time_s,position_m\n0,3\n3,33\n")
+    evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth"]
+    assert cli.main([*evaluate, str(reference), str(query)]) == 0
+    out, err = capsys.readouterr()
+    assert "P@100R 1.000" in out and "order" not in err
+    assert cli.main([*evaluate, str(query), str(reference)]) == 0
+    out, err = capsys.readouterr()
+    assert "P@100R 0.000" in out
+    assert "in the other order 100% of the matches would be right instead of 0%" in err
+
+
+def test_one_track_is_no_ground_truth(drive, tmp_path, capsys):
+    results = tmp_path / "results"
+    match = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(results)]
+    assert cli.main([*match, "--no-figures"]) == 0
+    words = ["evaluate", results, "--tolerance", "2", "--ground-truth", "a.nmea"]
+    assert "a.nmea is one track: give two" in refused(capsys, *words)
 
 
 def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys):
@@ -197,6 +257,13 @@ def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "removed as bursts" in out
     assert "warning: 52% of the events" in err and "--bursts keep" in err
+    encoder = open_encoder("evpr", SENSOR)
+    sent = encoder.encode(events[np.argsort(events["t"], kind="stable")])
+    (tmp_path / "sent.bin").write_bytes(encoder.start() + sent)
+    words_of_stream = ["--protocol", "evpr", "--map", str(tmp_path / "m.npz"), "--once"]
+    assert cli.main(["stream", "--port", str(tmp_path / "sent.bin"), *words_of_stream]) == 0
+    err = capsys.readouterr().err
+    assert "of the events of" in err and "make the map with --bursts keep" in err
     assert cli.main([*words, "--bursts", "keep", "--overwrite"]) == 0
     out, err = capsys.readouterr()
     assert "bursts kept" in out and err == ""
@@ -225,6 +292,26 @@ def test_control_characters_of_a_file_name_do_not_reach_the_terminal(tmp_path, c
     assert cli.main(["info", str(tmp_path / "a\x1b[2J\x07.npz")]) != 0
     err = capsys.readouterr().err
     assert "\x1b" not in err and "\x07" not in err and r"\x1b[2J" in err
+
+
+def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
+    """Nor do they mark text up, or feed lines of their own."""
+    folder = tmp_path / "a\x1b[2J\n[bold]"
+    folder.mkdir()
+    words = ["map", str(drive / "drive.npz"), "-o", str(folder / "m\x07.npz"), *SMALL]
+    assert cli.main(words) == 0
+    match = ["match", str(folder / "m\x07.npz"), str(drive / "drive.npz"), "--no-figures"]
+    assert cli.main([*match, "-o", str(folder / "r\x9b")]) == 0
+    (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n2,2\n")
+    evaluate = ["evaluate", str(folder / "r\x9b"), "--ground-truth", str(tmp_path / "truth.csv")]
+    assert cli.main([*evaluate, "--tolerance", "1"]) == 0
+    tables.table([str(folder)], [["[/red]\x1b[0m"]], title=str(folder))
+    tables.say(str(folder))
+    out, err = capsys.readouterr()
+    raw = [line for line in (out + err).splitlines() if not line.isprintable()]
+    assert raw == []
+    assert r"a\x1b[2J\n[bold]/m\x07.npz: 19 places" in out
+    assert r"r\x9b/report.html" in out and r"[/red]\x1b[0m" in out
 
 
 def test_the_hint_to_install_an_extra_works_from_here(monkeypatch):
@@ -303,22 +390,38 @@ def test_results_are_shown_in_one_short_line(drive):
     assert repr(found) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
 
 
-def test_a_real_bash_completes(tmp_path):
+COMPLETED = {
+    "bash": (
+        'eval "$(edge-vpr completion bash)"\n'
+        "COMP_LINE='edge-vpr match --onl' COMP_POINT=20 COMP_TYPE=9 COMP_CWORD=2\n"
+        "COMP_WORDS=(edge-vpr match --onl)\n"
+        '_python_argcomplete edge-vpr --onl match\necho "${COMPREPLY[@]}"'
+    ),
+    "zsh": (
+        "compdef() { : }\n"  # outside the line editor there is nothing to add to
+        "is-at-least() { return 0 }\n"
+        "_describe() { print -l -- ${(P)2} }\n"
+        'eval "$(edge-vpr completion zsh)"\n'
+        "words=(edge-vpr match --onl) BUFFER='edge-vpr match --onl' CURSOR=20\n"
+        "_python_argcomplete"
+    ),
+    "fish": "edge-vpr completion fish | source; complete -C 'edge-vpr match --onl'",
+}
+
+
+@pytest.mark.parametrize("shell", COMPLETED)
+def test_a_real_shell_completes(tmp_path, shell):
     """By the script that the command prints, with the program found on the path."""
-    if shutil.which("bash") is None:
-        pytest.skip("bash is not installed")
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
     program = tmp_path / "edge-vpr"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m edge_vpr_tools.cli "$@"\n')
     program.chmod(0o755)
-    line = "edge-vpr match --onl"
-    script = (
-        'eval "$(edge-vpr completion bash)"\n'
-        f"COMP_LINE='{line}' COMP_POINT={len(line)} COMP_TYPE=9 COMP_CWORD=2\n"
-        f"COMP_WORDS=({line})\n"
-        f'_python_argcomplete edge-vpr --onl match\necho "${{COMPREPLY[@]}}"'
-    )
-    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "HOME": str(tmp_path)}
     run = subprocess.run(
-        ["bash", "-c", script], env=environment, capture_output=True, text=True, check=False
-    )
-    assert run.stdout.split() == ["--online"], run.stderr
+        [shell, "-c", COMPLETED[shell]],
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    # zsh and fish show the help beside it
+    assert re.split(r"[\s:]", run.stdout)[0] == "--online", run.stderr
+    assert run.stdout.count("--") == 1

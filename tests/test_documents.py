@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import parser_of
+from edge_vpr_tools.cli import main, parser_of
 from edge_vpr_tools.verbs import find_verb
 from streams import random_events
 
@@ -104,14 +107,24 @@ def test_links_within_the_project_lead_somewhere(page):
             assert anchor[1:] in slugs, f"{page} leads to {target}{anchor}"
 
 
+@cache
+def source_files():
+    """List the project's own, not those of an environment in a hidden folder of it."""
+    found = []
+    for folder, inner, names in os.walk(ROOT):
+        inner[:] = [name for name in inner if not name.startswith(".")]
+        found += [f"{folder}/{name}" for name in names if Path(name).suffix in _SOURCES]
+    return found
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_source_files_that_a_page_names_are_there(page):
     elsewhere = {  # of other projects, or generated
-        "baselines/get_baseline.py", "get_baseline.py", "case.h", "vpr_design.sv",
-        "vpr_registers.h", "genx320_event_mode_streaming_on_cam.py",
+        "baselines/get_baseline.py", "get_baseline.py", "case.h", "include/map.h", "main.py",
+        "vpr_design.sv", "vpr_registers.h", "genx320_event_mode_streaming_on_cam.py",
         "genx320_raw_event_mode_streaming_on_cam.py",
     }  # fmt: skip
-    there = [str(path) for path in ROOT.rglob("*") if path.suffix in _SOURCES]
+    there = source_files()
     for name in _FILE.findall((ROOT / page).read_text()):
         if name in elsewhere:
             continue
@@ -136,3 +149,33 @@ def test_every_page_of_docs_is_reached_from_the_readme():
             if path.suffix == ".md" and path.is_file():
                 waiting.append(str(path.relative_to(ROOT)))
     assert set(PAGES) <= reached
+
+
+#: figures of a run depend on the machine: times always, and some events on its logarithm
+_FIGURE = re.compile(r"\d[\d,.]*")
+
+
+@pytest.mark.slow
+def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs/tutorial.md").read_text()
+    steps = re.findall(r"^```console\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    commands = [step for block in steps for step in block.split("$ ") if step]
+    assert len(commands) == 8
+    for command in commands:
+        line, _, told = command.partition("\n")
+        program, *words = shlex.split(line)
+        if program == "edge-vpr":
+            assert main(words) == 0
+            shown = "".join(capsys.readouterr())
+        else:
+            shown = subprocess.run(
+                [program, *words], capture_output=True, text=True, check=True
+            ).stdout
+        kept = [text for text in shown.splitlines() if "compiling kernels" not in text]
+        assert [_FIGURE.sub("#", text) for text in kept] == [
+            _FIGURE.sub("#", text) for text in told.splitlines()
+        ], line
+    (code,) = (body for _, needs, body in _BLOCK.findall(page) if needs)
+    exec(compile(code, "docs/tutorial.md", "exec"), {})
+    assert len(capsys.readouterr().out.splitlines()) == 3

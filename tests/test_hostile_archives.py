@@ -338,7 +338,7 @@ def test_pickles_are_never_opened(tmp_path):
 
 
 def test_a_folder_is_not_an_archive(tmp_path):
-    with pytest.raises(MapError, match="not a readable thing"):
+    with pytest.raises(MapError, match="is a folder, where a thing is expected"):
         read_archive(tmp_path, "thing")
 
 

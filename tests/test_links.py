@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import random
 import socket
 import struct
 import sys
@@ -368,3 +369,144 @@ def test_a_bridge_that_nobody_greets_waits_until_its_terminal_has_been_set_up():
     assert not waiting.is_alive()
     host.close()
     device.close()
+
+
+class Pipe(Link):
+    """A link that a test fills, and that knows who reads it."""
+
+    def __init__(self):
+        super().__init__("pipe")
+        self.waiting, self.arrived = [], threading.Condition()
+        self.readers, self.within, self.error = [], 0, None
+
+    def fill(self, data):
+        with self.arrived:
+            self.waiting.append(data)
+            self.arrived.notify_all()
+
+    def read(self, timeout):
+        self.within += 1
+        assert self.within == 1, "two read at once"
+        try:
+            with self.arrived:
+                self.arrived.wait_for(lambda: self.waiting or self.error, timeout)
+                if self.error is not None:
+                    raise self.error
+                if not self.waiting:
+                    return b""
+                self.readers.append(threading.current_thread())
+                return self.waiting.pop(0)
+        finally:
+            self.within -= 1
+
+    def write(self, data, timeout):
+        return len(data)
+
+    def close(self):
+        assert not self.within, "closed while it is read"
+
+
+def fed(pipe, reader, number):
+    """Feed bytes one by one to a caller in time."""
+    for i in range(number):
+        pipe.fill(bytes([i]))
+        assert reader.take(5).data == bytes([i])
+
+
+def test_a_caller_in_time_reads_the_link_itself():
+    pipe = Pipe()
+    reader = LinkReader(lambda: pipe)
+    assert reader.take(0.3) is None  # by now the thread has seen that somebody waits
+    fed(pipe, reader, 20)
+    reader.stop()
+    own = pipe.readers.count(threading.current_thread())
+    # on a busy machine it may once be late
+    assert own >= 10
+
+
+def test_while_its_caller_is_late_the_thread_reads_and_nothing_is_lost_or_changes_places():
+    pipe = Pipe()
+    reader = LinkReader(lambda: pipe)
+    rng, sent, found = random.Random(5), [], []
+    for number in range(60):
+        data = b"%d," % number
+        pipe.fill(data)
+        sent.append(data)
+        if rng.random() < 0.15:
+            time.sleep(0.08)
+        if rng.random() < 0.7:
+            chunk = reader.take(rng.choice([0, 0.001, 0.2]))
+            found.append(b"" if chunk is None else chunk.data)
+    time.sleep(0.2)
+    assert not pipe.waiting  # it is read while the caller sleeps
+    while (chunk := reader.take(0.2)) is not None:
+        found.append(chunk.data)
+    assert b"".join(found) == b"".join(sent)
+    reader.stop()
+    assert {threading.current_thread(), reader._thread} == set(pipe.readers)
+
+
+def test_what_waited_while_the_caller_was_away_for_long_is_dropped_and_counted():
+    pipe = Pipe()
+    reader = LinkReader(lambda: pipe, max_lag_s=0.1)
+    assert reader.take(0.3) is None
+    fed(pipe, reader, 3)
+    for number in range(10):
+        pipe.fill(b"%d" % number)
+        time.sleep(0.04)
+    pieces = []
+    while (chunk := reader.take(0.1)) is not None:
+        pieces.append(chunk)
+    reader.stop()
+    kept = b"".join(piece.data for piece in pieces)
+    assert b"0123456789".endswith(kept)
+    assert sum(piece.lost for piece in pieces) == 10 - len(kept) > 0
+
+
+@pytest.mark.parametrize("retry", [True, False])
+def test_a_link_that_breaks_under_the_caller_is_opened_again_or_ends(retry):
+    pipes = [Pipe(), Pipe()]
+    opened = iter(pipes)
+    reader = LinkReader(lambda: next(opened), retry=retry)
+    assert reader.take(0.3) is None
+    fed(pipes[0], reader, 3)
+    pipes[0].error = LinkError("cable pulled")
+    pipes[1].fill(b"again")
+    chunk = reader.take(2)
+    if retry:
+        assert (chunk.data, chunk.reopened) == (b"again", True)
+        assert not reader.ended
+        fed(pipes[1], reader, 3)
+        reader.stop()
+    else:
+        assert chunk is None
+        assert reader.ended
+        assert reader.error is pipes[0].error
+
+
+def test_a_link_that_is_idle_when_it_is_opened_again_says_so_with_its_first_bytes():
+    """The caller, not the thread, reads them."""
+    pipes = [Pipe(), Pipe()]
+    opened = iter(pipes)
+    reader = LinkReader(lambda: next(opened), retry=True)
+    assert reader.take(0.3) is None
+    pipes[0].error = LinkError("cable pulled")
+    assert reader.take(0.8) is None
+    pipes[1].fill(b"first")
+    first = reader.take(5)
+    pipes[1].fill(b"second")
+    second = reader.take(5)
+    assert [(each.data, each.reopened) for each in (first, second)] == [
+        (b"first", True), (b"second", False)
+    ]  # fmt: skip
+    reader.stop()
+
+
+def test_a_mistake_of_ours_under_the_caller_ends_the_reader_and_is_told():
+    pipe = Pipe()
+    reader = LinkReader(lambda: pipe, retry=True)
+    assert reader.take(0.3) is None
+    pipe.error = RuntimeError("a mistake of ours")
+    assert reader.take(2) is None
+    assert reader.ended
+    assert reader.error is pipe.error

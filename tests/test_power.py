@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
@@ -30,6 +31,7 @@ from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.energy.sensors.search import find_sensors
 from edge_vpr_tools.energy.sensors.sensor import About, Sensor, SensorError
 from edge_vpr_tools.estimate.calibration import calibrated
+from edge_vpr_tools.output.interrupt import terminated_as_interrupted
 from edge_vpr_tools.output.json_records import from_json, to_json
 from test_commands import drive  # noqa: F401
 
@@ -653,6 +655,25 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
         assert rest.splitlines()[-1] == "edge-vpr: interrupted; nothing half written was left"
         assert "Traceback" not in rest
         assert list((tmp_path / str(number)).iterdir()) == []
+
+
+def test_an_interrupt_that_a_library_drops_is_raised_before_the_next_window(monkeypatch):
+    """As Numba does while it looks a kernel up."""
+    ours = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(signal, "getsignal", lambda number: signal.default_int_handler)
+    ran = []
+
+    def load(seconds):
+        ran.append(seconds)
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return 1
+
+    with pytest.raises(KeyboardInterrupt), terminated_as_interrupted():
+        take_turns(Plan(5, 0.1, quick=True), load, sleep=lambda seconds: None)
+    assert len(ran) == 1
+    monkeypatch.undo()
+    assert signal.getsignal(signal.SIGINT) is ours
 
 
 def test_a_meter_on_a_port_that_is_none_is_one_line(load, tmp_path, capsys):

@@ -82,7 +82,16 @@ def test_a_row_has_the_position_of_its_place_and_the_time_of_the_host(drive):
     assert first["ratio"] is None
     assert first["incomplete"]
     assert first["host_us"] == 1_700_000
-    json.dumps(first, allow_nan=False)
+    result = LiveResult(np.empty(0), matches, True)
+    expected = [json.dumps(row, allow_nan=False) for row in (first, second)]
+    for _ in range(2):  # the text of a place is kept
+        assert list(MatchRows(reference).lines(result, 1_700_000)) == expected
+    matches["probability"], matches["lost"] = 0.1, True
+    matches["t"], matches["trust"] = 2**60, -(2**40)
+    result = LiveResult(np.empty(0), matches, False)
+    rows = [json.dumps(row) for row in MatchRows().of(result, -5)]
+    assert list(MatchRows().lines(result, -5)) == rows
+    matches[:] = np.zeros(2, dtype=MATCH_DTYPE)
     (bare, _) = MatchRows().of(LiveResult(np.empty(0), matches, False), 0)
     assert not {name for name in bare if name.endswith("_m")}
 

@@ -224,7 +224,7 @@ def test_an_archive_or_a_folder_of_other_things_says_what_it_holds(tmp_path):
     np.savez(tmp_path / "a.npz", weights=np.zeros(3))
     with pytest.raises(RecordingError, match="holds weights, and neither events"):
         open_recording(tmp_path / "a.npz")
-    with pytest.raises(RecordingError, match=r"without metadata\.yaml"):
+    with pytest.raises(RecordingError, match=r"without \*\.db3"):
         open_recording(tmp_path)
 
 

@@ -294,6 +294,16 @@ def test_a_column_that_is_shorter_than_its_header_is_a_cut_off_end(tmp_path):
         assert recording.faults.truncated == 14
 
 
+def test_a_column_that_is_longer_than_its_header_is_refused(tmp_path):
+    """Its last events would be left out in silence."""
+    column = npy_header((3,), "<i8") + np.arange(5).tobytes()
+    sensor = npy_header((2,), "<i8") + np.array([40, 30]).tobytes()
+    zip_of(tmp_path / "a.npz", t=column, x=column, y=column, sensor=sensor)
+    for fault in ("error", "drop"):
+        text = refusal(tmp_path / "a.npz", on_fault=fault)
+        assert "announces (3,) of int64 and holds 40 bytes" in text
+
+
 @pytest.mark.parametrize(
     ("t", "unit", "entry"),
     [

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from edge_vpr_tools.experiments import event_speed, mount_shift, pixel_number, rivals
+from edge_vpr_tools.experiments import (
+    event_speed,
+    mount_shift,
+    pixel_number,
+    rivals,
+    window_length,
+)
 from edge_vpr_tools.experiments.codes_frontier import Pair
 from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
 
 from edge_vpr.baselines import baseline_names
 from edge_vpr.evaluation.truth_from_alignment import from_alignment
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulate import CAMERAS
+from edge_vpr.simulate import CAMERAS, simulate_pair
 
 TAU = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2, "sigma": 2.0, "pixels": 150}, "test")
@@ -115,3 +122,17 @@ def test_what_fires_by_the_clock_makes_fewer_events_in_a_faster_drive():
     assert fast > 0.9 * slow
     text = event_speed.table({"tiny": (quiet, still)}, 1, lambda name: None, 20.0)
     assert "| tiny |" in text and "share at 12 m/s" in text
+
+
+def test_windows_and_sequences_of_equal_time_are_compared(monkeypatch, tmp_path):
+    tried = window_length.variant(0.5, 8.0).changes
+    assert tried == {"tau_us": 500_000, "sequence_length": 16, "exclusion": 6}
+    short = partial(simulate_pair, sensor="tiny", length_m=80.0)
+    monkeypatch.setattr(window_length, "simulate_pair", short)
+    monkeypatch.setattr(window_length, "WINDOWS_S", (0.5, 1.0))
+    monkeypatch.setattr(window_length, "SPANS_S", (2.0,))
+    few = PRESETS["paper"].replaced({"pixels": 25}, "test")
+    monkeypatch.setattr(window_length, "PRESETS", {"paper": few})
+    text = window_length.run(None, 1, lambda name: None, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert "| 0.5 s |" in text and "| window | 2 s a match |" in text

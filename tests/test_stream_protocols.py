@@ -313,7 +313,7 @@ def test_no_bytes_at_all_break_a_decoder(host, data, cuts):
     ids=["ones", "all ones", "marks", "zeros"],
 )
 def test_hostile_bytes_take_bounded_memory_and_time_in_proportion(host, hostile):
-    size = 1 << (13 if PLAIN else 18)
+    size = 1 << (12 if PLAIN else 18)
     hostile *= size // len(hostile)
     decoder = open_decoder(host, SENSOR)
     decoder.warm_up()

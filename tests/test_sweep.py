@@ -16,6 +16,7 @@ from edge_vpr_tools import cli
 from edge_vpr_tools.arguments import compare_arguments
 from edge_vpr_tools.sweep import comparison
 from edge_vpr_tools.sweep.comparison import draw, rows_of
+from edge_vpr_tools.sweep.comparison_files import write_comparison
 from edge_vpr_tools.sweep.plan import content_hash, read_plan
 from edge_vpr_tools.sweep.running import run_all
 from edge_vpr_tools.sweep.store import Store
@@ -349,6 +350,22 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     assert f"| {folder} | pixels=3 |" in said
     assert f"| {tmp_path}/other/out |  |" in said
     assert "a\\x1b[2J\\|b" in said
+
+
+def test_a_name_is_no_formula_of_a_figure_or_a_spreadsheet(tmp_path):
+    """A spreadsheet computes what begins with =, and figures set what stands between dollars."""
+    values = dict.fromkeys(comparison.MEASURES, (0.5, 0.25))
+    rows = [
+        comparison.Row(run=name, variant="@x", drives="d", values=values)
+        for name in ("=1+1", r"a$\frac{$", "_b", "c\x1b[2J")
+    ]
+    write_comparison(tmp_path, rows, ["svg"], "precision_at_100_recall")
+    with (tmp_path / "compare.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [line["run"] for line in lines] == ["'=1+1", r"a$\frac{$", "_b", r"c\x1b[2J"]
+    assert {line["variant"] for line in lines} == {"'@x"}
+    assert lines[0]["precision_at_100_recall_mean"] == "0.375"
+    assert (tmp_path / "compare.svg").exists()
 
 
 def test_only_the_best_of_many_rows_are_drawn(monkeypatch):

@@ -126,6 +126,13 @@ def test_logs_in_swapped_order_are_noticed():
     assert "fit the drives better the other way round" in swapped.notes[0]
 
 
+def test_one_log_for_two_drives_is_noticed():
+    log = straight(100, 1_000)
+    doubts = from_tracks(log, log, centres(100), centres(88), 20.0).notes
+    assert doubts == ("both logs are the same, of drives that are not as long: give one of each",)
+    assert from_tracks(log, log, centres(99), centres(99), 20.0).notes == ()
+
+
 def test_the_log_of_another_drive_is_noticed_by_its_time():
     reference = straight(100, 1_000)
     other = straight(300, 1_000)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import stat
@@ -88,6 +89,17 @@ def test_a_folder_is_replaced_whole(tmp_path, monkeypatch, exchange):
         write_folder(tmp_path / "results", text)
         assert read_folder(tmp_path / "results") == text
         assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+@pytest.mark.parametrize("write", [replacing, replacing_folder])
+def test_a_full_disk_is_an_error_that_names_what_was_written(tmp_path, write):
+    def full():
+        with write(tmp_path / "result"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OSError, match=r"No space left on device: '.*/result'"):
+        full()
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_error_in_the_block_leaves_the_old_folder(tmp_path):

@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.baselines.baseline import Baseline, Images
-from edge_vpr.matching.candidates import nearest_places
+from edge_vpr.confidence import Judge
 from edge_vpr.matching.matches import Matches
-from edge_vpr.matching.nearest import best_matches
-from edge_vpr.matching.runner_up import margin_to_second
-from edge_vpr.matching.sequence import anchor_offset, sequence_sums
+from edge_vpr.matching.sequence import sequence_sums
+from edge_vpr.matching.sequence_matches import BestSequences, sequence_matches
 from edge_vpr.settings import Settings
 
 #: the largest distance is below 2 to this power in the whole numbers that sequences add up
@@ -108,26 +107,6 @@ def match_distances(
     # a power of two, so that whole numbers stay whole and ties stay ties
     _, exponent = math.frexp(float(distances.max()))
     whole = np.rint(np.ldexp(distances, _BITS - exponent)).astype(np.int64)
-    offset = anchor_offset(settings.sequence_length, settings.anchor)
-    sums = sequence_sums(whole, settings.sequence_length).astype(np.int64)
-    best, second, ties = best_matches(sums, settings.exclusion)
-    columns = np.arange(sums.shape[1])
-    best_sum = sums[best, columns]
-    second_sum = np.where(second < 0, -1, sums[second, columns])
-    candidates = nearest_places(sums)
-    query = columns + offset
-    return Matches(
-        settings=settings,
-        places_in_map=len(distances),
-        query=query,
-        time_us=query_us[query],
-        place=best + offset,
-        distance_sum=best_sum,
-        second=np.where(second < 0, -1, second + offset),
-        second_sum=second_sum,
-        ties=ties,
-        candidates=np.where(candidates < 0, -1, candidates + offset),
-        trust=margin_to_second(best_sum, second_sum),
-        probability=np.full(len(query), np.nan),
-        lost=np.zeros(len(query), dtype=np.bool_),
-    )
+    sums = sequence_sums(whole, settings.sequence_length)
+    found = BestSequences.of(sums, settings.exclusion)
+    return sequence_matches([found], settings, len(distances), query_us, Judge(None, None))

@@ -6,6 +6,7 @@ import numpy as np
 
 from edge_vpr.baselines.baseline import Described, Images
 from edge_vpr.baselines.dense import AbsoluteDifferences
+from edge_vpr.descriptors.informative_pixels import informative_pixels, shortlist
 from edge_vpr.descriptors.pixels import PixelMap, select_pixels
 from edge_vpr.descriptors.saliency import SaliencyPass
 from edge_vpr.descriptors.windows import WindowCounts, narrow
@@ -38,16 +39,26 @@ class SelectedPixels(AbsoluteDifferences):
                 counts = image.astype(np.int64).ravel()
                 first.add(WindowCounts(counts, 0, 1, int(counts.sum())))
             saliency = first.mean() if chosen.strategy == "seed-code" else first.variance()
+        if chosen.strategy == "information":
+            listed = shortlist(saliency, np.zeros(saliency.shape, dtype=np.bool_))
+            counts = narrow(reference[:, listed.y, listed.x])
+            self._pixels = informative_pixels(listed, counts, chosen.pixels)
+            return
         self._pixels = select_pixels(
             saliency, chosen.pixels, strategy=chosen.strategy, sigma=chosen.sigma,
             rng=np.random.default_rng(chosen.seed),
         )  # fmt: skip
 
-    def describe(self, images: Images) -> Described:
-        """Return the counts at the pixels, clipped if the settings say so, shape (n, J)."""
+    @property
+    def pixel_map(self) -> PixelMap:
+        """The pixels, once `prepare` has drawn them."""
         if self._pixels is None:
             raise UsageError("the pixels are not drawn yet: prepare with the reference first")
-        counts = images[:, self._pixels.y, self._pixels.x]
+        return self._pixels
+
+    def describe(self, images: Images) -> Described:
+        """Return the counts at the pixels, clipped if the settings say so, shape (n, J)."""
+        counts = images[:, self.pixel_map.y, self.pixel_map.x]
         clip = self._settings.clip
         return narrow(counts if clip is None else np.minimum(counts, clip))
 

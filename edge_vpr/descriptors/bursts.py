@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 
 #: a burst: more than half of all pixels fire within two neighbouring slots of this length
 BURST_SLOT_US = 2_000
@@ -85,10 +85,7 @@ class BurstFilter:
         else:
             self.removed += int(np.count_nonzero(~keep))
             pieces = [np.concatenate([held, events])[:cut][keep]]
-        if cut < held.size:
-            self._events = np.concatenate([held[cut:], events])
-        else:
-            self._events = events[cut - held.size :].copy()
+        self._events = join_events([held[cut:], events[max(0, cut - held.size) :]])
         self._newest = newest
         return [piece for piece in pieces if piece.size]
 

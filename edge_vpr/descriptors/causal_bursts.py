@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
+from edge_vpr.boxed import Box
 from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
 _STATE = np.dtype([("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8")])
+#: Room for events at first.
+_ROOM = 256
+
+
+class _Fired(NamedTuple):
+    """What the kernel works on: the slot in which each pixel fired last, and room for events."""
+
+    fired: npt.NDArray[np.int64]
+    state: npt.NDArray[np.void]
+    room: Events
 
 
 class CausalBurstFilter:
@@ -35,17 +49,23 @@ class CausalBurstFilter:
     def __init__(self, sensor: Sensor) -> None:
         self.removed = 0
         self._width = sensor.width
-        # the slot in which each pixel fired last
-        self._fired = np.full(sensor.pixels, -2, dtype=np.int64)
-        self._state = np.zeros(1, dtype=_STATE)
-        self._state["slot"] = -2
+        state = np.zeros(1, dtype=_STATE)
+        state["slot"] = -2
+        fired = np.full(sensor.pixels, -2, dtype=np.int64)
+        self._fired = _Fired(fired, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
+        self._box = Box(self._fired)
 
     def update(self, events: Events) -> Events:
         """Feed the next events; see `BurstFilter.update`."""
-        kept = np.empty(events.size, dtype=EVENT_DTYPE)
-        n = _keep(events, self._fired, self._width, self._state, kept)
+        if not events.size:
+            return events
+        if events.size > self._fired.room.size:
+            room = np.empty(events.size, dtype=EVENT_DTYPE)
+            self._fired = self._fired._replace(room=room)
+            self._box = Box(self._fired)
+        n = _keep(self._box.boxed, events, self._width)
         self.removed += events.size - n
-        return events if n == events.size else kept[:n]
+        return events if n == events.size else self._fired.room[:n].copy()
 
     def pieces(self, events: Events) -> list[Events]:
         """See `BurstFilter.pieces`."""
@@ -54,17 +74,18 @@ class CausalBurstFilter:
 
     def advance(self, until_us: int) -> Events:
         """See `BurstFilter.advance`; nothing is held."""
-        return np.empty(0, dtype=EVENT_DTYPE)
+        return self._fired.room[:0]
 
     def finish(self) -> Events:
         """See `BurstFilter.finish`; nothing is held."""
-        return np.empty(0, dtype=EVENT_DTYPE)
+        return self._fired.room[:0]
 
 
 @njit(cache=True, nogil=True)
-def _keep(events, fired, width, state, kept):  # type: ignore[no-untyped-def]
+def _keep(box, events, width):  # type: ignore[no-untyped-def]
     """Copy the events that are of no burst as far as is known; return how many."""
-    s = state[0]
+    fired, states, room = box.value
+    s = states[0]
     slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
     for i in range(events.size):
         event = events[i]
@@ -80,7 +101,7 @@ def _keep(events, fired, width, state, kept):  # type: ignore[no-untyped-def]
             pixels += 1
             fired[at] = now
         if (pixels + before) * BURST_SHARE[1] <= fired.size * BURST_SHARE[0]:
-            kept[n] = event
+            room[n] = event
             n += 1
     s["slot"], s["pixels"], s["pixels_before"] = slot, pixels, before
     return n

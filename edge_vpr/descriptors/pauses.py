@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 #: a window with no event, or less than 1/16 of the usual number, is a pause
 PAUSE_SHIFT = 4
@@ -11,6 +12,19 @@ PAUSE_SHIFT = 4
 ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
 #: where the number of a window's events saturates, so that the usual number fits 31 bits
 EVENTS_TOP = (1 << 23) - 1
+
+
+@njit(cache=True, nogil=True)
+def is_pause(events: int, usual: int) -> bool:
+    """Whether a window with this many selected events is a pause; `usual` as in `Activity`."""
+    return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < usual
+
+
+@njit(cache=True, nogil=True)
+def usual_after(usual: int, events: int) -> int:
+    """Return the usual number of events after a window, in units of 1/256 event."""
+    # the shift rounds down, also what is negative
+    return usual + (((min(events, EVENTS_TOP) << ACTIVITY_BITS) - usual) >> ACTIVITY_SHIFT)
 
 
 class Activity:
@@ -27,12 +41,11 @@ class Activity:
 
     def pauses(self, events: int) -> bool:
         """Whether a window with this many selected events is a pause."""
-        return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < self.usual
+        return bool(is_pause(events, self.usual))
 
     def update(self, events: int) -> None:
         """Take the selected events of a finished window."""
-        # Python's integers: the shift rounds down, also what is negative
-        self.usual += ((min(events, EVENTS_TOP) << ACTIVITY_BITS) - self.usual) >> ACTIVITY_SHIFT
+        self.usual = usual_after(self.usual, events)
 
 
 def mean_activity(events: npt.NDArray[np.integer]) -> int:

@@ -13,6 +13,9 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.settings import STRATEGIES, Strategy
 
+#: strategies that look at one number of each pixel; the other looks at all windows
+BY_SALIENCY = tuple(name for name in STRATEGIES if name != "information")
+
 #: radius within which the released code rejects a second pixel (Euclidean, in pixels)
 REJECTION_RADIUS = 7
 #: largest sensor: ten times the pixels of any event camera; the look-up table takes 2 bytes of each
@@ -135,6 +138,7 @@ def select_pixels(
     pixels : int
         J, the number of pixels to choose.
     strategy : {"variance", "seed-code", "random", "random-upper", "top"}
+        For "information", see `informative_pixels`.
     sigma : float
         Standard deviation of the suppressed surround, in pixels; 0 suppresses the pixel alone. The
         paper states no value; 7 is the radius of its released code.
@@ -178,7 +182,10 @@ def select_pixels(
         if strategy == "random-upper":
             weights[height - height // 3 :] = 0.0
     elif strategy not in ("variance", "top"):
-        raise UsageError(f"strategy {strategy!r} is unknown: choose from {', '.join(STRATEGIES)}")
+        raise UsageError(
+            f"strategy {strategy!r} does not select by saliency: choose from "
+            f"{', '.join(BY_SALIENCY)}"
+        )
     if exclude is not None:
         weights[exclude] = 0.0
 

@@ -166,7 +166,7 @@ class Evaluation:
     curve: PrecisionRecall
     recall_at: dict[int, float]
     score: str
-    recall_denominator: str
+    recall_denominator: RecallDenominator
     rejection: Rejection
     reliability: Reliability | None
 

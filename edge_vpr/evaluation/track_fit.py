@@ -17,8 +17,8 @@ REFERENCE_POINTS = 2_000
 #: Less of a log's time in common with its drive's than this share is worth a note: loggers usually
 #: start and stop within seconds of the camera. Set by judgement.
 LEAST_COMMON = 0.8
-#: So much better must the logs fit the other way round, to say that they may be swapped; set by
-#: judgement.
+#: So much better must the logs fit the other way round, to say that they may be swapped, and so
+#: much must two drives differ in length, to say that they have not one log; set by judgement.
 SWAPPED_BY = 0.05
 
 
@@ -78,6 +78,9 @@ def notes(
     given = (_common(reference, reference_us), _common(query, query_us))
     swapped = (_common(query, reference_us), _common(reference, query_us))
     found = []
+    ends = (float(reference_us.max()), float(query_us.max()))
+    if _same(reference, query) and min(ends) < (1 - SWAPPED_BY) * max(ends):
+        found.append("both logs are the same, of drives that are not as long: give one of each")
     if sum(swapped) > sum(given) + 2 * SWAPPED_BY:
         found.append(
             "the two logs fit the drives better the other way round: the reference's comes first"
@@ -96,6 +99,13 @@ def notes(
         if total * 10 > track.entries:
             found.append(f"of the {name} log {track.describe_dropped()}")
     return tuple(found)
+
+
+def _same(reference: Track, query: Track) -> bool:
+    """Return whether two tracks have the same points, whatever their clocks' offsets."""
+    return np.array_equal(reference.position, query.position) and np.array_equal(
+        np.diff(reference.time_us), np.diff(query.time_us)
+    )
 
 
 def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:

@@ -9,14 +9,12 @@ from edge_vpr.confidence import Confidence, Judge, default_confidence
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError
-from edge_vpr.matching.candidates import nearest_places
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.filtered_drive import filter_drive
 from edge_vpr.matching.matches import Matches
-from edge_vpr.matching.nearest import best_matches
 from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.runner_up import margin_to_second
-from edge_vpr.matching.sequence import anchor_offset, check_length, sequence_sums
+from edge_vpr.matching.sequence import check_length, sequence_sums
+from edge_vpr.matching.sequence_matches import BestSequences, sequence_matches
 from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.odometry import Odometry
 from edge_vpr.settings import Settings
@@ -77,37 +75,16 @@ def match_descriptors(
         place_filter = filter_of(places, settings, jumps, along_mm)
         return _match_by_filter(place_filter, places, queries, settings, judge, odometry)
     check_no_ways(jumps, odometry is not None)
-    length, exclusion = settings.sequence_length, settings.exclusion
+    length = settings.sequence_length
     check_length(length, len(places), len(queries))
-    offset = anchor_offset(length, settings.anchor)
     index = ReferenceIndex(places.counts)
     n = len(queries) - length + 1
     block = max(1, _BLOCK_DISTANCES // len(places))
-    parts = [
-        _match_block(index, queries.counts[j : min(j + block, n) + length - 1], length, exclusion)
-        for j in range(0, n, block)
-    ]
-    best, best_sum, second, second_sum, ties, candidates = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
-    query = np.arange(n, dtype=np.int64) + offset
-    trust = margin_to_second(best_sum, second_sum)
-    probability, lost = judge.judge(trust)
-    return Matches(
-        settings=settings,
-        places_in_map=len(places),
-        query=query,
-        time_us=queries.centre_us[query],
-        place=best + offset,
-        distance_sum=best_sum,
-        second=np.where(second < 0, -1, second + offset),
-        second_sum=second_sum,
-        ties=ties,
-        candidates=np.where(candidates < 0, -1, candidates + offset),
-        trust=trust,
-        probability=probability,
-        lost=lost,
-    )
+    parts = []
+    for j in range(0, n, block):
+        distances = index.matrix(queries.counts[j : min(j + block, n) + length - 1])
+        parts.append(BestSequences.of(sequence_sums(distances, length), settings.exclusion))
+    return sequence_matches(parts, settings, len(places), queries.centre_us, judge)
 
 
 def check_counts(places: Descriptors, queries: Descriptors) -> None:
@@ -189,14 +166,3 @@ def _match_by_filter(
         probability=probability,
         lost=lost,
     )
-
-
-def _match_block(
-    index: ReferenceIndex, counts: npt.NDArray[np.unsignedinteger], length: int, exclusion: int
-) -> tuple[npt.NDArray[np.int64], ...]:
-    sums = sequence_sums(index.matrix(counts), length)
-    best, second, ties = best_matches(sums, exclusion)
-    column = np.arange(sums.shape[1])
-    best_sum = sums[best, column].astype(np.int64)
-    second_sum = np.where(second < 0, -1, sums[second, column]).astype(np.int64)
-    return best, best_sum, second, second_sum, ties, nearest_places(sums)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -65,41 +67,72 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
 
 
 @njit(cache=True, nogil=True)
-def add_evidence(
-    prediction: Metrics, distances: npt.NDArray[np.integer], reciprocal: int, metric: Metrics
+def evidence_of(
+    distances: npt.NDArray[np.integer], reciprocal: int, evidence: npt.NDArray[Any]
 ) -> None:
-    """Write ``min(P + E, 2**10 - 1)``, with ``E = min((D - min D) / s, 255)`` in fraction bits.
+    """Write ``E = min((D - min D) / s, 255)``, in fraction bits.
 
     Parameters
     ----------
-    prediction : ndarray of int32, shape (K,)
     distances : ndarray of int, shape (K,)
         What all of them have in common does not matter.
     reciprocal : int
         Of s, see `reciprocal_of_spread`; 0 of a spread above 2**16: nothing is evidence then.
-    metric : ndarray of int32, shape (K,)
+    evidence : ndarray of int, shape (K,)
         Written to.
     """
     shift = RECIPROCAL_BITS - FRACTION_BITS
     # a larger difference is clipped all the same, and this one fits 32 bits when multiplied
     most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
     least = np.int64(distances.min())
-    for k in range(metric.size):
+    factor = np.int32(reciprocal)
+    for k in range(evidence.size):
         difference = np.int32(min(np.int64(distances[k]) - least, most))
-        evidence = np.int32((difference * np.int32(reciprocal)) >> shift)
-        metric[k] = min(prediction[k] + min(evidence, EVIDENCE_TOP), METRIC_TOP)
+        evidence[k] = min((difference * factor) >> shift, EVIDENCE_TOP)
+
+
+@njit(cache=True, nogil=True)
+def add_evidence(
+    prediction: Metrics, distances: npt.NDArray[np.integer], reciprocal: int, metric: Metrics
+) -> None:
+    """Write ``min(P + E, 2**10 - 1)``, with E as `evidence_of` gives it.
+
+    Parameters
+    ----------
+    prediction : ndarray of int32, shape (K,)
+    distances : ndarray of int, shape (K,)
+    reciprocal : int
+    metric : ndarray of int32, shape (K,)
+        Written to.
+    """
+    evidence_of(distances, reciprocal, metric)
+    for k in range(metric.size):
+        metric[k] = min(prediction[k] + metric[k], METRIC_TOP)
 
 
 @njit(cache=True, nogil=True)
 def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
     """Return the place of the least metric, the best outside the exclusion zone (-1), and ties."""
-    best = 0
-    for k in range(1, metric.size):
-        if metric[k] < metric[best]:
-            best = k
-    second, ties = -1, -1
+    best, ties = _first_least(metric, 0, metric.size), -1
     for k in range(metric.size):
         ties += metric[k] == metric[best]
-        if abs(k - best) > exclusion and (second < 0 or metric[k] < metric[second]):
-            second = k
+    before = _first_least(metric, 0, best - exclusion)
+    second = _first_least(metric, best + exclusion + 1, metric.size)
+    if before >= 0 and (second < 0 or metric[before] <= metric[second]):
+        second = before
     return best, second, ties
+
+
+@njit(cache=True, nogil=True)
+def _first_least(metric: Metrics, begin: int, end: int) -> int:
+    """Return the first place of the least metric in a range; -1 if the range is empty."""
+    if begin >= end:
+        return -1
+    # two loops, each of which compiles to vector instructions or ends early
+    least = metric[begin]
+    for k in range(begin, end):
+        least = min(least, metric[k])
+    k = begin
+    while metric[k] != least:
+        k += 1
+    return k

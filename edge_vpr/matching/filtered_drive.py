@@ -7,6 +7,7 @@ of the whole drive that passes the place: the min-plus form of forward-backward 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +17,9 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.candidates import CANDIDATES, nearest_places
 from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.filter_recursion import smooth_windows
 from edge_vpr.matching.moves import Moves
-from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, match_of
-from edge_vpr.matching.step_prices import Metrics
+from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter
 from edge_vpr.odometry import Odometry
 
 #: distances held at once, so that memory does not grow with the drive
@@ -44,11 +45,21 @@ class FilteredDrive(NamedTuple):
     candidates: npt.NDArray[np.int64]
 
 
-class _Window(NamedTuple):
-    """How a window followed from the one before."""
+class _Kept(NamedTuple):
+    """What smoothing needs of all windows: see `WindowRows`, in fewer bits."""
 
-    paused: bool
-    travelled_mm: int | None
+    metrics: npt.NDArray[np.uint16]
+    evidence: npt.NDArray[np.uint8]
+    pauses: npt.NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, windows: int, places: int) -> _Kept:
+        shape = (windows, places)
+        return cls(
+            np.empty(shape, dtype=np.uint16),
+            np.empty(shape, dtype=np.uint8),
+            np.empty(windows, dtype=np.bool_),
+        )
 
 
 def filter_drive(
@@ -100,87 +111,77 @@ def filter_drive(
         place_filter.moves.check_odometry()
         travelled, known = odometry.of_windows(queries.end_us)
         ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
-    events = queries.activity.tolist()
-    kept = (n, places) if smooth else (0, places)
-    forward, evidence = np.empty(kept, dtype=np.uint16), np.empty(kept, dtype=np.uint8)
-    windows: list[_Window] = []
+    events = queries.activity
+    kept = _Kept.empty(n, places if smooth else 0)
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     candidates = []
-    block = max(1, _BLOCK_DISTANCES // places)
-    for first in range(0, n, block):
-        distances = np.ascontiguousarray(index.matrix(queries.counts[first : first + block]).T)
-        found = np.empty(distances.shape, dtype=np.int32)
-        for i, row in enumerate(distances):
-            j = first + i
-            way = ways[j]
-            if way is not None:
-                place_filter.travel(way)
-            if smooth:
-                windows.append(_Window(place_filter.activity.pauses(events[j]), way))
-                evidence[j] = place_filter.evidence(row, events[j])
-            columns[j] = place_filter.advance(row, events[j])
-            found[i] = place_filter.metric
+    for first, last in _runs(ways, max(1, _BLOCK_DISTANCES // places)):
+        way = ways[first]
+        if way is not None:
+            place_filter.travel(way)
+        distances = np.ascontiguousarray(index.matrix(queries.counts[first:last]).T)
+        rows = place_filter.advance_windows(distances, events[first:last])
+        columns[first:last] = rows.columns
         if smooth:
-            forward[first : first + block] = found
-        else:
-            if metrics is not None:
-                metrics[:, first : first + block] = found.T
-            candidates.append(nearest_places(found.T))
+            kept.metrics[first:last], kept.evidence[first:last] = rows.metrics, rows.evidence
+            kept.pauses[first:last] = rows.pauses
+            continue
+        if metrics is not None:
+            metrics[:, first:last] = rows.metrics.T
+        candidates.append(nearest_places(rows.metrics.T))
     if smooth:
-        return _smoothed(place_filter, forward, evidence, windows, metrics)
+        return _smoothed(place_filter, kept, ways, metrics)
     return FilteredDrive(columns, np.concatenate(candidates))
+
+
+def _runs(ways: list[int | None], most: int) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of runs of windows of which the first alone may have a known way."""
+    begin = 0
+    while begin < len(ways):
+        end = begin + 1
+        while end < len(ways) and end - begin < most and ways[end] is None:
+            end += 1
+        yield begin, end
+        begin = end
 
 
 def _smoothed(
     place_filter: PlaceFilter,
-    forward: npt.NDArray[np.uint16],
-    evidence: npt.NDArray[np.uint8],
-    windows: list[_Window],
+    kept: _Kept,
+    ways: list[int | None],
     metrics: npt.NDArray[np.float64] | None,
 ) -> FilteredDrive:
-    n, places = forward.shape
-    backwards = place_filter.moves.reversed()
+    n, places = kept.metrics.shape
+    back = place_filter.moves.reversed()
     columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
     candidates = np.empty((n, CANDIDATES), dtype=np.int64)
-    onward = np.zeros(places, dtype=np.int32)
-    block = max(1, _BLOCK_DISTANCES // places)
-    for last in range(n, 0, -block):
-        first = max(last - block, 0)
-        summed = np.empty((last - first, places), dtype=np.int32)
-        for j in range(last - 1, first - 1, -1):
-            np.add(forward[j], onward, out=summed[j - first])
-            columns[j] = match_of(summed[j - first], place_filter.exclusion)
-            onward = _before(windows[j], evidence[j] + onward, backwards)
+    onward, turned = np.zeros(places, dtype=np.int32), np.empty(places, dtype=np.int32)
+    for first, last in reversed(list(_runs(ways, max(1, _BLOCK_DISTANCES // places)))):
+        summed = kept.metrics[first:last].astype(np.int32)
+        smooth_windows(
+            onward, turned, back.by_step, place_filter.exclusion,
+            kept.pauses[first:last], kept.evidence[first:last], summed, columns[first:last],
+        )  # fmt: skip
+        way = ways[first]
+        if way is not None:
+            onward = np.ascontiguousarray(back.by_distance(turned, way)[::-1])
         candidates[first:last] = nearest_places(summed.T)
         if metrics is not None:
             metrics[:, first:last] = summed.T
-    columns[:, -1] = _mean_trust(columns, windows, place_filter.moves)
+    columns[:, -1] = _mean_trust(columns, ways, place_filter.moves)
     return FilteredDrive(columns, candidates)
 
 
 def _mean_trust(
-    columns: npt.NDArray[np.int64], windows: list[_Window], moves: Moves
+    columns: npt.NDArray[np.int64], ways: list[int | None], moves: Moves
 ) -> npt.NDArray[np.int64]:
     """Return the mean trust of each window and its neighbours, 0 beyond where a match jumps."""
     place, margin = columns[:, 0].tolist(), columns[:, -1]
     total = np.concatenate([[0], np.cumsum(margin)])
     chain = np.zeros(len(place), dtype=np.int64)  # a chain of matches of which each follows
     for j in range(1, len(place)):
-        follows = moves.following(place[j - 1], windows[j].travelled_mm)[place[j]]
-        chain[j] = chain[j - 1] + (not follows)
+        chain[j] = chain[j - 1] + (not moves.lead_to(place[j - 1], place[j], ways[j]))
     at = np.arange(len(place))
     first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
     last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
     return np.asarray((total[last + 1] - total[first]) // (2 * NEIGHBOURS + 1))
-
-
-def _before(window: _Window, price: Metrics, backwards: Moves) -> Metrics:
-    """Return the price of going on from each place of the window before."""
-    turned = np.ascontiguousarray(price[::-1])
-    if window.travelled_mm is not None:
-        found = backwards.by_distance(turned, window.travelled_mm)
-    elif window.paused:
-        found = backwards.while_paused(turned)
-    else:
-        found = backwards.by_steps(turned)
-    return found[::-1]

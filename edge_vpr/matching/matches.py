@@ -29,6 +29,8 @@ KIND = "set of matches"
 class Matches:
     """One row for each matched query window, n in all.
 
+    Of matches by the place filter the two distances are metrics of the filter, with L = 1.
+
     Attributes
     ----------
     settings : Settings
@@ -56,8 +58,6 @@ class Matches:
         That the match is right, see `confidence.Confidence`; NaN where it is not known.
     lost : ndarray of bool, shape (n,)
         Not to be relied on at the precision that the settings want.
-
-    Of matches by the place filter the two distances are metrics of the filter, with L = 1.
     """
 
     settings: Settings

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from edge_vpr.errors import UsageError
+from edge_vpr.matching.move_kernels import (
+    JUMP_REACH,
+    RATE_BITS,
+    StepTable,
+    leads_to,
+    mark_following,
+    predict,
+    predict_travelled,
+)
 from edge_vpr.matching.step_prices import (
     FRACTION_BITS,
     PAUSE_STEPS,
@@ -17,10 +25,6 @@ from edge_vpr.odometry import MOST_MM
 
 #: with odometry, what it costs to be one mean spacing from where the distance leads to
 OFF_BY_A_PLACE = 2
-#: fraction bits of the price of a millimetre
-RATE_BITS = 16
-#: with odometry, a jump leads from so many places before it to as many after it
-JUMP_REACH = 8
 _NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
 
 
@@ -63,8 +67,10 @@ class Moves:
         self.places, self.prices = places, prices
         self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
         check_jumps(self.jumps, places)
-        self._steps, self._restart = prices.scaled, prices.restart << FRACTION_BITS
-        self._paused = np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS
+        self.by_step = StepTable(
+            prices.scaled, np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS,
+            prices.first, prices.last, prices.restart << FRACTION_BITS, self.jumps,
+        )  # fmt: skip
         self._along = along_mm
         self._spacing = self._rate = 0
         if along_mm is not None:
@@ -84,11 +90,13 @@ class Moves:
 
     def by_steps(self, metric: Metrics) -> Metrics:
         """Return the price of each place one window later, shape (K,)."""
-        return predict(metric, self._steps, self.prices.first, self._restart, self.jumps)
+        steps = self.by_step
+        return predict(metric, steps.prices, steps.first, steps.restart, steps.jumps)
 
     def while_paused(self, metric: Metrics) -> Metrics:
         """Return the price of each place after a window in which nothing moved, shape (K,)."""
-        return predict(metric, self._paused, 0, self._restart, self.jumps)
+        steps = self.by_step
+        return predict(metric, steps.paused, 0, steps.restart, steps.jumps)
 
     def by_distance(self, metric: Metrics, travelled_mm: int) -> Metrics:
         """Return the price of each place after a way of `travelled_mm`, shape (K,).
@@ -100,7 +108,7 @@ class Moves:
         """
         return predict_travelled(
             metric, self._checked_along(), _limited(travelled_mm), (self._rate, self._spacing),
-            self._restart, self.jumps,
+            self.by_step.restart, self.jumps,
         )  # fmt: skip
 
     def following(self, place: int, travelled_mm: int | None) -> npt.NDArray[np.bool_]:
@@ -114,20 +122,24 @@ class Moves:
         """
         follows = np.zeros(self.places, dtype=np.bool_)
         if travelled_mm is None:
-            last = self.prices.last
-            follows[max(place + self.prices.first, 0) : place + last + 1] = True
-            near = self.jumps[self._jumps_near(place, last)] if len(self.jumps) else self.jumps
-            for begin, end in near.tolist():
-                follows[end : end + last - (begin - place)] = True
+            mark_following(place, self.by_step, follows)
             return follows
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
-        follows |= (off * self._rate) >> RATE_BITS < self._restart
+        follows |= (off * self._rate) >> RATE_BITS < self.by_step.restart
         for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
             way = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
-            follows[beyond] |= (np.abs(way - travelled) * self._rate) >> RATE_BITS < self._restart
+            price = (np.abs(way - travelled) * self._rate) >> RATE_BITS
+            follows[beyond] |= price < self.by_step.restart
         return follows
+
+    def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
+        """Whether `next_place` follows from `place` without a restart."""
+        steps = self.by_step
+        if travelled_mm is None:
+            return bool(leads_to(place, next_place, steps.first, steps.last, steps.jumps))
+        return bool(self.following(place, travelled_mm)[next_place])
 
     def _jumps_near(self, place: int, reach: int) -> npt.NDArray[np.bool_]:
         before = self.jumps[:, 0] - place
@@ -168,103 +180,3 @@ def check_along(along_mm: npt.NDArray[np.int64], places: int) -> None:
 
 def _limited(travelled_mm: int) -> int:
     return min(max(travelled_mm, -MOST_MM), MOST_MM)
-
-
-@njit(cache=True, nogil=True)
-def predict(
-    metric: Metrics,
-    prices: Metrics,
-    first: int,
-    restart: int,
-    jumps: npt.NDArray[np.int32],
-) -> Metrics:
-    """Return the cheapest price of each place one window later.
-
-    Parameters
-    ----------
-    metric : ndarray of int32, shape (K,)
-    prices : ndarray of int32, shape (steps,)
-        Of a step of ``first``, ``first + 1`` ... places.
-    first : int
-    restart : int
-    jumps : ndarray of int32, shape (n, 2)
-        Of places below K.
-
-    Returns
-    -------
-    ndarray of int32, shape (K,)
-        ``min(min_i (M[k - i] + price[i]), min M + restart) - min M``; over a jump from a to b,
-        k = b + o is i places from a - (i - 1 - o).
-    """
-    least = metric.min()
-    prediction = np.full(metric.size, restart, dtype=metric.dtype)
-    for i in range(prices.size):
-        step = first + i
-        # the price of this step to every place that it leads to
-        to, source = prediction[max(step, 0) :], metric[max(-step, 0) :]
-        offset = np.int32(prices[i] - least)
-        for k in range(min(to.size, source.size)):
-            to[k] = min(to[k], source[k] + offset)
-        for j in range(len(jumps)):
-            for over in range(step):
-                begin, end = jumps[j, 0] - (step - 1 - over), jumps[j, 1] + over
-                if begin >= 0 and end < metric.size:
-                    prediction[end] = min(prediction[end], metric[begin] + offset)
-    return prediction
-
-
-@njit(cache=True, nogil=True)
-def predict_travelled(
-    metric: Metrics,
-    along: npt.NDArray[np.int64],
-    travelled: int,
-    rate_and_spacing: tuple[int, int],
-    restart: int,
-    jumps: npt.NDArray[np.int32],
-) -> Metrics:
-    """Return the cheapest price of each place after a known way.
-
-    Parameters
-    ----------
-    metric : ndarray of int32, shape (K,)
-    along : ndarray of int64, shape (K,)
-        Millimetres that the reference had driven at each place, not falling.
-    travelled : int
-        Millimetres since the window before; below 0 backwards.
-    rate_and_spacing : tuple of int
-        Price of a millimetre off in units of ``2**-16``, and millimetres between two places.
-    restart : int
-    jumps : ndarray of int32, shape (n, 2)
-
-    Returns
-    -------
-    ndarray of int32, shape (K,)
-        ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart) - min M``,
-        rounded down. A jump is a way of one mean spacing.
-    """
-    rate, spacing = rate_and_spacing
-    least, places = np.int64(metric.min()), metric.size
-    prediction = np.full(places, np.int64(restart) << RATE_BITS, dtype=np.int64)
-    # rounding down is monotone: the least of the exact prices, rounded, is the least of the rounded
-    best, j = np.int64(1) << 62, 0
-    for k in range(places):  # sources that the way leads to k or short of it
-        while j < places and along[j] + travelled <= along[k]:
-            cost = ((metric[j] - least) << RATE_BITS) - (along[j] + travelled) * rate
-            best, j = min(best, cost), j + 1
-        if j > 0:
-            prediction[k] = min(prediction[k], best + along[k] * rate)
-    best, j = np.int64(1) << 62, places - 1
-    for k in range(places - 1, -1, -1):  # sources that it leads beyond k
-        while j >= 0 and along[j] + travelled >= along[k]:
-            cost = ((metric[j] - least) << RATE_BITS) + (along[j] + travelled) * rate
-            best, j = min(best, cost), j - 1
-        if j < places - 1:
-            prediction[k] = min(prediction[k], best - along[k] * rate)
-    for n in range(len(jumps)):
-        begin, end = jumps[n, 0], jumps[n, 1]
-        for source in range(max(begin - JUMP_REACH + 1, 0), begin + 1):
-            for k in range(end, min(end + JUMP_REACH, places)):
-                way = along[begin] - along[source] + spacing + along[k] - along[end]
-                cost = ((metric[source] - least) << RATE_BITS) + abs(way - travelled) * rate
-                prediction[k] = min(prediction[k], cost)
-    return (prediction >> RATE_BITS).astype(np.int32)

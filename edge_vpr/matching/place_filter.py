@@ -14,15 +14,14 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.pauses import Activity
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.filter_arithmetic import (
-    TRUST_BITS,
-    add_evidence,
-    least_and_second,
-    reciprocal_of_spread,
-    trust_after,
+from edge_vpr.matching.filter_recursion import (
+    NUMBERS,
+    Predictions,
+    WindowRows,
+    advance_windows,
 )
 from edge_vpr.matching.moves import Moves
-from edge_vpr.matching.step_prices import METRIC_TOP, Metrics, StepPrices
+from edge_vpr.matching.step_prices import Metrics, StepPrices
 
 
 class FilterMatch(NamedTuple):
@@ -120,7 +119,8 @@ class PlaceFilter:
         events : int
             At the selected pixels in the window.
         """
-        return self._answer(self._with_evidence(distances, events))
+        rows, _ = self._rows(distances[np.newaxis], np.array([events], dtype=np.int64))
+        return FilterMatch(*rows.columns[0].tolist())
 
     def advance(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
         """Take a finished window, and return its match.
@@ -131,14 +131,25 @@ class PlaceFilter:
         events : int
             At the selected pixels in the window.
         """
-        self.metric = self._with_evidence(distances, events)
-        found = self._answer(self.metric)
-        self.place, self.trust = found.place, found.trust
-        if not self.activity.pauses(events):
-            self.reciprocal = reciprocal_of_spread(distances)
-        self.activity.update(events)
+        rows = self.advance_windows(distances[np.newaxis], np.array([events], dtype=np.int64))
+        return FilterMatch(*rows.columns[0].tolist())
+
+    def advance_windows(
+        self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
+    ) -> WindowRows:
+        """Take n finished windows, of at least 1, one after the other.
+
+        Parameters
+        ----------
+        distances : ndarray of int, shape (n, K)
+        events : ndarray of int64, shape (n,)
+            At the selected pixels in each window.
+        """
+        rows, numbers = self._rows(distances, events)
+        self.reciprocal, self.activity.usual, self.place, self.trust = numbers[0].tolist()
+        self.metric = rows.metrics[-1].copy()
         self._predict()
-        return found
+        return rows
 
     def resume(self, metric: Metrics, reciprocal: int, usual: int, place: int, trust: int) -> None:
         """Take up the state of another filter of the same map and prices; see its attributes."""
@@ -172,51 +183,18 @@ class PlaceFilter:
         self.paused = self.moves.while_paused(self.metric)
         self.follows = self.moves.following(self.place, None)
 
-    def _with_evidence(self, distances: npt.NDArray[np.integer], events: int) -> Metrics:
-        if distances.shape != self.metric.shape:
+    def _rows(
+        self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
+    ) -> tuple[WindowRows, npt.NDArray[np.void]]:
+        """Return what windows give, and NUMBERS after the last of them."""
+        if distances.shape[1:] != self.metric.shape:
             raise UsageError(
-                f"{distances.size} distances to {len(self)} places: give one of each place"
+                f"{distances.shape[1]} distances to {len(self)} places: give one of each place"
             )
-        if self.activity.pauses(events):
-            return np.minimum(self.paused, METRIC_TOP).astype(np.int32)
-        reciprocal = self.reciprocal or reciprocal_of_spread(distances)
-        metric = np.empty_like(self.prediction)
-        add_evidence(self.prediction, distances, reciprocal, metric)
-        return metric
-
-    def evidence(self, distances: npt.NDArray[np.integer], events: int) -> Metrics:
-        """Return what a window adds to the metric of each place, of 8 bits, shape (K,).
-
-        Parameters
-        ----------
-        distances : ndarray of int, shape (K,)
-        events : int
-            At the selected pixels in the window.
-        """
-        evidence = np.zeros_like(self.metric)
-        if not self.activity.pauses(events):
-            reciprocal = self.reciprocal or reciprocal_of_spread(distances)
-            add_evidence(np.zeros_like(evidence), distances, reciprocal, evidence)
-        return evidence
-
-    def _answer(self, metric: Metrics) -> FilterMatch:
-        found = match_of(metric, self.exclusion)
-        kept = self.trust if self.follows[found.place] else 0
-        margin = found.trust >> TRUST_BITS
-        return found._replace(trust=trust_after(kept, found.place == self.place, margin))
-
-
-def match_of(metric: Metrics, exclusion: int) -> FilterMatch:
-    """Return the match of these metrics; its trust is the margin, in units of 1/16 of a metric.
-
-    Parameters
-    ----------
-    metric : ndarray of int32, shape (K,)
-    exclusion : int
-        The second best is more than this many places away.
-    """
-    place, second, ties = least_and_second(metric, exclusion)
-    least = int(metric[place])
-    second_metric = int(metric[second]) if second >= 0 else -1
-    margin = second_metric - least if second >= 0 else METRIC_TOP
-    return FilterMatch(place, least, second, second_metric, ties, margin << TRUST_BITS)
+        rows = WindowRows.empty(*distances.shape)
+        numbers = np.zeros(1, dtype=NUMBERS).view(np.recarray)
+        numbers[0] = (self.reciprocal, self.activity.usual, self.place, self.trust)
+        predicted = Predictions(self.prediction, self.paused, self.follows)
+        steps = self.moves.by_step
+        advance_windows(numbers, predicted, steps, self.exclusion, distances, events, rows)
+        return rows, numbers

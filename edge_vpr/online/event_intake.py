@@ -8,11 +8,9 @@ from numba import njit
 
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import EventError
-from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events
+from edge_vpr.events import TIME_LIMIT_US, Events
 
 _EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
-#: Up to so many events are looked up in one pass.
-_FEW = 64
 
 
 def selected_in_order(
@@ -42,12 +40,6 @@ def selected_in_order(
     EventError
         If time runs backwards or a pixel lies off the sensor.
     """
-    if events.size <= _FEW and events.dtype == EVENT_DTYPE:
-        slots, times = np.empty(events.size, dtype=np.int32), np.empty(events.size, dtype=np.int64)
-        off_slots = int(table.max()) + 1 if polarity else 0
-        found = _few_in_order(table, events, floor_us, off_slots, slots, times)
-        if found >= 0:
-            return slots[:found], times[:found]
     t = events["t"]
     if t[0] < floor_us or t[-1] < t[0]:
         raise EventError(
@@ -72,10 +64,26 @@ def selected_in_order(
 
 
 @njit(cache=True, nogil=True)
-def _few_in_order(table, events, floor, off_slots, slots, times):  # type: ignore[no-untyped-def]
-    """Do the same in one pass, without columns; -1 if anything is wrong, which is told elsewhere.
+def few_in_order(table, events, floor, off_slots, slots, times):
+    """Do the same in one pass, without columns, and without saying what is wrong.
 
     Of an event alone, the checks of columns take longer than all the rest.
+
+    Parameters
+    ----------
+    table : ndarray of int16 or int32, shape (height, width)
+    events : ndarray of EVENT_DTYPE, shape (n,)
+    floor : int
+    off_slots : int
+        Where the slots of OFF events begin; 0 if polarity does not matter.
+    slots : ndarray of int32, shape (n or more,)
+    times : ndarray of int64, shape (n or more,)
+        Written to.
+
+    Returns
+    -------
+    int
+        Events at selected pixels; -1 if anything is wrong.
     """
     last, n = floor, 0
     for i in range(events.size):

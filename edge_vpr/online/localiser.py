@@ -13,7 +13,6 @@ from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events
 from edge_vpr.matching.drive_matching import check_no_ways
 from edge_vpr.odometry import MOST_MM
-from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.localiser_state import NO_MATCHES, LocaliserState
 from edge_vpr.online.match_records import MATCH_DTYPE
 from edge_vpr.online.saved_map import (
@@ -76,7 +75,6 @@ class Localiser:
             reference = reference.matched_with(replace(reference.settings, smooth=False))
         self.settings = reference.settings
         self.every = MatchSchedule(events=1) if every is None else every
-        self._table = reference.pixel_map.table()
         self._state = LocaliserState(reference, self.every, recent, check_every)
 
     def __len__(self) -> int:
@@ -139,13 +137,7 @@ class Localiser:
         """
         if events.size == 0:
             return NO_MATCHES
-        last = int(events["t"][-1])
-        state = self._state
-        slots, times = selected_in_order(self._table, events, state.floor, self.settings.polarity)
-        self.every.check_ticks(state.run.next_tick, last)
-        matches = state.feed(slots, times, last)
-        state.floor, state.now = last, last + 1
-        return matches
+        return self._state.take(events)
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Let time pass without events, to T = `until_us`; the ticks until then give matches.
@@ -159,20 +151,16 @@ class Localiser:
         -------
         ndarray of MATCH_DTYPE, shape (m,)
         """
-        state = self._state
-        if until_us < state.floor:
+        floor_us = self._state.run.floor_us
+        if until_us < floor_us:
             raise EventError(
-                f"time runs backwards, from {state.floor} to {until_us} us: name a later time"
+                f"time runs backwards, from {floor_us} to {until_us} us: name a later time"
             )
         if until_us > TIME_LIMIT_US:
             raise EventError(
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
-        self.every.check_ticks(state.run.next_tick, until_us)
-        nothing = np.empty(0, dtype=np.int64)
-        matches = state.feed(nothing.astype(np.int32), nothing, until_us)
-        state.floor, state.now = until_us, max(state.now, until_us)
-        return matches
+        return self._state.advance(until_us)
 
     def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
         """Let time pass to `time_us` and take a reading of the robot's odometer.

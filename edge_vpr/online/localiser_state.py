@@ -12,11 +12,15 @@ import numpy.typing as npt
 from edge_vpr.archive import Arrays
 from edge_vpr.descriptors.windows import FixedTime
 from edge_vpr.errors import UsageError
+from edge_vpr.events import EVENT_DTYPE, Events
 from edge_vpr.map_checks import check_map
 from edge_vpr.matching.drive_matching import check_no_ways
+from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.filter_run import FilterRun
+from edge_vpr.online.followed import FEW
 from edge_vpr.online.followed_windows import FollowedWindows
-from edge_vpr.online.match_records import MATCH_DTYPE, judged_matches
+from edge_vpr.online.match_records import MATCH_DTYPE
+from edge_vpr.online.match_run import Found
 from edge_vpr.online.saved_map import map_arrays
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sequence_run import SequenceRun
@@ -25,6 +29,7 @@ from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
 
 NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
+_NO_SLOTS, _NO_TIMES = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64)
 
 
 class LocaliserState:
@@ -39,8 +44,6 @@ class LocaliserState:
     ----------
     now : int
         T: all events before it have been taken.
-    floor : int
-        No event may be earlier.
     run : FilterRun or SequenceRun
     windows : FollowedWindows
     """
@@ -53,9 +56,9 @@ class LocaliserState:
         self._recent = recent
         self._check_every = check_every
         self._reference = reference
+        self._table = reference.pixel_map.table()
         self._window = window_of(settings)
         self._length = settings.windows_per_match
-        self._judge = reference.judge
         check_map(
             settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
             reference.full_scale, reference.mean, reference.route, reference.jumps,
@@ -64,7 +67,6 @@ class LocaliserState:
         places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
         self.now = 0  # T: all events before it have been taken
-        self.floor = 0  # no event may be earlier
         if reference.own_mean_code is not None and settings.matching != "filter":
             raise UsageError(
                 "own-mean codes follow the mean of a drive, which sequences after every event do "
@@ -74,14 +76,14 @@ class LocaliserState:
             raise UsageError(
                 f"{recent} recent places are left out by sequences only: set matching to sequence"
             )
+        self.windows = FollowedWindows(reference, self._window)
         self.run: FilterRun | SequenceRun
         if settings.matching == "filter":
-            self.run = FilterRun(reference, self._every)
+            self.run = FilterRun(reference, self.windows, every)
         else:
             check_no_ways(reference.jumps, odometry=False)
-            self.run = SequenceRun(self._every, settings.exclusion, recent)
-        self.windows = FollowedWindows(reference, self._window)
-        self.windows.s = self.run.prepared(self.windows.s)
+            self.run = SequenceRun(reference, self.windows, every, recent)
+        self.run.prepare()
 
     def seen_and_whole(self) -> tuple[int, int]:
         """Return how much of the L windows has been seen, and how much they hold."""
@@ -113,32 +115,47 @@ class LocaliserState:
             )
         self.run.resume(arrays)
         self.windows.resume(arrays)
-        self.windows.s = self.run.prepared(self.windows.s)
-        self.now, self.floor = clock.now_us, clock.floor_us
+        self.run.prepare()
+        self.now, self.run.floor_us = clock.now_us, clock.floor_us
 
-    def feed(
+    def take(self, events: Events) -> npt.NDArray[np.void]:
+        """Feed events, at any pixels; see `Localiser.update`."""
+        if events.size <= FEW and events.dtype == EVENT_DTYPE and not self._check_every:
+            plain = type(events) is np.ndarray and events.flags.carray
+            fed = self.run.feed_few(events if plain else np.array(events, dtype=EVENT_DTYPE))
+            if fed is not None:
+                last, found = fed
+                self.now = last + 1
+                return _joined(found)
+        slots, times = selected_in_order(
+            self._table, events, self.run.floor_us, self._settings.polarity
+        )
+        last = int(events["t"][-1])
+        self._every.check_ticks(self.run.next_tick, last)
+        matches = self._feed(slots, times, last)
+        self.now = last + 1
+        return matches
+
+    def advance(self, until_us: int) -> npt.NDArray[np.void]:
+        """Let time pass without events; see `Localiser.advance`."""
+        self._every.check_ticks(self.run.next_tick, until_us)
+        matches = self._feed(_NO_SLOTS, _NO_TIMES, until_us)
+        self.now = max(self.now, until_us)
+        return matches
+
+    def _feed(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> npt.NDArray[np.void]:
-        """Feed selected events, then the ticks up to `until`, in pieces that fit the buffers."""
+        """Feed selected events, then the ticks up to `until`; verify in between if asked to."""
+        if not self._check_every:
+            return _joined(self.run.feed(slots, times, until))
         found = []
-        step = self._check_every or max(slots.size, 1)
-        for begin in range(0, max(slots.size, 1), step):
-            stop = min(begin + step, slots.size)
-            last = stop == slots.size
-            found += self._feed_piece(
-                slots[begin:stop], times[begin:stop], until if last else int(times[stop - 1])
-            )
-            if self._check_every:
-                self.verify()
-        if not found:
-            return NO_MATCHES
-        return np.concatenate(found) if len(found) > 1 else found[0]
-
-    def _feed_piece(
-        self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
-    ) -> list[npt.NDArray[np.void]]:
-        self.windows.s, rows = self.run.run(self.windows.s, slots, times, until)
-        return [judged_matches(row, self._judge) for row in rows]
+        for begin in range(0, max(slots.size, 1), self._check_every):
+            stop = min(begin + self._check_every, slots.size)
+            some_until = until if stop == slots.size else int(times[stop - 1])
+            found += self.run.feed(slots[begin:stop], times[begin:stop], some_until)
+            self.verify()
+        return _joined(found)
 
     def verify(self) -> None:
         """Recompute counters and distances, and compare; see `FollowedWindows.verify`."""
@@ -154,6 +171,12 @@ class LocaliserState:
             "every": asdict(self._every),
             "recent": self._recent,
             "now_us": self.now,
-            "floor_us": self.floor,
+            "floor_us": self.run.floor_us,
         }
         return arrays, meta
+
+
+def _joined(found: Found) -> npt.NDArray[np.void]:
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate(found) if found else NO_MATCHES

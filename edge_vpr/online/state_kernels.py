@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from edge_vpr.online.vector_kernels import MAX_STEPS, update_blocks
+from fixedpoint.own_mean import LEVEL_BITS
 
 # What is called for every event takes its arrays one by one, or is inlined: reading an array out of
 # the state counts a reference, which takes longer than the event's own bookkeeping.
@@ -100,18 +101,22 @@ def advance(s, until):
 
 
 @njit(cache=True, nogil=True)
-def push(s, slot, time):
-    """Take the next selected event; False if the ring is full: let it grow, and call again."""
-    while not (
-        age(s.time, s.slot, s.bound, s.moves, s.totals, s.tau, s.n, time + 1)
-        and s.totals[0].moves < len(s.moves)
-    ):
-        settle(s)
-    mask = s.slot.size - 1
-    if s.bound[0] - s.bound[-1] > mask:
-        return False
-    s.slot[s.bound[0] & mask] = slot
-    s.time[s.bound[0] & mask] = time
-    s.bound[0] += 1
-    note(s.moves, s.totals, slot, -1)
-    return True
+def write_codes(levels, mean, bits, code):
+    """Write the own-mean code of each count for each counter, as `OwnMeanCode.tables` has it.
+
+    Parameters
+    ----------
+    levels : ndarray of int32, shape (size,)
+        Of `OwnMeanCode`.
+    mean : ndarray of int32, shape (J,)
+    bits : int
+    code : ndarray of uint16, shape (J, size)
+        Written to.
+    """
+    half = np.int32(1 << (bits - 1))
+    for j in range(code.shape[0]):
+        offset = np.int32((1 << (LEVEL_BITS - 1)) - mean[j])
+        row = code[j]
+        for c in range(row.size):
+            octaves = np.int32((levels[c] + offset) >> LEVEL_BITS)
+            row[c] = min(max(octaves, -half), half - 1) + half

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.hot_pixels import find_hot_pixels
+from edge_vpr.descriptors.informative_pixels import informative_pixels, shortlist
 from edge_vpr.descriptors.own_mean import drive_mean
 from edge_vpr.descriptors.pauses import find_pauses, mean_activity
 from edge_vpr.descriptors.pixels import PixelMap, select_pixels
@@ -53,7 +54,8 @@ def map_traverse(
     Raises
     ------
     UsageError
-        If the recording is shorter than a window, or too few pixels can be drawn.
+        If the recording is shorter than a window (than two, where pixels are selected by their
+        variance), or too few pixels can be drawn.
     RecordingError, EventError
         If the recording is faulty.
     """
@@ -86,15 +88,24 @@ def map_traverse(
             hot = find_hot_pixels(first.totals)
         elif hot is None:
             hot = np.zeros_like(counted)
+        if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
+            raise UsageError(
+                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels are "
+                "selected by how their counts vary from window to window: take shorter windows "
+                "(--tau), or a longer drive"
+            )
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
-        pixel_map = select_pixels(
-            saliency,
-            settings.pixels,
-            strategy=settings.strategy,
-            sigma=settings.sigma,
-            rng=np.random.default_rng(settings.seed),
-            exclude=hot | ~counted,
-        )
+        if settings.strategy == "information":
+            pixel_map = _most_informative(first, recording, settings, hot | ~counted)
+        else:
+            pixel_map = select_pixels(
+                saliency,
+                settings.pixels,
+                strategy=settings.strategy,
+                sigma=settings.sigma,
+                rng=np.random.default_rng(settings.seed),
+                exclude=hot | ~counted,
+            )
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
         needs_events = settings.window == "count" or settings.polarity
@@ -105,6 +116,20 @@ def map_traverse(
         ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
     )
+
+
+def _most_informative(
+    first: SaliencyPass,
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    exclude: npt.NDArray[np.bool_],
+) -> PixelMap:
+    listed = shortlist(first.variance(), exclude)
+    windows = first.descriptors(listed)
+    if windows is None:  # too many for a temporary file: counted again
+        by_time = settings.uncoded.replaced({"window": "time", "polarity": False}, "the shortlist")
+        windows = count_windows(recording, listed, by_time)
+    return informative_pixels(listed, windows.counts, settings.pixels)
 
 
 def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:

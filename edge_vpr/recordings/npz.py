@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -11,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.errors import RecordingError
+from edge_vpr.archive import kind_of
+from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.array_stream import ArrayStream
 from edge_vpr.recordings.faults import FaultLog
@@ -49,6 +51,8 @@ class Archive:
     RecordingError
         If the archive is damaged, lists more than a megabyte of members, or is compressed by
         another method than Deflate, which NumPy does not write.
+    UsageError
+        If it is a map or another result, whose arrays have the names of a recording's.
     """
 
     def __init__(self, path: Path) -> None:
@@ -62,6 +66,9 @@ class Archive:
                 f"{path} is a damaged or cut-off .npz archive ({error}): copy it again"
             ) from error
         self._file.limit = _LARGEST
+        if (kind := kind_of(path)) is not None:
+            self.__exit__()
+            raise UsageError(f"{path} is a {kind}, and a recording is expected in its place")
         self.names = {Path(name).stem: name for name in self._zip.namelist()}
 
     def __enter__(self) -> Archive:
@@ -80,7 +87,15 @@ class Archive:
                 "save it with numpy.savez or numpy.savez_compressed"
             )
         member = stack.enter_context(self._zip.open(info))
-        return ArrayStream(member, f"{self.path}:{name}")
+        array = ArrayStream(member, f"{self.path}:{name}")
+        announced = math.prod(array.shape) * array.dtype.itemsize
+        held = info.file_size - array.header_bytes
+        if announced < held:
+            raise RecordingError(
+                f"{array.name} announces {array.shape} of {array.dtype} and holds {held:,} bytes: "
+                "copy or save it again"
+            )
+        return array
 
     def scalar(self, *names: str) -> float | int | None:
         """First of the single numbers `names` that is there."""

@@ -223,11 +223,11 @@ def _sniff_zip(path: Path) -> str:
 
 
 def _sniff_folder(path: Path) -> str:
-    if (path / "metadata.yaml").exists():
+    if (path / "metadata.yaml").exists() or any(path.glob("*.db3")) or any(path.glob("*.mcap")):
         return "rosbag2"
     if any(path.glob("*.png")) or any(path.glob("*.npy")):
         return "frames"
     raise RecordingError(
-        f"{path} is a folder without metadata.yaml (a ROS 2 bag), *.png or *.npy (count frames): "
+        f"{path} is a folder without *.db3 or *.mcap (a ROS 2 bag), *.png or *.npy (count frames): "
         "name a recording"
     )

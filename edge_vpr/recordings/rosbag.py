@@ -166,13 +166,13 @@ def _place(path: Path) -> Path:
     Raises
     ------
     RecordingError
-        If a folder's ``metadata.yaml`` is damaged, or does not fit its only file.
+        If a folder holds several files, and its ``metadata.yaml`` is missing or cannot be used.
     """
     folder = path if path.is_dir() else path.parent
     listing = folder / "metadata.yaml"
     if not path.is_dir() and not listing.exists():
         return path
-    fault = _metadata_fault(listing)
+    fault = _metadata_fault(listing) if listing.exists() else "is missing"
     if not fault:
         return folder
     if not path.is_dir():

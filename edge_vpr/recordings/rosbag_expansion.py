@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 import weakref
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path, PurePath
 from typing import Any
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.recordings.decompression import DecompressionError, expand_file, zstd_decompressor
+from edge_vpr.whole_files import work_folder
 
 #: What the files of a bag may expand to: so many bytes, or so many times what they hold.
 LEAST_BYTES, MOST_EXPANSION = 1 << 28, 32
@@ -50,8 +51,10 @@ def expand_bag(folder: Path, owner: object) -> Path:
     paths = [folder / PurePath(name).name for name in facts["relative_file_paths"]]
     held = sum(path.stat().st_size for path in set(paths))
     left = max(LEAST_BYTES, MOST_EXPANSION * held)
-    target = Path(tempfile.mkdtemp(prefix="edge-vpr-bag-"))
-    weakref.finalize(owner, shutil.rmtree, target, ignore_errors=True)
+    stack = ExitStack()
+    # what a killed run leaves there is cleared by the next one
+    target = stack.enter_context(work_folder(Path(tempfile.gettempdir()) / folder.name))
+    weakref.finalize(owner, stack.close)
     names = []
     for i, path in enumerate(paths):
         names.append(f"{i}{PurePath(path.stem).suffix}")

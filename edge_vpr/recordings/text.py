@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns
+from edge_vpr.recordings.text_kernel import BLANK, FRACTION, GOOD, STRANGE, parse_lines
 
 _SEPARATORS = str.maketrans(",;\t", "   ")
 _DIGITS_TO_US = {"s": 6, "ms": 3, "us": 0, "ns": -3}
@@ -113,22 +113,22 @@ class TextSource(Source):
         out = np.ones((4, n), np.int64)
         begins = np.empty(n, np.int64)
         status = np.empty(n, np.uint8)
-        _parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, begins, status)
-        for i in np.flatnonzero(status == _STRANGE).tolist():
+        parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, begins, status)
+        for i in np.flatnonzero(status == STRANGE).tolist():
             begin = int(begins[i])
             line = data[begin : data.index(b"\n", begin)]
             verdict = self._parse_slowly(line, out[:, i])
             status[i] = verdict
-            if verdict == _STRANGE:
+            if verdict == STRANGE:
                 shown = line.strip()[:60].decode("ascii", "replace")
                 log.unreadable(1, f"line {entry + i:,} of the events is no event ({shown!r})")
-        if self.unit == "us" and not self.options.time_unit and (status == _FRACTION).any():
-            first = int(np.flatnonzero(status == _FRACTION)[0])
+        if self.unit == "us" and not self.options.time_unit and (status == FRACTION).any():
+            first = int(np.flatnonzero(status == FRACTION)[0])
             raise RecordingError(
                 f"{self.path}: event {entry + first:,}: the time has a fraction where those before "
                 "had none: pass --time-unit s, ms or us"
             )
-        good = (status == _GOOD) | (status == _FRACTION)
+        good = (status == GOOD) | (status == FRACTION)
         t, x, y, p = out if good.all() else out[:, good]
         return Columns(t, x, y, p > 0), n
 
@@ -136,9 +136,9 @@ class TextSource(Source):
         """Read what the kernel does not know: exponents, ``true``; the status."""
         words = _split(line)
         if not words or words[0].startswith("#"):
-            return _BLANK
+            return BLANK
         if len(words) != len(self._order):
-            return _STRANGE
+            return STRANGE
         for name, word in zip(self._order, words, strict=True):
             value = _number(word)
             if name == "p" and value is None:
@@ -146,20 +146,20 @@ class TextSource(Source):
             if name == "-":
                 continue
             if value is None or (name in "xy" and value != int(value)):
-                return _STRANGE
+                return STRANGE
             if name == "t":
                 value = (value * Decimal(10) ** _DIGITS_TO_US[self.unit]).to_integral_value()
             if abs(value) >= 2**63:
-                return _STRANGE
+                return STRANGE
             out[_FIELDS.index(name)] = int(value)
-        return _GOOD
+        return GOOD
 
     def _last_line(
         self, rest: bytes, order: npt.NDArray[np.int64], log: FaultLog, entry: int
     ) -> Columns:
         """Read a last line without line feed, which may be cut off."""
         slow = np.ones((4, 1), np.int64)
-        if self._parse_slowly(rest, slow[:, 0]) == _STRANGE:
+        if self._parse_slowly(rest, slow[:, 0]) == STRANGE:
             log.truncated(len(rest), f"line {entry:,} of the events")
             t, x, y, p = slow[:, :0]
             return Columns(t, x, y, p > 0)
@@ -186,95 +186,6 @@ def _number(word: str) -> Decimal | None:
         return Decimal(0)
     # 1e999999999 is a number too, and its digits would fill the memory
     return value if abs(value.adjusted()) < _MOST_DIGITS else None
-
-
-_GOOD, _FRACTION, _BLANK, _STRANGE = range(4)
-
-
-@njit(cache=True, nogil=True)
-def _parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: ignore[no-untyped-def]
-    """Parse whole lines; ``out[field, line]``, and for each line where it begins and its status.
-
-    ``order[c]`` is the field of column ``c``: 0 to 3 for t, x, y, p; -1 to skip it.
-    """
-    line, i = 0, 0
-    while i < buffer.size:
-        begins[line] = i
-        column, state = 0, _GOOD
-        while buffer[i] != 10:
-            c = int(buffer[i])
-            if c == 32 or c == 9 or c == 44 or c == 59 or c == 13:  # blank tab , ; CR
-                i += 1
-                continue
-            negative = c == 45
-            if c == 45 or c == 43:
-                i += 1
-            value, digits, decimals = 0, 0, -1
-            seen = False  # a digit
-            residue = False  # digits beyond the 18th that are not 0
-            while True:
-                c = int(buffer[i])
-                if 48 <= c <= 57:
-                    if digits < 18:
-                        value = value * 10 + (c - 48)
-                        if decimals >= 0:
-                            decimals += 1
-                        if value > 0:
-                            digits += 1
-                    elif decimals < 0:
-                        state = _STRANGE
-                    elif c != 48:
-                        residue = True
-                    seen = True
-                elif c == 46 and decimals < 0:
-                    decimals = 0
-                else:
-                    break
-                i += 1
-            c = int(buffer[i])
-            if not seen or not (c == 10 or c == 32 or c == 9 or c == 44 or c == 59 or c == 13):
-                state = _STRANGE
-            if state == _STRANGE:
-                break
-            field = order[column] if column < order.size else -1
-            if column >= order.size:
-                state = _STRANGE
-                break
-            decimals = max(decimals, 0)
-            if field == 0:
-                shift = digits_to_us - decimals
-                if decimals > 0:
-                    state = _FRACTION
-                while shift > 0:
-                    if value > 922337203685477579:
-                        state = _STRANGE
-                        break
-                    value *= 10
-                    shift -= 1
-                if shift < 0:
-                    unit = 1
-                    while shift < 0 and unit < 1000000000000000000:
-                        unit *= 10
-                        shift += 1
-                    rest = value % unit
-                    value //= unit
-                    # to the nearest, ties to even, as Decimal does
-                    if 2 * rest > unit or (2 * rest == unit and (residue or value % 2)):
-                        value += 1
-            elif field > 0 and decimals > 0:
-                state = _STRANGE  # 12.0 as well: read slowly
-            if state == _STRANGE:
-                break
-            if field >= 0:
-                out[field, line] = -value if negative else value
-            column += 1
-        while buffer[i] != 10:
-            i += 1
-        if state != _STRANGE and column != order.size:
-            state = _STRANGE  # a blank line too: told apart slowly
-        status[line] = state
-        line += 1
-        i += 1
 
 
 def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-Strategy = Literal["variance", "seed-code", "random", "random-upper", "top"]
+Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]

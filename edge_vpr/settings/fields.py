@@ -54,6 +54,8 @@ class SettingField:
         Whether a value of the right type is in order.
     expected : str
         What the range is, in words; made from the range of a number if empty.
+    needs : (str, tuple of str), optional
+        Another setting, and its values with which this one has an effect.
     zero_is_none : bool
         Whether 0 in a file or a flag stands for None, as it did before `words` did.
     """
@@ -77,6 +79,7 @@ class SettingField:
     below: float | None = None
     valid: Callable[[Any], bool] | None = None
     expected: str = ""
+    needs: tuple[str, tuple[str, ...]] | None = None
     zero_is_none: bool = False
 
     def named(self, name: str, default: Any) -> SettingField:

@@ -28,6 +28,9 @@ from edge_vpr.settings.words import (
 )
 from fixedpoint.codes import MAX_BITS, MAX_FULL_SCALE
 
+_FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
+_CODE = ("counter_code", ("linear", "sqrt", "log"))
+
 TABLE = {
     "pixels": SettingField(
         kind=int, help="number of selected pixels, J", group="pixels", metavar="J", least=1
@@ -38,13 +41,15 @@ TABLE = {
         group="pixels",
         choices=STRATEGIES,
         more="By the variance of their counts (the paper), by the mean (its released code), at "
-        "random, at random without the bottom third, or those of the highest variance.",
+        "random, at random without the bottom third, those of the highest variance, or one after "
+        "another by what each says of the place beyond those before it.",
     ),
     "sigma": SettingField(
         kind=float,
         help="standard deviation of the Gaussian that keeps selected pixels apart, in pixels",
         group="pixels",
         metavar="PX",
+        needs=("strategy", ("variance", "random", "random-upper")),
     ),
     "seed": SettingField(kind=int, help="seed of the draw of pixels", group="pixels"),
     "window": SettingField(
@@ -77,6 +82,7 @@ TABLE = {
         zero_is_none=True,
         more="The released code has 3. With auto, windows span the distance that the reference "
         "drive covered in tau, and the map keeps the number found.",
+        needs=("window", ("count",)),
     ),
     "polarity": SettingField(kind=bool, help="count ON and OFF events apart", group="counters"),
     "clip": SettingField(
@@ -99,7 +105,13 @@ TABLE = {
         "events.",
     ),
     "counter_bits": SettingField(
-        kind=int, help="bits of a code", group="counters", metavar="B", least=1, most=MAX_BITS
+        kind=int,
+        help="bits of a code",
+        group="counters",
+        metavar="B",
+        least=1,
+        most=MAX_BITS,
+        needs=_CODE,
     ),
     "counter_full_scale": SettingField(
         help="largest count that the code tells apart; auto: the code's own",
@@ -110,6 +122,7 @@ TABLE = {
         least=1,
         most=MAX_FULL_SCALE,
         zero_is_none=True,
+        needs=_CODE,
     ),
     "counter_scaling": SettingField(
         kind=str,
@@ -124,6 +137,7 @@ TABLE = {
         group="matching",
         choices=get_args(QueryMean),
         more="The whole drive is known of a recording only.",
+        needs=("counter_scaling", ("own-mean",)),
     ),
     "remove_hot_pixels": SettingField(
         kind=bool,
@@ -165,6 +179,7 @@ TABLE = {
         valid=lambda values: len(values) > 0 and are_prices(values),
         expected="1 to 16 prices from 0 to 254, for example 1,0,1",
         more="Other light makes windows of a number of events longer.",
+        needs=_FILTER,
     ),
     "filter_back": SettingField(
         kind=tuple,
@@ -177,6 +192,7 @@ TABLE = {
         show=prices_word,
         valid=are_prices,
         expected="0 to 16 prices from 0 to 254, for example 2,4",
+        needs=_FILTER,
     ),
     "filter_restart": SettingField(
         kind=int,
@@ -185,12 +201,14 @@ TABLE = {
         metavar="P",
         least=1,
         most=MOST_PRICE,
+        needs=_FILTER,
     ),
     "smooth": SettingField(
         kind=bool,
         help="place filter: let the windows after each one decide with, as a recording allows",
         group="matching",
         more="Online there is no later window, and nothing is smoothed.",
+        needs=_FILTER,
     ),
     "sequence_length": SettingField(
         kind=int,
@@ -199,12 +217,14 @@ TABLE = {
         short="-L",
         metavar="L",
         least=1,
+        needs=_SEQUENCE,
     ),
     "anchor": SettingField(
         kind=str,
         help="window that a sequence's match belongs to: middle (offline) or end",
         group="matching",
         choices=get_args(Anchor),
+        needs=_SEQUENCE,
     ),
     "exclusion": SettingField(
         kind=int,

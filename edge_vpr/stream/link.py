@@ -109,6 +109,10 @@ class DescriptorLink(Link):
             except BlockingIOError:
                 return 0
 
+    def fileno(self) -> int:
+        """Return the descriptor; -1 once the link is closed."""
+        return self._fd
+
     def close(self) -> None:
         """See `Link.close`."""
         if self._fd >= 0:

@@ -11,7 +11,8 @@ from edge_vpr.descriptors.bursts import BurstFilter
 from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
-from edge_vpr.events import EVENT_DTYPE, Events, join_events, make_events
+from edge_vpr.events import Events, join_events, make_events
+from edge_vpr.online.followed import FEW
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -20,8 +21,6 @@ from edge_vpr.stream.protocols.protocol import Decoder, synthetic_events
 #: A step of the clock over more than this, and over more than so many ticks, is a jump.
 JUMP_US = 1_000_000
 MOST_TICKS = 10_000
-#: So many events may wait for the next tick; they take 50 us to match.
-_MOST_WAITING = 512
 _NEVER_US = 1 << 62
 _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
@@ -79,11 +78,6 @@ class LiveLocaliser:
         self._whole_us = -1  # first time after it
         self._reached = self._events = 0  # of the decoder, after the newest piece
         self._time = 0  # up to which the localiser has followed
-        # decoded events that no match can depend on yet
-        self._waiting = np.empty(_MOST_WAITING, dtype=EVENT_DTYPE)
-        self._n_waiting = 0
-        self._next_us = 0  # no match before this time
-        self._flagged = False  # whether the newest matches lack events
         if reference is not None:
             sensor = reference.pixel_map.sensor
             if sensor != decoder.sensor:
@@ -138,60 +132,25 @@ class LiveLocaliser:
         return 0.0 if self._localiser is None else self._localiser.filled
 
     def _follow(self, events: Events, *, last: bool = False) -> LiveResult:
-        if self._localiser is None:
+        localiser = self._localiser
+        if localiser is None:
             return LiveResult(events, _NO_MATCHES, False)
-        if not last and self._may_wait(events):
-            return LiveResult(events, _NO_MATCHES, False)
-        before_us = self._time
+        reached, before_us = self.decoder.reached_us, self._time
         matches: list[npt.NDArray[np.void]] = []
-        to_match = events
-        if self._n_waiting:
-            waited = self._waiting[: self._n_waiting].copy()
-            self._n_waiting = 0
-            if self.decoder.health.losses == self._losses:
-                to_match = join_events([waited, events])
-            else:
-                # they came before the loss, and are no sign that the windows are whole again
-                for piece in [waited] if self._bursts is None else self._bursts.pieces(waited):
-                    self._update(self._localiser, piece, matches)
-        pieces = self._cleaned(to_match, last)
+        pieces = self._cleaned(events, reached, last)
         for piece in pieces:
-            self._update(self._localiser, piece, matches)
-        known = self.decoder.reached_us
-        if self._bursts is not None:
-            known = min(known, self._bursts.known_us)
+            self._update(localiser, piece, matches)
+        known = reached if self._bursts is None else min(reached, self._bursts.known_us)
         if known > self._time:
             # events held back are later than this, and a device that sees nothing may say so
-            self._near(self._localiser, known, matches)
-            if self._localiser.every.interval_us and self._localiser.next_match_us <= known:
+            self._near(localiser, known, matches)
+            if localiser.every.interval_us and localiser.next_match_us <= known:
                 # without a tick, the windows age with the next event
-                matches.append(self._localiser.advance(known))
+                matches.append(localiser.advance(known))
             self._time = known
         some = [each for each in matches if each.size]
         found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]
-        self._next_us = self._localiser.next_match_us
-        self._flagged = self._incomplete(pieces, before_us)
-        return LiveResult(events, found, self._flagged)
-
-    def _may_wait(self, events: Events) -> bool:
-        """Keep events, if there is room and no match can depend on them yet.
-
-        Between two ticks most pieces cost no more than this: the matches are the same, however
-        the stream is cut. Where a loss flags matches, each piece is looked at.
-        """
-        health, reached = self.decoder.health, self.decoder.reached_us
-        n = self._n_waiting + events.size
-        if (
-            reached >= self._next_us
-            or n > _MOST_WAITING
-            or self._flagged
-            or health.losses != self._losses
-        ):
-            return False
-        self._waiting[self._n_waiting : n] = events
-        self._n_waiting = n
-        self._reached, self._events = reached, health.events
-        return True
+        return LiveResult(events, found, self._incomplete(pieces, before_us, reached))
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
@@ -203,7 +162,7 @@ class LiveLocaliser:
                 self._near(localiser, int(events["t"][0]), matches)
                 taken = int(np.searchsorted(events["t"], self._time + self._most_us, "right"))
                 last = int(events["t"][taken - 1])
-            matches.append(localiser.update(events[:taken]))
+            matches.append(localiser.update(events if taken == events.size else events[:taken]))
             self._time = last
             events = events[taken:]
 
@@ -223,23 +182,24 @@ class LiveLocaliser:
             self._time += self._most_us
             matches.append(localiser.advance(self._time))
 
-    def _cleaned(self, events: Events, last: bool) -> list[Events]:
+    def _cleaned(self, events: Events, reached_us: int, last: bool) -> list[Events]:
         if self._bursts is None:
             return [events]
-        return [
-            *self._bursts.pieces(events),
-            self._bursts.finish() if last else self._bursts.advance(self.decoder.reached_us),
-        ]
+        pieces = self._bursts.pieces(events)
+        if isinstance(self._bursts, BurstFilter):  # which holds events back
+            pieces.append(self._bursts.finish() if last else self._bursts.advance(reached_us))
+        return pieces
 
-    def _incomplete(self, pieces: list[Events], before_us: int) -> bool:
+    def _incomplete(self, pieces: list[Events], before_us: int, now: int) -> bool:
         """Tell whether a loss is younger than the windows that are compared.
 
         The flag may stay a piece too long, and is never lifted too early: the first match of these
         pieces decides, which is not earlier than `before_us`, where the localiser was before them.
         """
-        health, now = self.decoder.health, self.decoder.reached_us
-        if health.losses != self._losses:
-            self._losses, self._since, self._whole_us = health.losses, 0, -1
+        health = self.decoder.health
+        losses = health.losses
+        if losses != self._losses:
+            self._losses, self._since, self._whole_us = losses, 0, -1
         moved, self._reached = now > self._reached or health.events > self._events, now
         self._events = health.events
         if self._losses == 0:
@@ -269,7 +229,8 @@ def _rehearse(
     bursts: BurstFilter | CausalBurstFilter,
 ) -> None:
     """Compile what matching needs, which takes up to seconds, before the first bytes come."""
-    events = synthetic_events()
+    # of more than a few, the last piece goes by columns
+    events = synthetic_events(2 * FEW)
     localiser = Localiser(reference, every=every)
     # to Numba one event alone is an array of another kind: without gaps, and aligned or not
     for some in (events[:1], events[1:2], events[2:]):

@@ -8,10 +8,13 @@ events after it agree; until then these are held, and dropped if they do not.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
+from edge_vpr.boxed import Box, Boxed
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.health import Health
@@ -37,6 +40,21 @@ _STATE = np.dtype(
         )
     ]
 )  # fmt: skip
+
+
+class _Kept(NamedTuple):
+    """What the kernel works on: its state, events held, and bounds, of times in ticks."""
+
+    state: npt.NDArray[np.void]
+    held: Events
+    width: int
+    height: int
+    period: int
+    late: int
+    step_limit: int
+    silence: int
+    tick: int
+    confirm: int
 
 
 @dataclass(frozen=True)
@@ -70,9 +88,7 @@ class TimestampFilter:
     """
 
     def __init__(self, sensor: Sensor, clock: Clock, health: Health) -> None:
-        self._sensor = sensor
         self.health = health
-        self._confirm = clock.confirm
         # all in ticks, so that a wrap is a mask
         self._tick = clock.tick_us
         self._period = 1 << clock.bits if clock.bits else 0
@@ -80,21 +96,31 @@ class TimestampFilter:
         late = max(1, LATE_US // self._tick)
         self._late = min(late, self._period // 64) if clock.bits else late
         silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
-        self._limits = max(1, STEP_US // self._tick), max(1, silence // self._tick)
+        self._silence = max(1, silence // self._tick)
         self._state = np.zeros(1, dtype=_STATE)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
+        self._box = Box(
+            _Kept(
+                self._state, self._held, sensor.width, sensor.height, self._period, self._late,
+                max(1, STEP_US // self._tick), self._silence, self._tick, clock.confirm,
+            )
+        )  # fmt: skip
 
-    def start_at(self, time: int) -> None:
-        """Take the device's `time` as 0, unless events came before."""
-        state = self._state[0]
-        if not state["dated"]:
-            state["dated"], state["last"] = 1, time
+    @property
+    def boxed(self) -> Boxed:
+        """What `start_clock` and `admit_columns` take; call `report` then."""
+        return self._box.boxed
+
+    @property
+    def most_held(self) -> int:
+        """Events that may be held from chunk to chunk."""
+        return self._held.size
 
     def reach(self, time: int) -> None:
         """Advance the clock to the device's `time` without an event."""
         state = self._state[0]
         step = time - int(state["last"])
-        if state["dated"] and not self._period and 0 < step <= self._limits[1]:
+        if state["dated"] and not self._period and 0 < step <= self._silence:
             state["now"] += step
             state["last"] = time
 
@@ -113,12 +139,8 @@ class TimestampFilter:
         """
         t, x, y, p = columns
         out = np.empty(t.size + self._held.size, dtype=EVENT_DTYPE)
-        n = _admit(
-            t, x, y, p, self._state, self._held, out,
-            self._sensor.width, self._sensor.height, self._period, self._late, *self._limits,
-            self._tick, self._confirm,
-        )  # fmt: skip
-        self._report(t.size, n)
+        n = admit_columns(self._box.boxed, t, x, y, p, out)
+        self.report(t.size, n)
         return out[:n]
 
     def take_over_from(self, other: TimestampFilter) -> None:
@@ -129,16 +151,17 @@ class TimestampFilter:
         state["clock_resets"] += state["dated"]
         state["now"] += state["dated"]
         state["dated"] = 0
-        self._report(0, 0)
+        self.report(0, 0)
 
     def finish(self) -> None:
         """End the stream: what is still held was never confirmed."""
         state = self._state[0]
         state["leaps"] += state["held"]
         state["held"] = 0
-        self._report(0, 0)
+        self.report(0, 0)
 
-    def _report(self, decoded: int, delivered: int) -> None:
+    def report(self, decoded: int, delivered: int) -> None:
+        """Count events of a chunk, and what the kernel has counted."""
         health = self.health
         _, _, _, held, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
         health.decoded += decoded
@@ -169,9 +192,17 @@ def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _admit(  # type: ignore[no-untyped-def]
-    t, x, y, p, state, held, out, width, height, period, late, step_limit, silence, tick, confirm
-):
+def start_clock(box, time):  # type: ignore[no-untyped-def]
+    """Take the device's `time` as 0, unless events came before."""
+    s = _Kept(*box.value).state[0]
+    if not s["dated"]:
+        s["dated"], s["last"] = 1, time
+
+
+@njit(cache=True, nogil=True)
+def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
+    """Do the work of `TimestampFilter.admit`; return how many events are in `out`."""
+    state, held, width, height, period, late, step_limit, silence, tick, confirm = box.value
     s = state[0]
     dated, last, now, n_held = s["dated"], s["last"], s["now"], s["held"]
     n = 0

@@ -1,6 +1,7 @@
 """From an event's arrival to its match: a camera of a million events a second, on one core.
 
 ``python tools/bench/latency.py`` prints the table in Markdown; `make bench` adds it to the page.
+From the byte on a line on, `byte_to_match.py` measures.
 """
 
 from __future__ import annotations
@@ -8,18 +9,23 @@ from __future__ import annotations
 import gc
 import time
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 from bench_localiser import SENSOR, scene
+from byte_to_match import WARM, byte_to_match
 from table import machine
 
 from edge_vpr.events import Events, make_events
 from edge_vpr.online.localiser import Localiser
+from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 
 EVENTS_PER_SECOND, SECONDS, PLACES = 1_000_000, 6, 1_000
 #: so many events of the stream are fed one by one
 ONE_BY_ONE = 300_000
+#: and so many, all of them at selected pixels
+ONE_A_CALL = 20_000
 
 
 def stream() -> Events:
@@ -31,7 +37,7 @@ def stream() -> Events:
     return make_events(times, flat % SENSOR.width, flat // SENSOR.width)
 
 
-def row(reference: ReferenceMap, events: Events, chunk: int) -> tuple[str, ...]:
+def row(name: str, reference: ReferenceMap, events: Events, chunk: int) -> tuple[str, ...]:
     """Feed the stream in chunks of one size; microseconds of the calls that gave matches."""
     warm = EVENTS_PER_SECOND * 3
     localiser = Localiser(reference)
@@ -51,9 +57,53 @@ def row(reference: ReferenceMap, events: Events, chunk: int) -> tuple[str, ...]:
     gc.enable()
     p50, p99, worst = np.percentile(waited, [50, 99, 100]) / 1e3
     real = (stop - warm) / EVENTS_PER_SECOND / took
-    length = reference.settings.sequence_length
-    cells = [str(length), f"{chunk:,}", f"{matches:,}"]
+    cells = [name, f"{chunk:,}", f"{matches:,}"]
     return (*cells, f"{p50:.1f}", f"{p99:.1f}", f"{worst:,.0f}", f"{real:.3g}")
+
+
+def filtered() -> ReferenceMap:
+    """Return the map of counts as the place filter has it, in own-mean codes."""
+    counted = scene(PLACES).reference
+    chosen = counted.settings.replaced(
+        {
+            "matching": "filter", "query_mean": "running",
+            "counter_code": "log", "counter_scaling": "own-mean",
+        },
+        "latency",
+    )  # fmt: skip
+    return coded_map(replace(counted, settings=chosen.uncoded), chosen)
+
+
+def line_rows(rates: tuple[float, ...] = (20_000.0, 296_000.0)) -> list[str]:
+    """Say how long it takes from a frame on a pseudo-terminal to the line with its match."""
+    rows = []
+    for burst_filter in ("causal", "exact"):
+        for rate in rates:
+            taken = byte_to_match(rate, 1_000, burst_filter)
+            p50, p99, worst = np.percentile(taken, [50, 99, 100])
+            cells = (f"{rate:,.0f}", burst_filter, f"{p50:,.0f}", f"{p99:,.0f}", f"{worst:,.0f}")
+            rows.append(f"| {' | '.join(cells)} |")
+    return rows
+
+
+def one_a_call(name: str, reference: ReferenceMap) -> str:
+    """Feed events at selected pixels one by one, each of which gives a match."""
+    rng, pixels = np.random.default_rng(1), reference.pixel_map
+    slots = rng.integers(0, len(pixels), 2 * ONE_A_CALL)
+    stream = make_events(20 * np.arange(slots.size), pixels.x[slots], pixels.y[slots])
+    localiser = Localiser(reference)
+    localiser.update(stream[:ONE_A_CALL])
+    taken, matches = [], 0
+    gc.disable()
+    for i in range(ONE_A_CALL, stream.size):
+        event = stream[i : i + 1]
+        arrived = time.perf_counter_ns()
+        matches += localiser.update(event).size
+        taken.append(time.perf_counter_ns() - arrived)
+    gc.enable()
+    assert matches == len(taken)
+    p10, p50, p99 = np.percentile(taken, [10, 50, 99]) / 1e3
+    return f"| {name} | {p10:.1f} | {p50:.1f} | {p99:.1f} |"
 
 
 def memory(reference: ReferenceMap, events: Events) -> int:
@@ -70,12 +120,20 @@ def memory(reference: ReferenceMap, events: Events) -> int:
 def main() -> None:
     """Print the table."""
     events = stream()
-    header = ("L", "events a chunk", "matches", "p50 us", "p99 us", "worst us", "x real time")
+    header = (
+        "matched by",
+        "events a chunk",
+        "matches",
+        "p50 us",
+        "p99 us",
+        "worst us",
+        "x real time",
+    )
     lines = [header, ("---",) * len(header)]
-    for length in (1, 5):
-        counted = scene(PLACES, length).reference
+    maps = {f"sequences, L = {length}": scene(PLACES, length).reference for length in (1, 5)}
+    for name, reference in {**maps, "place filter, own-mean codes": filtered()}.items():
         for chunk in (1, 100, 10_000):
-            lines.append(row(counted, events, chunk))
+            lines.append(row(name, reference, events, chunk))
     print("\n## From an event's arrival to its match\n")
     print(
         f"Machine: {machine()}. A camera of {EVENTS_PER_SECOND:,} events a second at random pixels "
@@ -85,6 +143,17 @@ def main() -> None:
     )
     for line in lines:
         print("| " + " | ".join(line) + " |")
+    print("\nEvents at selected pixels, one a call, each with its match, microseconds.\n")
+    print("| matched by | p10 | p50 | p99 |\n| --- | --- | --- | --- |")
+    for name, reference in {**maps, "place filter, own-mean codes": filtered()}.items():
+        print(one_a_call(name, reference))
+    print(
+        "\nFrom the write of a frame of 1 ms on a pseudo-terminal to the arrival of the line with "
+        f"its match, at the next process: `stream --json --every 5ms`, K = {PLACES:,}, L = 4, "
+        f"1,000 matches after the first {WARM}, microseconds.\n"
+    )
+    print("| events/s | burst filter | p50 | p99 | worst |\n| --- | --- | --- | --- | --- |")
+    print("\n".join(line_rows()))
     held = memory(scene(PLACES, 5).reference, events)
     print(
         f"\nMost memory held beside the map, at 1,000 events a chunk, L = 5: {held / 1e3:,.0f} kB."

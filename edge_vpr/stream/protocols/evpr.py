@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterable
 from typing import Any, cast
 
 import numpy as np
 
-from edge_vpr.events import Sensor
-from edge_vpr.recordings.source import Columns
+from edge_vpr.boxed import Box
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.stream.health import EXACT
 from edge_vpr.stream.protocols.cobs import Bytes
 from edge_vpr.stream.protocols.evpr_encoder import EvprEncoder
 from edge_vpr.stream.protocols.evpr_frames import FRAME_END, MAX_FRAME, MAX_STUFFED
-from edge_vpr.stream.protocols.evpr_kernels import BROUGHT, MEMORY, take_frames, unstuff_frames
+from edge_vpr.stream.protocols.evpr_kernels import (
+    MEMORY,
+    FrameRoom,
+    decode_frames,
+)
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
-from edge_vpr.stream.timestamp_filter import Clock, no_columns
+from edge_vpr.stream.timestamp_filter import Clock
 
 
 class EvprDecoder(Decoder):
@@ -26,9 +29,8 @@ class EvprDecoder(Decoder):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
-        self._memory = np.array([(-1, 0, 0, 0)], dtype=MEMORY)
         self._endless = False  # within a frame that is too long already
-        self._reserve(1 << 12)
+        self._room = Box(FrameRoom.of(1 << 12, np.array([(-1, 0, 0, 0)], dtype=MEMORY)))
 
     def _samples(self) -> Iterable[bytes]:
         yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
@@ -37,13 +39,7 @@ class EvprDecoder(Decoder):
         """Say that the host is there, by an empty frame."""
         return FRAME_END
 
-    def _reserve(self, size: int) -> None:
-        """Make room for what frames of `size` bytes together can hold."""
-        self._plain = np.empty(size, dtype=np.uint8)
-        self._spans = np.empty((size // 2 + 1, 3), dtype=np.int64)
-        self._room = no_columns(size // 3)
-
-    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+    def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
         end = data.rfind(FRAME_END) + 1
         parts, rest = [], data[end:]
         if end:
@@ -63,25 +59,22 @@ class EvprDecoder(Decoder):
         self._endless = self._endless and not final
         return parts, rest
 
-    def _take_frames(self, raw: Bytes) -> Columns:
+    def _take_frames(self, raw: Bytes) -> Events:
         """Decode frames, each with the zero at its end."""
-        if raw.size > self._plain.size:
-            self._reserve(raw.size)
-        n = unstuff_frames(raw, self._plain, self._spans)
-        spans, plain = self._spans[:n], self._plain.data
-        # zlib's checksum is several times faster than a compiled one of our own
-        checks = np.array(
-            [zlib.crc32(plain[at : at + size]) for at, size, _ in spans.tolist()], dtype=np.int64
-        )
-        brought = np.zeros(1, dtype=BROUGHT)
-        t, x, y, p = columns = self._room
-        events = take_frames(self._plain, spans, checks, self._memory, brought, columns)
-        self._account(cast("tuple[int, ...]", brought.item()))
-        return Columns(t[:events], x[:events], y[:events], p[:events])
+        room = self._room.value
+        if raw.size // 3 > room.columns.t.size:
+            self._room = Box(FrameRoom.of(raw.size, room.memory))
+            room = self._room.value
+        clock = self._timestamps
+        out = np.empty(raw.size // 3 + clock.most_held, dtype=EVENT_DTYPE)
+        decoded, delivered = decode_frames(self._room.boxed, clock.boxed, raw, out)
+        clock.report(decoded, delivered)
+        self._account(cast("tuple[int, ...]", room.brought.item()))
+        return out[:delivered]
 
     def _account(self, brought: Any) -> None:
         health = self.health
-        frames, damaged, skipped, repeats, gaps, lost, dropped, resets, base, idle_at = brought
+        frames, damaged, skipped, repeats, gaps, lost, dropped, resets, _, idle_at = brought
         health.frames += frames
         health.crc_errors += damaged
         health.resyncs += damaged
@@ -93,7 +86,6 @@ class EvprDecoder(Decoder):
         health.device_dropped += dropped
         health.device_resets += resets
         if frames:
-            self._timestamps.start_at(base)
             self._idle_at = idle_at
 
 

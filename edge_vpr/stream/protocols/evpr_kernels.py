@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
-from edge_vpr.stream.protocols.cobs import unstuff
+from edge_vpr.recordings.source import Columns
+from edge_vpr.stream.protocols.cobs import Bytes, unstuff
+from edge_vpr.stream.protocols.crc32 import crc32
 from edge_vpr.stream.protocols.evpr_frames import CHECK, HEADER, MAX_STUFFED, VERSION
+from edge_vpr.stream.timestamp_filter import admit_columns, no_columns, start_clock
 
 _HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
 #: A frame that was sent before the last one, by less than this, came twice.
@@ -27,28 +33,66 @@ BROUGHT = np.dtype(
 )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
-def unstuff_frames(raw, plain, spans):  # type: ignore[no-untyped-def]
-    """Undo the stuffing of every frame; count them.
+class FrameRoom(NamedTuple):
+    """Room for the frames of one chunk, and what is remembered from chunk to chunk.
 
-    A span says where the plain frame lies, how many bytes its checksum covers (none if it is
-    damaged beyond that), and how many bytes it took on the line.
+    Attributes
+    ----------
+    plain : ndarray of uint8, shape (MAX_STUFFED,)
+        One frame without stuffing.
+    columns : Columns
+        Events of all frames.
+    memory : ndarray of MEMORY, shape (1,)
+    brought : ndarray of BROUGHT, shape (1,)
     """
-    frames, start, at = 0, 0, 0
+
+    plain: Bytes
+    columns: Columns
+    memory: npt.NDArray[np.void]
+    brought: npt.NDArray[np.void]
+
+    @classmethod
+    def of(cls, size: int, memory: npt.NDArray[np.void]) -> FrameRoom:
+        """Make room for what frames of `size` bytes together can hold."""
+        plain, brought = np.empty(MAX_STUFFED, dtype=np.uint8), np.zeros(1, dtype=BROUGHT)
+        return cls(plain, no_columns(size // 3), memory, brought)
+
+
+@njit(cache=True, nogil=True)
+def decode_frames(box, clock, raw, out):  # type: ignore[no-untyped-def]
+    """Decode the frames that are whole, and filter their events.
+
+    Parameters
+    ----------
+    box : Boxed
+        Of `FrameRoom`, with room for `raw`.
+    clock : Boxed
+        Of `TimestampFilter`.
+    raw : ndarray of uint8, shape (n,)
+        Frames, each with the zero at its end.
+    out : ndarray of EVENT_DTYPE
+        Has room for the events of `raw` and those held before.
+
+    Returns
+    -------
+    decoded, delivered : int
+        Events of the frames, and those in `out`.
+    """
+    room = FrameRoom(*box.value)
+    brought = room.brought
+    brought.view(np.int64)[:] = 0
+    n, start = 0, 0
     for i in range(raw.size):
         if raw[i] != 0:
             continue
         if i > start:
-            stuffed = i - start
-            size = unstuff(raw[start:i], plain[at:]) if stuffed <= MAX_STUFFED else -1
-            whole = size >= _HEADER_BYTES + _CHECK_BYTES
-            spans[frames, 0] = at
-            spans[frames, 1] = size - _CHECK_BYTES if whole else 0
-            spans[frames, 2] = stuffed + 1
-            frames += 1
-            at += size if whole else 0
+            size = unstuff(raw[start:i], room.plain) if i - start <= MAX_STUFFED else -1
+            n += _take_frame(room, size - _CHECK_BYTES, i - start + 1, n)
         start = i + 1
-    return frames
+    if brought[0]["frames"]:
+        start_clock(clock, brought[0]["base"])
+    t, x, y, p = room.columns
+    return n, admit_columns(clock, t[:n], x[:n], y[:n], p[:n], out)
 
 
 @njit(cache=True, nogil=True)
@@ -60,53 +104,57 @@ def _number(data, at, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def take_frames(plain, spans, checks, memory, brought, columns):  # type: ignore[no-untyped-def]
-    """Decode the frames that are whole, and compare the device's running totals with ours."""
+def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
+    """Decode a frame whose checksum is at `end`, and compare the device's totals with ours.
+
+    It took so many bytes on the line; its events are written from `first` on, and counted.
+    """
+    plain, columns, memory, brought = room
     last, found = memory[0], brought[0]
-    n = 0
-    for i in range(checks.size):
-        at, end = spans[i, 0], spans[i, 0] + spans[i, 1]
-        width, x_bits, y_bits = plain[at] & 15, plain[at + 1] & 15, plain[at + 1] >> 4
-        words = end - at - _HEADER_BYTES
-        if (
-            words < 0
-            or _number(plain, end, _CHECK_BYTES) != checks[i]
-            or plain[at] >> 4 != VERSION
-            or (width != 3 and width != 4)
-            or words % width
-            or x_bits + y_bits + 2 > 8 * width
-            or plain[at + 19] >= 64  # a base time of 2^62
-        ):
-            found["damaged"] += 1
-            found["skipped_bytes"] += spans[i, 2]
-            continue
-        boot, sequence = _number(plain, at + 2, 2), _number(plain, at + 4, 4)
-        dropped, base = _number(plain, at + 8, 4), _number(plain, at + 12, 8)
-        # running totals are modulo 2^32
-        missing = (sequence - last["next"]) & 0xFFFFFFFF
-        if last["boot"] < 0:
-            last["next"], last["dropped"], missing = sequence, dropped, 0
-        elif boot != last["boot"] or missing >= 1 << 31:
-            if boot == last["boot"] and 0 <= last["last"] - base < REPEAT_US:
-                found["repeats"] += 1
-                found["skipped_bytes"] += spans[i, 2]
-                continue
-            # anew, even if the device forgot to change the number of its start
-            found["resets"] += 1
-            last["next"], last["dropped"], missing = 0, 0, sequence
-        found["gaps"] += missing > 0
-        found["lost"] += missing
-        found["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
-        if found["frames"] == 0:
-            found["base"] = base
-        found["frames"] += 1
-        found["idle_at"] = -1 if words else base
-        form = np.int64(width), np.int64(x_bits), np.int64(y_bits)
-        events = _take_words(plain[at + _HEADER_BYTES : end], form, base, columns, n)
-        last["boot"], last["dropped"], last["last"] = boot, dropped, base
-        last["next"] = (sequence + events) & 0xFFFFFFFF
-        n += events
-    return n
+    width, x_bits, y_bits = (
+        np.int64(plain[0] & 15),
+        np.int64(plain[1] & 15),
+        np.int64(plain[1] >> 4),
+    )
+    words = end - _HEADER_BYTES
+    if (
+        words < 0
+        or _number(plain, end, _CHECK_BYTES) != crc32(plain, 0, end)
+        or plain[0] >> 4 != VERSION
+        or (width != 3 and width != 4)
+        or words % width
+        or x_bits + y_bits + 2 > 8 * width
+        or plain[19] >= 64  # a base time of 2^62
+    ):
+        found["damaged"] += 1
+        found["skipped_bytes"] += taken
+        return 0
+    boot, sequence = _number(plain, 2, 2), _number(plain, 4, 4)
+    dropped, base = _number(plain, 8, 4), _number(plain, 12, 8)
+    # running totals are modulo 2^32
+    missing = (sequence - last["next"]) & 0xFFFFFFFF
+    if last["boot"] < 0:
+        last["next"], last["dropped"], missing = sequence, dropped, 0
+    elif boot != last["boot"] or missing >= 1 << 31:
+        if boot == last["boot"] and 0 <= last["last"] - base < REPEAT_US:
+            found["repeats"] += 1
+            found["skipped_bytes"] += taken
+            return 0
+        # anew, even if the device forgot to change the number of its start
+        found["resets"] += 1
+        last["next"], last["dropped"], missing = 0, 0, sequence
+    found["gaps"] += missing > 0
+    found["lost"] += missing
+    found["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
+    if found["frames"] == 0:
+        found["base"] = base
+    found["frames"] += 1
+    found["idle_at"] = -1 if words else base
+    form = width, x_bits, y_bits
+    events = _take_words(plain[_HEADER_BYTES:end], form, base, columns, first)
+    last["boot"], last["dropped"], last["last"] = boot, dropped, base
+    last["next"] = (sequence + events) & 0xFFFFFFFF
+    return events
 
 
 @njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ Options = Mapping[str, str]
 """What follows the colon in ``edvs:format=E3,sync=1``."""
 
 
-class Decoder(ABC):
+class Decoder:
     """Takes the bytes of one stream as they come.
 
     Parameters
@@ -148,25 +148,29 @@ class Decoder(ABC):
 
     def _take(self, data: bytes, *, final: bool) -> Events:
         before = self.health.skipped_bytes
-        parts, self._pending = self._decode(data, final=final)
+        events, self._pending = self._decode_events(data, final=final)
         used = len(data) - len(self._pending)
         self.health.decoded_bytes += used - (self.health.skipped_bytes - before)
         self.health.pending_bytes = len(self._pending)
-        events = [self._timestamps.admit(part) for part in parts]
         if self._idle_at >= 0:
             self._timestamps.reach(self._idle_at)
             self._idle_at = -1
         return join_events(events)
 
-    @abstractmethod
+    def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
+        """Do as `_decode`, and filter the events."""
+        parts, rest = self._decode(data, final=final)
+        return [self._timestamps.admit(part) for part in parts], rest
+
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         """Decode what can be decoded; return the events and the bytes to see again.
 
         Bytes that are neither events nor seen again are counted in ``health.skipped_bytes``. If
         `final`, nothing follows.
         """
+        raise NotImplementedError
 
-    def _lose_sync(self) -> None:  # noqa: B027, not every protocol has something to forget
+    def _lose_sync(self) -> None:
         """Forget what was known of where the next event begins."""
 
 

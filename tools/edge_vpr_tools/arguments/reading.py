@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr.archive import kind_of
 from edge_vpr.descriptors.precounted import PublishedWindows
-from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, open_recording, parse_period
 from edge_vpr.recordings.time_crop import TimeCrop, seconds_us
@@ -26,9 +24,6 @@ def open_from(
     EdgeVprError
         If a flag is wrong or the recording cannot be opened.
     """
-    kind = kind_of(path)
-    if kind is not None:
-        raise UsageError(f"{path} is a {kind}, and a recording is expected in its place")
     recording = open_recording(
         path,
         format=args.format,
@@ -55,7 +50,6 @@ def open_source(args: argparse.Namespace, path: str | Path) -> Recording | Publi
     """
     if not args.frames_as_windows:
         return open_from(args, path)
-
     return PublishedWindows(
         path,
         period=None if args.frame_period is None else parse_period(args.frame_period),

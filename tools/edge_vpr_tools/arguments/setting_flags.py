@@ -14,6 +14,7 @@ from edge_vpr.settings import (
     Settings,
     resolve_settings,
 )
+from edge_vpr_tools.output.messages import warning
 
 DEFAULT_PRESET = "default"
 #: the group of those that can be changed after a map is made
@@ -58,7 +59,9 @@ def map_settings(args: argparse.Namespace) -> Settings:
     flags = {field.key: getattr(args, field.key) for field in SETTING_FIELDS.values()}
     if flags["hot_pixels"] not in (None, "find", "keep"):  # a file: those listed are left out
         flags["hot_pixels"] = "find"
-    return resolve_settings(args.preset, args.config, flags)
+    settings = resolve_settings(args.preset, args.config, flags)
+    _warn_of_no_effect(args, settings, SETTING_FIELDS.values())
+    return settings
 
 
 def given_map_flags(args: argparse.Namespace) -> list[str]:
@@ -72,6 +75,35 @@ def match_flags(args: argparse.Namespace) -> dict[str, Any]:
     """Collect the flags of `add_match_flags` that are given, by the key of the setting."""
     values = {field.key: getattr(args, field.key) for field in _of_group(_MATCHING)}
     return {key: value for key, value in values.items() if value is not None}
+
+
+def with_match_flags(args: argparse.Namespace, settings: Settings) -> Settings:
+    """Return the settings of a map with those that the flags of `add_match_flags` give.
+
+    Raises
+    ------
+    UsageError
+        If a value is wrong.
+    """
+    changed = settings.replaced(match_flags(args), "the command line")
+    _warn_of_no_effect(args, changed, _of_group(_MATCHING))
+    return changed
+
+
+def _warn_of_no_effect(
+    args: argparse.Namespace, settings: Settings, known: Iterable[SettingField]
+) -> None:
+    """Warn of each flag given that the other settings make void; ``--no-...`` asks for nothing."""
+    for field in known:
+        if getattr(args, field.key) in (None, False) or field.needs is None:
+            continue
+        name, values = field.needs
+        other, now = SETTING_FIELDS[name].flag, getattr(settings, name)
+        if now not in values:
+            warning(
+                f"{field.flag} has no effect with {other} {now}: it is for {other} "
+                f"{' or '.join(values)}"
+            )
 
 
 def check_not_smooth(asked: bool | None) -> None:

@@ -5,14 +5,16 @@
 
 from __future__ import annotations
 
+import re
+
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
 
 _HEAD = """# Settings
 
-Every setting has a flag of `edge-vpr map` (those of matching also of `match`) and a key of the TOML
-file that `--config` reads: the flag without dashes, with `_` between words. Both take the same
-values. Flags go over the file, the file over the preset (`--preset`, or `preset = "tiny"` in the
-file). A map keeps its settings; a query is described with the same.
+Every setting has a key in the TOML file that `--config` reads, and a flag of `edge-vpr map` (those
+of matching also of `match`): the key `filter_steps` is the flag `--filter-steps`. Both take the
+same values. A flag overrides the file, and the file the preset (`--preset`, or `preset = "tiny"` in
+the file). A map keeps its settings, and a query is described with the same ones.
 
 This page is made by `python -m edge_vpr_tools.arguments.settings_page`.
 
@@ -24,35 +26,39 @@ bursts = "keep"
 filter_steps = [1, 0, 1]   # or "1,0,1", as the flag takes it
 ```
 
-In Python, `edge_vpr.Settings` has attributes of the same names, but for `tau_us` (in microseconds),
-`remove_hot_pixels` and `remove_bursts` (true or false), which files may name too. None stands for
-`none` and `auto`. Files in which 0 stands for them are still read.
+In Python, the attributes of `edge_vpr.Settings` have the same names, except `tau_us` (in
+microseconds), `remove_hot_pixels` and `remove_bursts` (true or false). Files may use these names
+too. None stands for `none` and `auto`; older files, in which 0 stands for them, are still read.
+
+The default is that of `--preset default`; in brackets is what other presets have.
 """
+
+#: a page that a meaning names
+_PAGE = re.compile(r"(?:docs/)?(\w+\.md)")
 
 
 def page() -> str:
     """Return the page as Markdown."""
-    presets = [name for name in PRESETS if name != "default"]
-    lines = [_HEAD, f"| key | flag | values | default | {' | '.join(presets)} | meaning |"]
-    lines.append("| --- " * (5 + len(presets)) + "|")
+    lines = [_HEAD, "| key | values | default | meaning |", "| --- | --- | --- | --- |"]
     for field in SETTING_FIELDS.values():
-        default = _word(field, "default")
-        others = [_word(field, preset) for preset in presets]
-        cells = [
-            f"`{field.key}`",
-            f"`{field.flag}`",
-            _values(field),
-            default,
-            *("" if other == default else other for other in others),
-            field.meaning.replace("|", "\\|"),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    lines.append("\nA preset's column is empty where it has the default.")
+        meaning = _PAGE.sub(r"[\1](\1)", field.meaning.replace("|", "\\|"))
+        lines.append(f"| `{field.key}` | {_values(field)} | {_defaults(field)} | {meaning} |")
     return "\n".join(lines)
 
 
+def _defaults(field: SettingField) -> str:
+    """Say the default, and what presets have in its place."""
+    default = _word(field, "default")
+    found = {name: _word(field, name) for name in PRESETS}
+    others = [f"{name}: {word}" for name, word in found.items() if word != default]
+    return default + (f" ({', '.join(others)})" if others else "")
+
+
 def _word(field: SettingField, preset: str) -> str:
-    return f"`{field.word(getattr(PRESETS[preset], field.name))}`"
+    value = getattr(PRESETS[preset], field.name)
+    if field.kind is bool and not field.words:
+        return f"`{str(value).lower()}`"
+    return f"`{field.word(value)}`"
 
 
 def _values(field: SettingField) -> str:

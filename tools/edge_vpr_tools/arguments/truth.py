@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from edge_vpr.archive import read_archive
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.errors import MapError
+from edge_vpr.errors import GroundTruthError, MapError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
@@ -17,6 +19,12 @@ from edge_vpr_tools.runs.truth_files import load_truth
 
 #: places times queries of the ground truth: 64 MB
 _MOST_CELLS = 1 << 26
+#: so many more matches must be right with the logs in the other order to say so; by judgement
+_SWAPPED_BY = 0.3
+
+
+def _share_right(matches: Matches, truth: GroundTruth) -> float:
+    return float(truth.correct[matches.place, matches.query].mean())
 
 
 def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, GroundTruth]:
@@ -43,15 +51,25 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
     else:  # matched event by event: each match is a query of its own
         matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
         queries_us = matches.time_us
-    truth = load_truth(
-        args.ground_truth,
-        reference.places.centre_us,
-        queries_us,
+    truth_of = partial(
+        load_truth,
+        places_us=reference.places.centre_us,
+        queries_us=queries_us,
         tolerance=args.tolerance,
         rows=args.rows,
         frame_period=args.frame_period,
-        offset_s=args.offset,
     )
+    truth = truth_of(args.ground_truth, offset_s=args.offset)
     for line in truth.notes:
         note(line)
+    right = _share_right(matches, truth)
+    if len(args.ground_truth) == 2 and right < 1 - _SWAPPED_BY:
+        offsets = None if args.offset is None else args.offset[::-1]
+        with suppress(GroundTruthError):  # tracks that fit these drives in one order alone
+            swapped = _share_right(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
+            if swapped > right + _SWAPPED_BY:
+                note(
+                    f"with the two logs in the other order {swapped:.0%} of the matches would be "
+                    f"right instead of {right:.0%}: the reference's comes first"
+                )
     return reference, matches, truth

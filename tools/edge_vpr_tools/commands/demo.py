@@ -44,9 +44,10 @@ def run(args: argparse.Namespace) -> None:
             settings = simulated.SETTINGS.replaced({"seed": args.seed}, "seed")
             write_json(folder / results.RUN, run_record(settings.to_dict(), []))
             write_json(folder / results.METRICS, metrics)
-            write_report(folder, trials, latencies)
+            write_report(folder, trials, latencies, reference.track)
     quiet = is_quiet()
     title = "One street, driven twice, the second time at half to double the speed"
     table(HEADER, rows(trials), title=title, width=_WIDTH, quiet=quiet)
-    for line in [*remarks(trials, latencies), f"See {output / results.REPORT}"]:
+    for line in remarks(trials, latencies):
         say(line, width=_WIDTH, markup=True, quiet=quiet)
+    say(f"See {output / results.REPORT}", width=_WIDTH, quiet=quiet)

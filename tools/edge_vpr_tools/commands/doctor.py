@@ -9,6 +9,7 @@ from dataclasses import asdict
 from edge_vpr.errors import EdgeVprError
 from edge_vpr_tools.doctor.kernels import compile_kernels
 from edge_vpr_tools.doctor.report import as_text, examine
+from edge_vpr_tools.output.messages import answer
 from edge_vpr_tools.output.progress import status
 
 
@@ -27,7 +28,8 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
-        print(as_text(findings))
+        for line in as_text(findings).splitlines():
+            answer(line)
     wrong = sum(finding.state == "wrong" for finding in findings)
     if wrong:
         raise EdgeVprError(f"{wrong} of {len(findings)} findings are wrong: they are marked !!")

@@ -6,12 +6,16 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
+from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.matching.matches import Matches
 from edge_vpr_tools.arguments.truth import load_evaluated
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.messages import answer
 from edge_vpr_tools.output.provenance import read_json, run_record, write_json
 from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.report.traverse import write_report
+from edge_vpr_tools.report.wording import MISSED
+from edge_vpr_tools.runs.truth_files import load_tracks
 
 
 def run(args: argparse.Namespace) -> None:
@@ -23,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
         If the folder or the ground truth cannot be used.
     """
     folder, formats = Path(args.results), read_formats(args.figures)
-    _, matches, truth = load_evaluated(args)
+    reference, matches, truth = load_evaluated(args)
     found = evaluate(
         matches,
         truth,
@@ -35,28 +39,35 @@ def run(args: argparse.Namespace) -> None:
     metrics["ground_truth"] = truth.description
     metrics["evaluation"] = found.to_dict()
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
-    write_report(folder, truth, found, formats)
+    route = reference.route
+    if route is None and len(args.ground_truth) == 2:
+        track, _ = load_tracks(args.ground_truth, args.offset)
+        route = with_positions(reference, track).route
+    write_report(folder, truth, found, formats, route)
     write_json(folder / results.METRICS, metrics)
 
-    print(
+    answer(
         f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
         f"average precision {found.curve.average_precision:.3f}   "
         + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
     )
-    print(
+    answer(
         f"{found.queries} queries evaluated by {truth.description}; {found.queries_unknown} of "
         f"unknown truth left out, {found.queries_without_place} without a true place in the map, "
         f"{found.queries_tied} tied"
     )
     _print_trust(matches, found)
-    print(f"recall: {args.recall_denominator} queries are missed; see {folder / results.REPORT}")
+    answer(
+        f"recall counts as missed queries: {MISSED[args.recall_denominator]}; "
+        f"see {folder / results.REPORT}"
+    )
 
 
 def _print_trust(matches: Matches, found: Evaluation) -> None:
     """Print what is known of probabilities, rejected matches and queries off the map."""
     rejection = found.rejection
     if found.reliability is not None:
-        print(
+        answer(
             f"probabilities are off by {found.reliability.expected_calibration_error:.3f} on "
             "average (expected calibration error)"
         )
@@ -65,12 +76,12 @@ def _print_trust(matches: Matches, found: Evaluation) -> None:
             "-" if value is None else f"{value:.3f}"
             for value in (rejection.precision, rejection.recall)
         )
-        print(
+        answer(
             f"--precision {matches.settings.precision}: {rejection.accepted} of {found.queries} "
             f"matches accepted, precision {precision}, recall {recall} of those on the map"
         )
     if rejection.off_map_auroc is not None:
-        print(
+        answer(
             f"off the map: AUROC of the trust {rejection.off_map_auroc:.3f}; "
             f"{rejection.right_on_map:.3f} of the queries on it are right, "
             f"{rejection.found_at_99_precision:.3f} found at 99 % precision over all"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.device.design_errors import design_errors
+from edge_vpr_tools.output.messages import answer
 from firmware_model.vectors import check_files, read_results, verify
 from firmware_model.vectors.verify import COMPARED
 
@@ -23,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.vectors)
     files = check_files(folder)
     if args.results is None:
-        print(f"{folder}: {files} files are as they were made")
+        answer(f"{folder}: {files} files are as they were made")
         return
     kinds = tuple(args.only.split(","))
     if not set(kinds) <= set(COMPARED):
@@ -31,9 +32,10 @@ def run(args: argparse.Namespace) -> None:
     verdict = verify(folder, read_results(args.results), case=args.case, kinds=kinds)
     compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
     if verdict.differences:
-        print("\n".join(verdict.differences))
+        for difference in verdict.differences:
+            answer(difference)
         raise EdgeVprError(
             f"{args.results}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
             f"vectors in {folder}; the first difference of each is above"
         )
-    print(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
+    answer(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")

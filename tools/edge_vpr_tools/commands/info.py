@@ -8,6 +8,7 @@ import json
 from edge_vpr.recordings import FORMATS
 from edge_vpr_tools.arguments.reading import open_from
 from edge_vpr_tools.output.json_records import to_json
+from edge_vpr_tools.output.messages import answer
 from edge_vpr_tools.output.progress import tracked
 from edge_vpr_tools.runs.recording_summary import summarise
 
@@ -38,4 +39,4 @@ def run(args: argparse.Namespace) -> None:
         "faults": str(recording.faults),
     }
     for name, text in lines.items():
-        print(f"{name:<9} {text}")
+        answer(f"{name:<9} {text}")

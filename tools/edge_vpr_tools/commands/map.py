@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> None:
         f"({counts.dtype}){packed}, {counts.nbytes / 1e3:.1f} kB in all"
     )
     summary(
-        f"read {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
+        f"counted {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
         f"in {elapsed:.2f} s; {hot_pixels} hot pixels left out"
         f"{describe_removed(removed, settings)}"
         f"{describe_faults(recording)}"

@@ -16,7 +16,7 @@ from edge_vpr_tools.arguments.reading import (
     describe_faults,
     open_source,
 )
-from edge_vpr_tools.arguments.setting_flags import match_flags
+from edge_vpr_tools.arguments.setting_flags import match_flags, with_match_flags
 from edge_vpr_tools.commands.match_online import match_online
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
     reference = ReferenceMap.load(args.map)
-    settings = reference.settings.replaced(match_flags(args), "the command line")
+    settings = with_match_flags(args, reference.settings)
     asked = reference.matched_with(settings)
     _ = asked.judge  # a precision that cannot be promised is refused before the work
     if args.every is not None and not args.online:

@@ -22,8 +22,6 @@ from edge_vpr_tools.runs.online import localise, made_causal
 from edge_vpr_tools.runs.registration import mounted
 from edge_vpr_tools.runs.schedule import parse_every
 
-ONLINE_FIGURE = "online"
-
 
 def match_online(
     args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
@@ -64,12 +62,9 @@ def match_online(
         inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
         write_match_folder(folder, reference, matches, found.removed, metrics, inputs)
         if not args.no_figures:
-            from edge_vpr_tools.report.figures import online_places
-            from edge_vpr_tools.report.style import save
+            from edge_vpr_tools.report.traverse import write_online_figure
 
-            drawing = online_places(matches)
-            kinds = read_formats(args.figures)
-            save(drawing, *(folder / f"{ONLINE_FIGURE}.{kind}" for kind in kinds))
+            write_online_figure(folder, reference, matches, read_formats(args.figures))
     summary(
         f"{output}: {len(matches):,} matches of {found.events:,} events over "
         f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}"

@@ -14,7 +14,7 @@ from edge_vpr_tools.energy.profiling import Request, profile
 from edge_vpr_tools.energy.sensors.search import choose_sensor
 from edge_vpr_tools.energy.show import show
 from edge_vpr_tools.output import results
-from edge_vpr_tools.output.interrupt import terminated_as_interrupted
+from edge_vpr_tools.output.interrupt import check_interrupted, terminated_as_interrupted
 from edge_vpr_tools.output.messages import is_quiet, summary
 from edge_vpr_tools.output.provenance import write_json
 
@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> None:
     results.check_output_folder(output, args.overwrite, inputs)
     with terminated_as_interrupted():
         found = _profile(args, request, plan)
+        check_interrupted()
         with results.results_folder(output, args.overwrite) as folder:
             write_json(folder / results.RUN, found.run)
             write_profile(found, folder, report=not args.no_figures)

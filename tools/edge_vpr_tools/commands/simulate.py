@@ -62,7 +62,8 @@ def run(args: argparse.Namespace) -> None:
             for name, recording in zip(("reference", "query"), pair, strict=True)
         }
         write_json(folder / RUN, run_record(settings, ()))
-    summary("\n".join(lines))
+    for line in lines:
+        summary(line)
 
 
 def write_odometry(path: Path, odometry: Odometry) -> None:

@@ -9,7 +9,16 @@ from matplotlib.figure import Figure
 
 from edge_vpr_tools.energy.design_trials import DesignResult
 from edge_vpr_tools.energy.energy_record import Energy, Figures, Readings
-from edge_vpr_tools.report.style import BLUE, CYCLE, GREEN, ORANGE, SKY, figure, quantity_axis
+from edge_vpr_tools.report.style import (
+    BLUE,
+    CYCLE,
+    GREEN,
+    ORANGE,
+    SKY,
+    figure,
+    name_label,
+    quantity_axis,
+)
 
 _MARKERS = "os^vDPX"
 
@@ -80,7 +89,7 @@ def accuracy(designs: Sequence[DesignResult]) -> Figure:
                 value, one.precision_at_100_recall,
                 xerr=[[max(value - low, 0.0)], [max(high - value, 0.0)]],
                 fmt=_MARKERS[i % len(_MARKERS)], color=CYCLE[i % len(CYCLE)], capsize=3,
-                label=one.name,
+                label=name_label(one.name),
             )  # fmt: skip
         quantity_axis(axes.xaxis, "J" if joules else "s")
         axes.margins(x=0.15)

@@ -13,6 +13,7 @@ from edge_vpr_tools.energy.energy_record import Energy, Figures, PowerTrace, Rea
 from edge_vpr_tools.energy.intervals import LEAST_PAIRS, interval, paired_energy
 from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
 from edge_vpr_tools.energy.sensors.sensor import About, Sensor
+from edge_vpr_tools.output.interrupt import check_interrupted
 from edge_vpr_tools.output.messages import note
 
 #: runs the load for so many seconds and gives the number of matches
@@ -103,6 +104,7 @@ def take_turns(
         left_s = 2 * plan.window_s * (plan.pairs - pair)
         note(f"idle and load, pair {pair + 1} of {plan.pairs}: {left_s:.0f} s left")
         for loaded in (False, True) if pair % 2 == 0 else (True, False):
+            check_interrupted()
             start, matches = clock(), 0
             if loaded:
                 matches = load(plan.window_s)

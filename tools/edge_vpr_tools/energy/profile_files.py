@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from edge_vpr.archive import replacing
 from edge_vpr_tools.energy import figures
 from edge_vpr_tools.energy.energy_record import Energy
 from edge_vpr_tools.energy.profile_record import PROFILE, Profile
@@ -18,10 +15,10 @@ from edge_vpr_tools.energy.profile_values import numbers
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.json_records import to_json
 from edge_vpr_tools.output.provenance import write_json
+from edge_vpr_tools.output.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.run_section import add_run, plain
 from edge_vpr_tools.report.style import save
-
-Cells = Iterable[Sequence[str | float | None]]
 
 
 def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:
@@ -41,14 +38,6 @@ def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PRO
     write_spreadsheet(folder / "profile.csv", header, [one[:4] for one in numbers(found)])
     if report:
         write_report(found, folder)
-
-
-def write_spreadsheet(path: Path, header: Sequence[str], lines: Cells) -> None:
-    """Write lines of a CSV file; None is an empty cell, which was not measured."""
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(["" if cell is None else cell for cell in line] for line in lines)
 
 
 def write_report(found: Profile, folder: Path) -> None:
@@ -76,9 +65,17 @@ def write_report(found: Profile, folder: Path) -> None:
         )  # fmt: skip
         for name, draw, caption in drawings:
             _add(page, folder / name, draw(), caption)
-    page.heading("Where and how")
-    page.verbatim(json.dumps(to_json(found.provenance), indent=2))
-    page.verbatim(json.dumps(to_json(found.run), indent=2))
+    provenance = to_json(found.provenance)
+    page.heading("Conditions of the measurement")
+    page.table(
+        ("condition", "value"),
+        [
+            (name.replace("_", " "), plain(value))
+            for name, value in provenance.items()
+            if name != "versions"
+        ],
+    )
+    add_run(page, to_json(found.run))
     page.write(folder / results.REPORT)
 
 

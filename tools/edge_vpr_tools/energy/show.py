@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 
 from edge_vpr.plain_values import understood
-from edge_vpr_tools.energy.profile_files import write_spreadsheet
 from edge_vpr_tools.energy.profile_record import Profile
 from edge_vpr_tools.energy.profile_text import DESIGNS, designs, notes, rows
 from edge_vpr_tools.energy.profile_values import NOT_MEASURED, Number, numbers
+from edge_vpr_tools.output.spreadsheets import write_spreadsheet
 from edge_vpr_tools.output.tables import say, table
 
 _WIDTH = 110

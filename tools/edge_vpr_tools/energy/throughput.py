@@ -10,6 +10,7 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.energy.workload import Workload
+from edge_vpr_tools.output.interrupt import check_interrupted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +66,7 @@ def measure_throughput(workload: Workload, seconds: float) -> Throughput:
     workload.reset()
     cpu, start = time.process_time(), time.perf_counter()
     workload.run(seconds)
+    check_interrupted()
     elapsed, cpu = time.perf_counter() - start, time.process_time() - cpu
     if workload.matches == 0:
         raise UsageError(f"no match within {seconds} s: take longer windows (--window-s)")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from edge_vpr_tools.estimate.candidates import Candidate
 from edge_vpr_tools.estimate.targets import Target
-from edge_vpr_tools.report.style import BLUE, ORANGE, figure, quantity_axis
+from edge_vpr_tools.report.style import BLUE, ORANGE, figure, name_label, quantity_axis
 
 
 def frontier(found: Sequence[Candidate], cost_of: Callable[[Candidate], float]) -> list[Candidate]:
@@ -73,7 +73,7 @@ def _panel(
         # to the left of the steps is room, but for what is hardly above the step before
         beside = before is not None and one.accuracy - before.accuracy < 0.02
         axes.annotate(
-            Path(one.name).name, (cost_of(one), one.accuracy), fontsize=7,
+            name_label(Path(one.name).name), (cost_of(one), one.accuracy), fontsize=7,
             ha="left" if beside else "right", xytext=(5 if beside else -5, 3),
             textcoords="offset points",
         )  # fmt: skip

@@ -13,6 +13,8 @@ EXPERIMENTS = {
     "rivals": "rivals",
     "pixel-number": "pixel_number",
     "event-speed": "event_speed",
+    "burst-filters": "burst_filters",
+    "window-length": "window_length",
 }
 
 #: folders of recordings, and where they come from

@@ -12,10 +12,17 @@ from matplotlib.figure import Figure
 
 from edge_vpr.baselines import compare, open_baseline
 from edge_vpr.baselines.selected_pixels import SelectedPixels
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import Matches
+from edge_vpr.pipeline import coded_map, match_query
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.rivals import (
     SIMULATED,
+    CountedDrive,
     CountedPair,
     recorded_pairs,
     simulated_pair,
@@ -29,18 +36,28 @@ NUMBERS = (5, 10, 25, 50, 83, 150, 300)
 STRATEGIES: Mapping[str, Mapping[str, Any]] = {
     "variance": {"strategy": "variance"},
     "mean (released code)": {"strategy": "seed-code"},
+    "information": {"strategy": "information"},
     "random": {"strategy": "random"},
     "random, upper two thirds": {"strategy": "random-upper"},
 }
 ALL = "all pixels"
 
 
+#: how the pixels are matched: counts in sequences, as in the paper, or by default as on a robot
+PAPER, ROBOT = "sequences of counts (the paper)", "place filter, running mean (robot)"
+_ROBOT = {"smooth": False, "query_mean": "running"}
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
-    """P@100R of each trial, by strategy and number of pixels; and of all pixels."""
+    """P@100R of each trial, by method, strategy and number of pixels; and of all pixels."""
 
-    few: dict[tuple[str, int], list[float]]
+    few: dict[tuple[str, str, int], list[float]]
     every: list[float]
+
+    def add(self, method: str, strategy: str, number: int, right: float) -> None:
+        """Keep the figure of a trial."""
+        self.few.setdefault((method, strategy, number), []).append(right)
 
 
 def score(pair: CountedPair, seed: int, found: Found, dense: bool = True) -> None:
@@ -61,15 +78,38 @@ def score(pair: CountedPair, seed: int, found: Found, dense: bool = True) -> Non
     for name, changes in STRATEGIES.items():
         for number in NUMBERS:
             settings = pair.settings.replaced({"pixels": number, "seed": seed, **changes}, name)
+            pixels = SelectedPixels(name, settings)
             try:
-                compared = compare(SelectedPixels(name, settings), *images, times, settings)
+                compared = compare(pixels, *images, times, settings)
             except UsageError:  # the surrounds of fewer pixels cover this sensor
                 continue
-            right = evaluate(compared.matches, truth).precision_at_100_recall
-            found.few.setdefault((name, number), []).append(right)
+            found.add(
+                PAPER, name, number, evaluate(compared.matches, truth).precision_at_100_recall
+            )
+            matches = match_as_robot(pair, pixels.pixel_map)
+            found.add(ROBOT, name, number, evaluate(matches, truth).precision_at_100_recall)
     if dense:
         compared = compare(open_baseline("all-pixels"), *images, times, pair.settings)
         found.every.append(evaluate(compared.matches, truth).precision_at_100_recall)
+
+
+def match_as_robot(pair: CountedPair, pixel_map: PixelMap) -> Matches:
+    """Match a pair at these pixels by the default method, window by window."""
+    settings = PRESETS["default"].replaced(
+        {"pixels": len(pixel_map), "window": pair.settings.window, **_ROBOT}, ROBOT
+    )
+    places, queries = (_windows_at(drive, pixel_map) for drive in (pair.reference, pair.query))
+    size = pair.reference.images.shape[1:]
+    nothing = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.bool_)
+    counted = ReferenceMap(settings.uncoded, pixel_map, places, *nothing)
+    coded = coded_map(counted, settings)
+    return match_query(coded, coded.coded(queries))
+
+
+def _windows_at(drive: CountedDrive, pixel_map: PixelMap) -> Descriptors:
+    counts, centre = drive.images[:, pixel_map.y, pixel_map.x], drive.centre_us
+    events = drive.images.sum(axis=(1, 2), dtype=np.int64)
+    return Descriptors(narrow(counts), centre, centre + 1, events)
 
 
 def run(
@@ -99,7 +139,11 @@ def run(
         score(pair, seed, found, dense=pair.name == SIMULATED or not found.every)
     if figure_path is not None:
         save(draw(results), figure_path)
-    return "\n\n".join(f"{name}, P@100R:\n\n{_table(found)}" for name, found in results.items())
+    return "\n\n".join(
+        f"{name}, {method}, P@100R:\n\n{_table(found, method)}"
+        for name, found in results.items()
+        for method in (PAPER, ROBOT)
+    )
 
 
 def _trials(data: Path | None, seeds: int) -> Iterator[tuple[CountedPair, int]]:
@@ -110,24 +154,28 @@ def _trials(data: Path | None, seeds: int) -> Iterator[tuple[CountedPair, int]]:
             yield pair, seed
 
 
-def _table(found: Found) -> str:
+def _table(found: Found, method: str) -> str:
     rows = []
     for name in STRATEGIES:
-        values = [found.few.get((name, number)) for number in NUMBERS]
+        values = [found.few.get((method, name, number)) for number in NUMBERS]
         rows.append([name, *("-" if v is None else str(Summary(v)) for v in values)])
-    rows.append([ALL, *[""] * (len(NUMBERS) - 1), str(Summary(found.every))])
+    if method == PAPER:
+        rows.append([ALL, *[""] * (len(NUMBERS) - 1), str(Summary(found.every))])
     return markdown_table(("pixels chosen by", *map(str, NUMBERS)), rows)
 
 
 def draw(results: Mapping[str, Found]) -> Figure:
-    """Draw right matches against the number of pixels, a panel for each pair of drives."""
-    with figure(4.2 * len(results) + 1.5, 4.6) as (drawing, only):
+    """Draw right matches against the number of pixels: a column each pair, a row each method."""
+    with figure(4.2 * len(results) + 1.5, 8.0) as (drawing, only):
         only.remove()
-        panels = drawing.subplots(1, len(results), squeeze=False)
-        for axes, (pair, found) in zip(panels.flat, results.items(), strict=True):
+        panels = drawing.subplots(2, len(results), squeeze=False, sharex=True)
+        every = (
+            (pair, found, method) for method in (PAPER, ROBOT) for pair, found in results.items()
+        )
+        for axes, (pair, found, method) in zip(panels.flat, every, strict=True):
             for i, name in enumerate(STRATEGIES):
-                numbers = [n for n in NUMBERS if (name, n) in found.few]
-                values = [found.few[name, n] for n in numbers]
+                numbers = [n for n in NUMBERS if (method, name, n) in found.few]
+                values = [found.few[method, name, n] for n in numbers]
                 axes.errorbar(
                     numbers,
                     [np.mean(v) for v in values],
@@ -138,12 +186,16 @@ def draw(results: Mapping[str, Found]) -> Figure:
                     ms=3.5,
                     label=name,
                 )
-            axes.axhline(float(np.mean(found.every)), color="gray", lw=0.9, label=ALL)
+            if method == PAPER:
+                axes.axhline(float(np.mean(found.every)), color="gray", lw=0.9, label=ALL)
             axes.set_xscale("log")
             axes.set_xticks(NUMBERS, [str(number) for number in NUMBERS])
             axes.minorticks_off()
-            axes.set(title=pair, xlabel="pixels", ylim=(0, 1.03))
-        panels[0, 0].set_ylabel("P@100R")
+            axes.set(title=f"{pair}\n{method}", ylim=(0, 1.03))
+        for row in panels:
+            row[0].set_ylabel("P@100R")
+        for axes in panels[-1]:
+            axes.set_xlabel("pixels")
         handles, labels = panels[0, 0].get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside lower center", ncols=3)
     return drawing

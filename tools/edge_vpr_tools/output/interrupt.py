@@ -34,18 +34,38 @@ def stopped_by_signals(stopping: threading.Event) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+_interrupted = threading.Event()
+
+
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that nothing half written is left."""
+    """Let SIGTERM end the block as Ctrl-C does, so that nothing half written is left.
+
+    Python drops an interrupt that is raised while a library calls back from C, as Numba does where
+    it loads and looks up kernels. So it is kept in mind, for `check_interrupted`.
+    """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        _interrupted.set()
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, interrupt)
+    caught = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
+        caught.append(signal.SIGINT)
+    before = {number: signal.signal(number, interrupt) for number in caught}
+    _interrupted.clear()
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        _interrupted.clear()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def check_interrupted() -> None:
+    """Raise KeyboardInterrupt if one was dropped within `terminated_as_interrupted`."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt

@@ -91,7 +91,7 @@ class View:
         self._rate = 0.0
         self._lag_s = 0.0
         self._lags = Lags()
-        self._last: dict[str, Any] | None = None
+        self._last: str | None = None  # match, as JSON
         self.matched = 0
 
     def matches(self, result: LiveResult, lag_s: float) -> None:
@@ -104,13 +104,12 @@ class View:
             self._lags.add(lag_s)
         if result.matches.size:
             host_us = time.time_ns() // 1_000 - int(1e6 * lag_s)
-            for row in self._rows.of(result, host_us):
-                self._last = row
-                self.matched += 1
-                self._write(row)
-        if self._json and result.matches.size:
-            # a program at the other end of a pipe waits for this
-            self._print()
+            lines = list(self._rows.lines(result, host_us))
+            if self._json:  # first: a program at the other end of a pipe waits for this
+                self._print(*lines)
+            self._last, self.matched = lines[-1], self.matched + len(lines)
+            for line in lines:
+                self._hand_on("match", line)
 
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
         """Say that something happened, or that it is over."""
@@ -189,19 +188,20 @@ class View:
         if (silent_s := self._silent_s()) > SILENT_S:
             said["silent"] = f"nothing came for {silent_s:.0f} s"
         if self._last is not None:
+            last = json.loads(self._last)
             said["place"] = (
-                f"place {self._last['place']} of {self._places}"
+                f"place {last['place']} of {self._places}"
                 f" ({100 * self._position():.0f} % of the route)"
             )
-            if self._last.get("along_m") is not None:
-                said["place"] += f", at {self._last['along_m']:,.1f} m"
-            ratio, probability = self._last["ratio"], self._last["probability"]
+            if last.get("along_m") is not None:
+                said["place"] += f", at {last['along_m']:,.1f} m"
+            ratio, probability = last["ratio"], last["probability"]
             said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
                 said["certainty"] = f"right with probability {probability:.2f}"
-            if self._last["lost"]:
+            if last["lost"]:
                 said["certainty"] += ", lost"
-            if self._last["incomplete"]:
+            if last["incomplete"]:
                 said["certainty"] += ", incomplete: events were lost"
         elif self._places:
             said["place"] = f"first sequence {100 * filled:.0f} % full"
@@ -217,7 +217,7 @@ class View:
     def _position(self) -> float:
         """Share of the route that lies behind the newest match."""
         assert self._last is not None
-        return float(self._last["place"] / max(1, self._places - 1))
+        return float(json.loads(self._last)["place"] / max(1, self._places - 1))
 
     def _share(self, filled: float) -> float:
         """Share of the route, or of the first sequence until it is full."""
@@ -225,29 +225,31 @@ class View:
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
+        self._hand_on(row["kind"], text)
+        if self._json:
+            self._print(text)
+
+    def _hand_on(self, kind: str, text: str) -> None:
+        """Give a row to the publishers and to the log."""
         for publisher in self._publishers:
-            publisher.send(row["kind"], text)
+            publisher.send(kind, text)
         if self._log is not None:
             try:
                 self._log.write(text + "\n")
-                if row["kind"] != "match":
+                if kind != "match":
                     self._log.flush()
             except OSError as error:
                 name, self._log = self._log.name, None
                 self.give_up(ends_early(name, error))
-        if self._json:
-            self._print(text, flush=row["kind"] != "match")
 
-    def _print(self, *text: str, flush: bool = True) -> None:
-        """Print lines, or only flush those before; a reader that has gone ends the run well.
+    def _print(self, *text: str) -> None:
+        """Print lines at once; a reader that has gone ends the run well.
 
         So does a second signal while the reader neither goes nor reads.
         """
         try:
-            for line in text:
-                print(line)
-            if flush:
-                sys.stdout.flush()
+            if text:
+                print(*text, sep="\n", flush=True)
         except (OSError, KeyboardInterrupt) as error:
             if isinstance(error, OSError) and error.errno not in (errno.EPIPE, errno.EIO):
                 raise

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from enum import IntEnum
 
-from edge_vpr.errors import printable
+from edge_vpr.errors import escaped, printable
 
 
 class Verbosity(IntEnum):
@@ -37,9 +37,14 @@ def is_quiet() -> bool:
 
 
 def summary(text: str) -> None:
-    """Print what a command wrote, on standard output; not if quiet."""
+    """Print what a command wrote, a line on standard output; not if quiet."""
     if not is_quiet():
-        print(text)
+        answer(text)
+
+
+def answer(text: str) -> None:
+    """Print a line that a command was asked for, on standard output, whatever was asked for."""
+    print(escaped(text), flush=True)
 
 
 def note(text: str) -> None:

@@ -6,6 +6,9 @@ from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
+from edge_vpr.errors import escaped
 
 #: columns of a table that goes into a file
 WIDTH = 118
@@ -31,17 +34,22 @@ def table(
     quiet : bool
         Print nothing.
     """
-    shown = Table(title=title)
+    shown = Table(title=None if title is None else _plain(title))
     for i, name in enumerate(header):
-        shown.add_column(name, justify="left" if i == 0 else "right")
+        shown.add_column(_plain(name), justify="left" if i == 0 else "right")
     for row in rows:
-        shown.add_row(*row)
+        shown.add_row(*map(_plain, row))
     _console(width, quiet).print(shown)
 
 
 def say(text: str, *, width: int = WIDTH, markup: bool = False, quiet: bool = False) -> None:
-    """Print a paragraph, see `table`."""
-    _console(width, quiet).print(text, highlight=False, markup=markup)
+    """Print a paragraph, see `table`; `markup` is for texts without a word out of a file."""
+    _console(width, quiet).print(text if markup else _plain(text), highlight=False)
+
+
+def _plain(text: str) -> Text:
+    """Return text without mark-up and escapes, which names of files and devices may hold."""
+    return Text("\n".join(map(escaped, text.split("\n"))))
 
 
 def _console(width: int, quiet: bool) -> Console:

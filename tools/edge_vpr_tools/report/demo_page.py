@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from edge_vpr.evaluation.place_positions import with_positions
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr_tools.experiments import simulated
 from edge_vpr_tools.experiments.latency import Latency
 from edge_vpr_tools.experiments.trial import Trial
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.provenance import read_json
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.run_section import add_run
+from edge_vpr_tools.report.scales import along_route, seconds
 from edge_vpr_tools.report.style import save
 from edge_vpr_tools.report.traverse import shown_distances
 
@@ -66,8 +71,21 @@ def _latency_line(latencies: dict[str, Latency]) -> str:
     return "From entering a place to its first right match, median: " + "; ".join(parts) + "."
 
 
-def write_report(folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency]) -> None:
-    """Write ``report.html`` and its figures."""
+def write_report(
+    folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency], track: Track
+) -> None:
+    """Write ``report.html`` and its figures.
+
+    Parameters
+    ----------
+    folder : path
+        With the run's record.
+    trials : dict of str to Trial
+        By variant.
+    latencies : dict of str to Latency
+    track : Track
+        Of the reference drive.
+    """
     best, by_time = trials[simulated.BEST], trials[simulated.BY_TIME]
     page = Page("edge-vpr: one street, driven twice")
     page.text(
@@ -92,7 +110,11 @@ def write_report(folder: Path, trials: dict[str, Trial], latencies: dict[str, La
         ("fixed_tau.png", by_time, "Fixed tau: the same place looks different at another speed."),
     ):
         shown = shown_distances(trial.reference.places, trial.queries, trial.matches)
-        drawing = figures.distance_matrix(*shown, trial.matches, trial.truth, trial.evaluation)
+        route = with_positions(trial.reference, track).route
+        drawing = figures.distance_matrix(
+            *shown, trial.matches, trial.truth, trial.evaluation,
+            seconds(trial.queries.centre_us, "query"), along_route(trial.reference, route),
+        )  # fmt: skip
         drawings.append((name, drawing, caption))
     drives = [("reference", best.reference.places), ("query", best.queries)]
     drawings += [
@@ -105,4 +127,5 @@ def write_report(folder: Path, trials: dict[str, Trial], latencies: dict[str, La
     for name, drawing, caption in drawings:
         save(drawing, folder / name)
         page.picture((folder / name).read_bytes(), caption)
+    add_run(page, read_json(folder / results.RUN, "run the demo again"))
     page.write(folder / results.REPORT)

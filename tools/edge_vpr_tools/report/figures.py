@@ -20,14 +20,16 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.report.scales import Scale, add_scale
 from edge_vpr_tools.report.style import BLUE, CYCLE, DASHES, ORANGE, RED, SKY, figure
+from edge_vpr_tools.report.wording import MISSED
 
 
 def selected_pixels(reference: ReferenceMap) -> Figure:
     """Draw the selected pixels over the map that they were drawn from."""
     sensor = reference.pixel_map.sensor
     what = "mean" if reference.settings.strategy == "seed-code" else "variance"
-    with figure(7.0, 1.2 + 6.0 * sensor.height / sensor.width) as (drawing, axes):
+    with figure(7.0, 1.5 + 5.2 * sensor.height / sensor.width) as (drawing, axes):
         shown = np.where(reference.hot, np.nan, reference.saliency)
         # a few pixels may vary a thousand times more than most: a root keeps the others visible
         image = axes.imshow(np.sqrt(shown), cmap="cividis", interpolation="nearest")
@@ -59,8 +61,10 @@ def distance_matrix(
     distances: npt.NDArray[np.floating],
     stride: int,
     matches: Matches,
-    truth: GroundTruth | None,
-    found: Evaluation | None,
+    truth: GroundTruth | None = None,
+    found: Evaluation | None = None,
+    query_scale: Scale | None = None,
+    place_scale: Scale | None = None,
 ) -> Figure:
     """Draw the distances of all places to all queries, the matches, and where they should be.
 
@@ -71,6 +75,8 @@ def distance_matrix(
     stride : int
     matches : Matches
     truth, found : GroundTruth and Evaluation, optional
+    query_scale, place_scale : Scale, optional
+        Of the query's windows and of the map's places: a second axis for each.
     """
     first = int(matches.query[0])
     extent = (
@@ -108,6 +114,10 @@ def distance_matrix(
             ylabel="reference place",
         )
         axes.grid(visible=False)
+        if query_scale is not None:
+            add_scale(axes, "top", query_scale)
+        if place_scale is not None:
+            add_scale(axes, "right", place_scale)
         axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, -0.08), ncols=3)
     return drawing
 
@@ -128,22 +138,24 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
             )
         axes.axhline(0.99, color="gray", lw=0.8)
         some = next(iter(curves.values()))
-        missed = some.recall_denominator
         axes.set(
             title=f"Precision and recall over all thresholds on the {some.score}",
-            xlabel=f"recall (missed: {missed})",
+            xlabel=f"recall (missed queries: {MISSED[some.recall_denominator]})",
             ylabel="precision",
             xlim=(0, 1.01),
             ylim=(0, 1.03),
         )
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
+        if len(curves) == 1:
+            axes.legend(loc="lower left", fontsize=9)
+        else:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
     return drawing
 
 
 def reliability_diagram(found: Reliability) -> Figure:
     """Draw how often matches are right against the probability that they were given."""
     with figure(6.5, 5.2) as (drawing, axes):
-        axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="as it should be")
+        axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="probability equals share")
         axes.plot(found.probability, found.right, color=BLUE, lw=1.5)
         sizes = 15 + 285 * found.matches / found.matches.max()
         label = f"{found.matches.sum()} matches in {len(found.matches)} bins, larger: more"
@@ -155,7 +167,7 @@ def reliability_diagram(found: Reliability) -> Figure:
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
-        axes.legend(loc="upper left")
+        axes.legend(loc="best")
     return drawing
 
 
@@ -197,8 +209,15 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     return drawing
 
 
-def online_places(matches: Matches) -> Figure:
-    """Draw which place was matched when; matches of little trust are light."""
+def online_places(matches: Matches, place_scale: Scale | None = None) -> Figure:
+    """Draw which place was matched when; matches of little trust are light.
+
+    Parameters
+    ----------
+    matches : Matches
+    place_scale : Scale, optional
+        Of the map's places: a second axis.
+    """
     with figure(7.5, 5.0) as (drawing, axes):
         # a picture shows no more than some ten thousand points
         shown = matches.every(1 + len(matches) // 20_000)
@@ -212,6 +231,8 @@ def online_places(matches: Matches) -> Figure:
             ylabel="reference place",
             ylim=(-0.5, matches.places_in_map - 0.5),
         )
+        if place_scale is not None:
+            add_scale(axes, "right", place_scale)
     return drawing
 
 

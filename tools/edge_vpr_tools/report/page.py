@@ -3,26 +3,73 @@
 from __future__ import annotations
 
 import base64
+import re
+import struct
 from collections.abc import Iterable, Sequence
-from html import escape
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from edge_vpr import __version__
 from edge_vpr.archive import replacing
 
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
-       color: #1a1a1a; background: #fff; }
-img { max-width: 100%; height: auto; }
-table { border-collapse: collapse; margin: 1rem 0; }
-th, td { padding: .3rem .8rem; text-align: left; border-bottom: 1px solid #ccc; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
-figure { margin: 1.5rem 0; } figcaption { color: #444; }
-pre { white-space: pre-wrap; background: #f4f4f4; padding: .8rem; font-size: 13px; }
-"""
+#: Matplotlib draws at 130 dots an inch, a browser shows 96
+_SHOWN = 96 / 130
+#: longer cells are read as text, also where they begin with a figure
+_LONGEST_NUMBER = 28
+#: a figure, and behind it a space, a per cent sign or nothing; or a dash
+_NUMBER = re.compile(r"(-?\d[\d,.]*(e[+-]?\d+)?|-)([ %]|$)")
+
+
+@dataclass(frozen=True)
+class _Text:
+    kind: ClassVar[str] = "text"
+    text: str
+
+
+@dataclass(frozen=True)
+class _Table:
+    kind: ClassVar[str] = "table"
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def is_number(self) -> tuple[bool, ...]:
+        """Whether each column holds numbers, which are aligned on the right."""
+        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
+        return tuple(any(column) and all(map(_is_number, column)) for column in columns)
+
+
+@dataclass(frozen=True)
+class _Picture:
+    kind: ClassVar[str] = "picture"
+    data: str
+    caption: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class _Folded:
+    kind: ClassVar[str] = "folded"
+    summary: str
+    text: str
+
+
+@dataclass
+class _Section:
+    title: str = ""
+    parts: list[_Text | _Table | _Picture | _Folded] = field(default_factory=list)
+
+    @property
+    def anchor(self) -> str:
+        return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
 
 class Page:
-    """Gathers the parts of a page and writes it at once.
+    """Gathers the parts of a page and writes it at once, by ``templates/page.html.jinja``.
 
     Parameters
     ----------
@@ -31,47 +78,50 @@ class Page:
 
     def __init__(self, title: str) -> None:
         self._title = title
-        self._parts: list[str] = []
+        self._sections = [_Section()]
 
     def heading(self, text: str) -> None:
         """Start a section."""
-        self._parts.append(f"<h2>{escape(text)}</h2>")
+        self._sections.append(_Section(text))
 
     def text(self, text: str) -> None:
         """Add a paragraph."""
-        self._parts.append(f"<p>{escape(text)}</p>")
+        self._sections[-1].parts.append(_Text(text))
 
     def table(self, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-        """Add a table; cells that start with a digit are set as numbers."""
-        head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
-        body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
-        self._parts.append(f"<table><tr>{head}</tr>{body}</table>")
+        """Add a table; columns in which every cell is a number are aligned on the right."""
+        self._sections[-1].parts.append(_Table(tuple(header), tuple(map(tuple, rows))))
 
     def picture(self, png: bytes, caption: str) -> None:
-        """Add a picture, in the page itself."""
+        """Add a PNG, which becomes a part of the page's file."""
         data = base64.b64encode(png).decode("ascii")
-        self._parts.append(
-            f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
-            f"<figcaption>{escape(caption)}</figcaption></figure>"
-        )
+        # the browser keeps the room of a picture free while it decodes it
+        width, height = struct.unpack(">II", png[16:24])
+        shown = (round(width * _SHOWN), round(height * _SHOWN))
+        self._sections[-1].parts.append(_Picture(data, caption, *shown))
 
-    def verbatim(self, text: str) -> None:
-        """Add text as it is, for example JSON."""
-        self._parts.append(f"<pre>{escape(text)}</pre>")
+    def folded(self, summary: str, text: str) -> None:
+        """Add preformatted text, for example JSON, which opens on a click and is not printed."""
+        self._sections[-1].parts.append(_Folded(summary, text))
 
     def write(self, path: Path) -> None:
         """Write the page, atomically."""
-        body = "\n".join(self._parts)
-        html = (
-            '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<title>{escape(self._title)}</title><style>{_STYLE}</style></head>"
-            f"<body><h1>{escape(self._title)}</h1>\n{body}\n</body></html>\n"
+        pages = Environment(
+            loader=PackageLoader(__package__),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            keep_trailing_newline=True,
+        )
+        sections = [each for each in self._sections if each.parts or each.title]
+        html = pages.get_template("page.html.jinja").render(
+            title=self._title, sections=sections, version=__version__
         )
         with replacing(path) as temporary:
-            temporary.write_text(html, encoding="utf-8")
+            temporary.write_text(html.lstrip(), encoding="utf-8")
 
 
-def _cell(text: str) -> str:
-    number = ' class="number"' if text[:1].isdigit() else ""
-    return f"<td{number}>{escape(text)}</td>"
+def _is_number(cell: str) -> bool:
+    """Whether a cell is a short figure, perhaps with its unit, bounds or spread."""
+    return not cell or (len(cell) <= _LONGEST_NUMBER and _NUMBER.match(cell) is not None)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
 from edge_vpr.archive import replacing
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, printable
 from edge_vpr_tools.report.formats import FORMATS
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
@@ -54,6 +54,19 @@ def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Ax
         yield drawing, drawing.add_subplot()
 
 
+def name_label(name: str) -> str:
+    r"""Return a file's or variant's name for a figure, where dollars would make it a formula.
+
+    Examples
+    --------
+    >>> name_label("a$1$\x1b[2J")
+    'a\\$1\\$\\x1b[2J'
+    """
+    # a label that begins with an underscore would be left out of a legend
+    shown = printable(name, 100).replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
+
+
 def quantity_axis(axis: Axis, unit: str) -> None:
     """Write the unit at each tick of an axis, 2 mJ and not 0.002; logarithmic from a decade on.
 
@@ -69,11 +82,17 @@ def quantity_axis(axis: Axis, unit: str) -> None:
     axis.set_major_formatter(EngFormatter(unit))
 
 
-def save(drawing: Figure, *paths: Path) -> None:
+def save(drawing: Figure, *paths: Path) -> dict[str, bytes]:
     """Write a figure to files, each atomically, in the format of its suffix (PNG, PDF or SVG).
 
     The files of one figure are the same whenever they are written: they hold no date.
+
+    Returns
+    -------
+    dict of str to bytes
+        What was written, by format: drawing takes longer than anything else in a report.
     """
+    found: dict[str, bytes] = {}
     for path in paths:
         kind = path.suffix.lower().removeprefix(".")
         if kind not in FORMATS:
@@ -81,8 +100,11 @@ def save(drawing: Figure, *paths: Path) -> None:
                 f"figure {path} does not end in .{', .'.join(FORMATS)}: name it for example "
                 f"{path.stem}.pdf"
             )
+        if kind not in found:
+            found[kind] = drawn(drawing, kind)
         with replacing(path) as temporary:
-            temporary.write_bytes(drawn(drawing, kind))
+            temporary.write_bytes(found[kind])
+    return found
 
 
 def drawn(drawing: Figure, kind: str) -> bytes:

@@ -17,13 +17,19 @@ from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequence import sequence_sums
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Route
 from edge_vpr_tools.output import results
+from edge_vpr_tools.output.provenance import read_json
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page
+from edge_vpr_tools.report.run_section import add_run
+from edge_vpr_tools.report.scales import Scale, along_route, seconds
 from edge_vpr_tools.report.style import drawn, save
+from edge_vpr_tools.report.wording import MISSED
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500
+ONLINE_FIGURE = "online"
 
 
 def write_report(
@@ -31,6 +37,7 @@ def write_report(
     truth: GroundTruth | None = None,
     found: Evaluation | None = None,
     formats: Sequence[str] = ("png",),
+    route: Route | None = None,
 ) -> None:
     """Draw the figures of a results folder and write its page.
 
@@ -42,6 +49,8 @@ def write_report(
         After an evaluation: matches are shown right or wrong.
     formats : sequence of str
         Of `report.formats.FORMATS`: each figure is written in each. The page has its own.
+    route : Route, optional
+        Positions of the places, for an axis in metres; without it, those that the map holds.
     """
     reference = ReferenceMap.load(folder / results.MAP)
     matches = Matches.load(folder / results.MATCHES)
@@ -49,17 +58,18 @@ def write_report(
     if (folder / results.QUERIES).is_file():
         arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
         queries = Descriptors.from_arrays(arrays)
+    route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")
 
     def add(name: str, draw: Callable[[], Figure], caption: str) -> None:
         drawing = draw()
-        save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
-        page.picture(drawn(drawing, "png"), caption)
+        saved = save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
+        page.picture(saved.get("png") or drawn(drawing, "png"), caption)
 
     settings = matches.settings
     page.text(
         f"{len(matches)} query windows matched against {len(reference)} places, "
-        f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels} pixels, "
+        f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels, "
         f"{reference.bytes_per_place} bytes a place ({reference.packed_bytes_per_place} packed), "
         + (
             "by the place filter."
@@ -81,13 +91,30 @@ def write_report(
                  )  # fmt: skip
     page.heading("Matches")
     if queries is None:
-        add("online", lambda: figures.online_places(matches),
+        add(ONLINE_FIGURE, lambda: figures.online_places(matches, along_route(reference, route)),
              "A drive that is recognised makes a line; trusted matches are dark.")  # fmt: skip
     else:
-        _add_queries(page, add, reference, queries, matches, truth, found)
-    page.heading("Settings, versions and inputs")
-    page.verbatim((folder / results.RUN).read_text(encoding="utf-8"))
+        scales = seconds(queries.centre_us, "query"), along_route(reference, route)
+        _add_queries(page, add, reference, queries, matches, truth, found, scales)
+    add_run(page, read_json(folder / results.RUN, "match again"))
     page.write(folder / results.REPORT)
+
+
+def write_online_figure(
+    folder: Path, reference: ReferenceMap, matches: Matches, formats: Sequence[str]
+) -> None:
+    """Draw the matches that a localiser gave, as ``online.png`` or in other formats.
+
+    Parameters
+    ----------
+    folder : path
+    reference : ReferenceMap
+    matches : Matches
+    formats : sequence of str
+        Of `report.formats.FORMATS`.
+    """
+    drawing = figures.online_places(matches, along_route(reference, reference.route))
+    save(drawing, *(folder / f"{ONLINE_FIGURE}.{kind}" for kind in formats))
 
 
 def _add_queries(
@@ -98,15 +125,16 @@ def _add_queries(
     matches: Matches,
     truth: GroundTruth | None,
     found: Evaluation | None,
+    scales: tuple[Scale, Scale],
 ) -> None:
-    """Draw what needs the query's descriptors."""
+    """Draw what needs the query's descriptors; `scales` are of queries and places."""
     drives = [
         (name, reference.decoded(drive))
         for name, drive in (("reference", reference.places), ("query", queries))
     ]
     distances, stride = shown_distances(reference.places, queries, matches)
     add("distance_matrix", lambda: figures.distance_matrix(
-        distances, stride, matches, truth, found
+        distances, stride, matches, truth, found, *scales
     ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
     page.heading("Pixels")
     add("pixels", lambda: figures.selected_pixels(reference),
@@ -114,9 +142,13 @@ def _add_queries(
     page.heading("Events and windows")
     add("event_rate", lambda: figures.event_rate(drives),
          "The selected pixels follow the whole sensor, at a fraction of the events."
-         + (" Theirs are estimated from codes." if reference.is_coded else ""))  # fmt: skip
-    add("window_lengths", lambda: figures.window_lengths(drives),
-         "A fixed-count window is short where much moves.")  # fmt: skip
+         + (" Their events are estimated from codes." if reference.is_coded else ""))  # fmt: skip
+    lengths = (
+        "A window of a fixed number of events is short where much moves."
+        if reference.settings.window == "count"
+        else "Windows of a fixed time are equally long."
+    )
+    add("window_lengths", lambda: figures.window_lengths(drives), lengths)
 
 
 def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
@@ -124,16 +156,18 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
         ("P@100R", f"{found.precision_at_100_recall:.3f}",
          "share of right matches when every query is matched"),
         ("R@99P", f"{found.recall_at_99_precision:.3f}",
-         f"largest recall at 99 % precision; missed: {found.recall_denominator}"),
+         f"largest recall at 99 % precision; missed queries: {MISSED[found.recall_denominator]}"),
         ("average precision", f"{found.curve.average_precision:.3f}",
          "area under the precision-recall curve, as a sum of steps"),
         *((f"Recall@{n}", f"{recall:.3f}", f"a right place is among the {n} nearest")
           for n, recall in found.recall_at.items()),
         *_trust_figures(found),
-        ("queries", f"{found.queries}", "evaluated"),
-        ("unknown", f"{found.queries_unknown}", "left out, since their truth is not known"),
-        ("without a place", f"{found.queries_without_place}", "evaluated, but not in the map"),
-        ("tied", f"{found.queries_tied}", "other places at the same distance; the lowest counts"),
+        ("queries", f"{found.queries}", "number of queries evaluated"),
+        ("unknown", f"{found.queries_unknown}", "queries left out, since their truth is not known"),
+        ("without a place", f"{found.queries_without_place}",
+         "queries evaluated, although no place in the map is right"),
+        ("tied", f"{found.queries_tied}",
+         "queries with several places at the least distance; the lowest place counts"),
     ]  # fmt: skip
 
 

@@ -11,10 +11,14 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.evaluation.truth_from_alignment import from_alignment, load_alignment
 from edge_vpr.evaluation.truth_from_matrix import from_matrix, load_matrix
 from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.recordings import parse_period
+
+#: Suffixes of files that hold a track, and no alignment.
+_TRACKS = (".nmea", ".gpx")
 
 Times = npt.NDArray[np.int64]
 
@@ -72,11 +76,10 @@ def load_truth(
     if tolerance is None:
         raise UsageError("the tolerance is not given: say for example --tolerance 70")
     if len(files) == 2:
-        offsets = (0.0, 0.0) if offset_s is None else offset_s
-        reference, query = (
-            load_track(file).shifted(offset) for file, offset in zip(files, offsets, strict=True)
-        )
+        reference, query = load_tracks(files, offset_s)
         return from_tracks(reference, query, places_us, queries_us, tolerance)
+    if Path(files[0]).suffix.lower() in _TRACKS:
+        raise UsageError(f"{files[0]} is one track: give two, the reference's and then the query's")
     alignment = load_alignment(files[0])
     if alignment.unit == "frame" and frame_period is None:
         raise UsageError(
@@ -91,3 +94,22 @@ def load_truth(
         tolerance,
         alignment.unit,
     )
+
+
+def load_tracks(files: Sequence[str], offset_s: Sequence[float] | None = None) -> list[Track]:
+    """Read the tracks of two drives.
+
+    Parameters
+    ----------
+    files : sequence of two str
+        Reference first.
+    offset_s : sequence of two floats, optional
+        Where time 0 of each track is in its recording, in seconds.
+
+    Raises
+    ------
+    GroundTruthError
+        If a file is wrong.
+    """
+    offsets = (0.0, 0.0) if offset_s is None else offset_s
+    return [load_track(file).shifted(at) for file, at in zip(files, offsets, strict=True)]

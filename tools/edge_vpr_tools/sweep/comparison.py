@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from edge_vpr.errors import UsageError
 from edge_vpr.plain_values import read_json, understood
 from edge_vpr_tools.output import results
-from edge_vpr_tools.report.style import CYCLE, figure
+from edge_vpr_tools.report.style import CYCLE, figure, name_label
 from edge_vpr_tools.sweep.store import SWEEP, Store
 
 #: figures of merit by their name in a file, with the head of their column
@@ -154,7 +154,7 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
             axes.plot(values, [i] * len(values), ".", color=colour, ms=5, alpha=0.6)
             axes.plot(row.mean(measure), i, "|", color=colour, ms=14, mew=2)
         left_out = f", the best {len(shown)} of {len(known)}" if len(shown) < len(known) else ""
-        axes.set_yticks(range(len(shown)), [row.name for row in shown], fontsize=8)
+        axes.set_yticks(range(len(shown)), [name_label(row.name) for row in shown], fontsize=8)
         axes.invert_yaxis()
         axes.set(
             title=f"{MEASURES[measure]}: a dot a seed, a bar their mean{left_out}",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from edge_vpr.archive import replacing
 from edge_vpr.errors import printable
 from edge_vpr_tools.output.provenance import run_record, write_json
 from edge_vpr_tools.output.results import RUN
+from edge_vpr_tools.output.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.style import save
 from edge_vpr_tools.sweep.comparison import MEASURES, Row, draw, spreadsheet_of, table_of
 
@@ -40,11 +40,7 @@ def write_comparison(
         That is drawn, of `MEASURES`.
     """
     head, lines = spreadsheet_of(rows)
-    path = folder / f"{NAME}.csv"
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(head)
-        writer.writerows(["" if cell is None else cell for cell in line] for line in lines)
+    write_spreadsheet(folder / f"{NAME}.csv", head, lines)
     with replacing(folder / f"{NAME}.md") as temporary:
         temporary.write_text(markdown(rows), encoding="utf-8")
     write_json(folder / f"{NAME}.json", {"schema": 1, "measures": MEASURES, "rows": list(rows)})

@@ -1,0 +1,139 @@
+"""Pixels chosen one after another, each for what it says of the place beyond those before it.
+
+Let the logarithms of a pixel's counts be a signal with noise of one variance. What a set S of
+pixels says of the place is then ``log det(I + C_S / noise) / 2`` (the capacity of a Gaussian
+channel), with the covariance C over the windows of the reference. The greedy choice takes the pixel
+of the largest variance that the pixels before it do not explain (a Cholesky factorisation with
+pivots), and is within 1 - 1/e of the best set.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
+
+#: variance of a logarithm from drive to drive at one place: half an octave squared
+NOISE = 1 << (2 * LEVEL_BITS - 1)
+#: most pixels that are looked at, and most windows; of more, one in so many
+MOST_PIXELS, MOST_WINDOWS = 1 << 14, 1 << 11
+
+
+def shortlist(saliency: npt.NDArray[np.float64], exclude: npt.NDArray[np.bool_]) -> PixelMap:
+    """Choose the pixels that are looked at: of each cell of the sensor, the most salient one.
+
+    Parameters
+    ----------
+    saliency : ndarray of float64, shape (height, width)
+        Not negative.
+    exclude : ndarray of bool, shape (height, width)
+
+    Returns
+    -------
+    PixelMap
+        At most 16,384 pixels, of cells of 1 x 1 pixels or more. Pixels of saliency 0 are left out.
+    """
+    height, width = saliency.shape
+    side = max(1, math.isqrt(height * width // MOST_PIXELS))
+    while -(-height // side) * -(-width // side) > MOST_PIXELS:
+        side += 1
+    usable = np.where(exclude, 0.0, saliency)
+    rows, columns = -(-height // side), -(-width // side)
+    padded = np.zeros((rows * side, columns * side))
+    padded[:height, :width] = usable
+    cells = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
+    within = cells.argmax(axis=2)
+    row, column = np.nonzero(cells.max(axis=2) > 0)
+    down, right = np.divmod(within[row, column], side)
+    return PixelMap(
+        Sensor(width, height),
+        (column * side + right).astype(np.uint16),
+        (row * side + down).astype(np.uint16),
+    )
+
+
+def informative_pixels(
+    pixel_map: PixelMap, counts: npt.NDArray[np.unsignedinteger], pixels: int
+) -> PixelMap:
+    """Choose J pixels of a shortlist.
+
+    Parameters
+    ----------
+    pixel_map : PixelMap
+        P pixels.
+    counts : ndarray of uint, shape (n, P)
+        Their counts in the windows of the reference.
+    pixels : int
+        J.
+
+    Returns
+    -------
+    PixelMap
+        In the order chosen; of equals, the first of the shortlist.
+
+    Raises
+    ------
+    UsageError
+        If fewer than J pixels say anything.
+    """
+    some = counts[:: -(-len(counts) // MOST_WINDOWS)]
+    levels = np.ascontiguousarray(OwnMeanCode().level(some).T)
+    chosen = np.empty(min(pixels, len(pixel_map)), dtype=np.int64)
+    found = _choose(levels, float(NOISE), chosen) if chosen.size == pixels else 0
+    if found < pixels:
+        raise UsageError(
+            f"{found or len(pixel_map)} pixels vary and {pixels} were asked for: ask for fewer "
+            "pixels or map a longer traverse"
+        )
+    return PixelMap(pixel_map.sensor, pixel_map.x[chosen], pixel_map.y[chosen])
+
+
+@njit(cache=True, nogil=True)
+def _choose(levels: npt.NDArray[np.int32], noise: float, chosen: npt.NDArray[np.int64]) -> int:
+    """Write the pixels chosen, and return how many have a variance at all.
+
+    Sums of products are exact integers, and everything else is in a fixed order: the choice is the
+    same on every machine.
+    """
+    pixels, windows = levels.shape
+    totals = np.zeros(pixels, dtype=np.int64)
+    rest = np.empty(pixels, dtype=np.float64)  # variance that the chosen ones do not explain
+    for p in range(pixels):
+        for w in range(windows):
+            totals[p] += levels[p, w]
+        rest[p] = _covariance(levels[p], levels[p], totals[p], totals[p])
+    factors = np.zeros((pixels, chosen.size), dtype=np.float64)
+    for n in range(chosen.size):
+        best = 0
+        for p in range(1, pixels):
+            if rest[p] > rest[best]:
+                best = p
+        if not rest[best] > 0:
+            return n
+        chosen[n] = best
+        scale = math.sqrt(rest[best] + noise)
+        for p in range(pixels):
+            shared = _covariance(levels[p], levels[best], totals[p], totals[best])
+            for m in range(n):
+                shared -= factors[p, m] * factors[best, m]
+            factors[p, n] = shared / scale
+            rest[p] -= factors[p, n] * factors[p, n]
+        rest[best] = -1.0
+    return chosen.size
+
+
+@njit(cache=True, nogil=True)
+def _covariance(
+    a: npt.NDArray[np.int32], b: npt.NDArray[np.int32], total_a: int, total_b: int
+) -> float:
+    products = np.int64(0)
+    for w in range(a.size):
+        products += np.int64(a[w]) * np.int64(b[w])
+    return float(a.size * products - total_a * total_b) / float(a.size * a.size)

@@ -1,0 +1,189 @@
+"""The place filter's recursion over many windows in one call, forwards and backwards."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from edge_vpr.descriptors.pauses import is_pause, usual_after
+from edge_vpr.matching.filter_arithmetic import (
+    TRUST_BITS,
+    evidence_of,
+    least_and_second,
+    reciprocal_of_spread,
+    trust_after,
+)
+from edge_vpr.matching.move_kernels import StepTable, leads_to, predict
+from edge_vpr.matching.step_prices import METRIC_TOP, Metrics
+
+#: Of a filter between two windows, beside its metrics; see `PlaceFilter`.
+NUMBERS = np.dtype(
+    [("reciprocal", np.int64), ("usual", np.int64), ("place", np.int64), ("trust", np.int64)]
+)
+
+
+class Predictions(NamedTuple):
+    """What the windows before say of the next one; see `PlaceFilter`.
+
+    Attributes
+    ----------
+    moving, paused : ndarray of int32, shape (K,)
+    follows : ndarray of bool, shape (K,)
+    """
+
+    moving: Metrics
+    paused: Metrics
+    follows: npt.NDArray[np.bool_]
+
+
+class WindowRows(NamedTuple):
+    """What n windows give, written by `advance_windows`.
+
+    Attributes
+    ----------
+    columns : ndarray of int64, shape (n, 6)
+        Of `FilterMatch`.
+    metrics : ndarray of int32, shape (n, K)
+        After each window.
+    evidence : ndarray of uint8, shape (n, K)
+        Which each window added.
+    pauses : ndarray of bool, shape (n,)
+        Which windows are pauses.
+    """
+
+    columns: npt.NDArray[np.int64]
+    metrics: Metrics
+    evidence: npt.NDArray[np.uint8]
+    pauses: npt.NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, windows: int, places: int) -> WindowRows:
+        """Return rows to be written."""
+        return cls(
+            np.empty((windows, 6), dtype=np.int64),
+            np.empty((windows, places), dtype=np.int32),
+            np.empty((windows, places), dtype=np.uint8),
+            np.empty(windows, dtype=np.bool_),
+        )
+
+
+@njit(cache=True, nogil=True)
+def advance_windows(
+    numbers: Any,
+    predicted: Predictions,
+    steps: StepTable,
+    exclusion: int,
+    distances: npt.NDArray[np.integer],
+    events: npt.NDArray[np.int64],
+    rows: WindowRows,
+) -> None:
+    """Take n finished windows, one after the other.
+
+    Parameters
+    ----------
+    numbers : ndarray of NUMBERS, shape (1,)
+        Before the first window; after the call, after the last.
+    predicted : Predictions
+        Of the first window. Those after it are predicted by steps.
+    steps : StepTable
+    exclusion : int
+    distances : ndarray of int, shape (n, K)
+    events : ndarray of int64, shape (n,)
+        At the selected pixels in each window.
+    rows : WindowRows
+        Written to.
+    """
+    now = numbers[0]
+    for i in range(len(distances)):
+        metric, evidence = rows.metrics[i], rows.evidence[i]
+        pauses = is_pause(events[i], now.usual)
+        rows.pauses[i] = pauses
+        if i > 0:
+            prices, first = (steps.paused, 0) if pauses else (steps.prices, steps.first)
+            prediction = predict(rows.metrics[i - 1], prices, first, steps.restart, steps.jumps)
+        else:
+            prediction = predicted.paused if pauses else predicted.moving
+        if pauses:
+            evidence[:] = 0
+        else:
+            own = reciprocal_of_spread(distances[i])
+            evidence_of(distances[i], now.reciprocal if now.reciprocal != 0 else own, evidence)
+            now.reciprocal = own
+        for k in range(metric.size):
+            metric[k] = min(prediction[k] + np.int32(evidence[k]), METRIC_TOP)
+        now.usual = usual_after(now.usual, events[i])
+        place, second, ties = least_and_second(metric, exclusion)
+        if i > 0:
+            follows = leads_to(now.place, place, steps.first, steps.last, steps.jumps)
+        else:
+            follows = predicted.follows[place]
+        margin = write_match(metric, place, second, ties, rows.columns[i])
+        kept = int(now.trust) if follows else 0
+        now.trust = trust_after(kept, place == now.place, margin)
+        now.place = place
+        rows.columns[i, 5] = now.trust
+
+
+@njit(cache=True, nogil=True)
+def write_match(
+    metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
+) -> int:
+    """Write a match but for its trust, and return its margin.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+    place, second, ties : int
+        Of `least_and_second`.
+    row : ndarray of int64, shape (6,)
+        Of `FilterMatch`; written to.
+    """
+    row[0], row[1], row[2], row[3], row[4] = place, metric[place], second, -1, ties
+    if second < 0:
+        return METRIC_TOP
+    row[3] = metric[second]
+    return row[3] - row[1]
+
+
+@njit(cache=True, nogil=True)
+def smooth_windows(
+    onward: Metrics,
+    turned: Metrics,
+    back: StepTable,
+    exclusion: int,
+    pauses: npt.NDArray[np.bool_],
+    evidence: npt.NDArray[np.uint8],
+    summed: Metrics,
+    columns: npt.NDArray[np.int64],
+) -> None:
+    """Add to the metrics of n windows the prices of going on from them, last window first.
+
+    Parameters
+    ----------
+    onward : ndarray of int32, shape (K,)
+        Price of going on from each place after the last of these windows; after the call, before
+        the first.
+    turned : ndarray of int32, shape (K,)
+        Written to: the price of going on from the first window, with its own evidence, last place
+        first.
+    back : StepTable
+        Of `Moves.reversed`.
+    exclusion : int
+    pauses, evidence
+        See `WindowRows`.
+    summed : ndarray of int32, shape (n, K)
+        Metrics; after the call, the price of the best path through each place.
+    columns : ndarray of int64, shape (n, 6)
+        Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
+    """
+    for i in range(len(summed) - 1, -1, -1):
+        summed[i] += onward
+        place, second, ties = least_and_second(summed[i], exclusion)
+        columns[i, 5] = write_match(summed[i], place, second, ties, columns[i]) << TRUST_BITS
+        for k in range(turned.size):
+            turned[k] = onward[turned.size - 1 - k] + evidence[i, turned.size - 1 - k]
+        prices, first = (back.paused, 0) if pauses[i] else (back.prices, back.first)
+        onward[:] = predict(turned, prices, first, back.restart, back.jumps)[::-1]

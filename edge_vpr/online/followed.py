@@ -1,0 +1,118 @@
+"""All that the kernel of a localiser works on, in one tuple."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.matching.filter_recursion import Predictions
+from edge_vpr.matching.step_prices import Metrics
+from edge_vpr.online.match_records import MATCH_DTYPE
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import Sliding
+from edge_vpr.reference_map import ReferenceMap
+
+#: Matches that the kernel gives before it returns.
+MATCHES_AT_ONCE = 4_096
+#: Up to so many events are looked up, followed and matched in one call; more go by columns.
+FEW = 4_096
+#: No window of the place filter ends by then.
+NEVER = np.iinfo(np.int64).max
+
+#: When a match is given, see `edge_vpr.online.schedule.MatchSchedule`, with the next tick and the
+#: place told last; what is searched: width of the zone around the best place, and the number of
+#: sums; the least trust of a match that is not lost; of the place filter the end of its present
+#: window (a time, or the number of an event), the usual number of events, the reciprocal of the
+#: spread, and place and trust of the window before; where the slots of OFF events begin, and the
+#: time that no event may be earlier than.
+CONTROL = np.dtype(
+    [
+        (name, "<i8")
+        for name in (
+            *("every", "interval", "change", "next_tick", "place_told"),
+            *("exclusion", "places", "least_trust"),
+            *("window_end", "usual", "reciprocal", "place", "trust"),
+            *("off_slots", "floor"),
+        )
+    ]
+)
+
+
+class Followed(NamedTuple):
+    """What the kernel works on.
+
+    Attributes
+    ----------
+    s : Sliding
+    predicted : Predictions
+        Of the place filter; of size 0 where sequences are matched.
+    metric : ndarray of int32, shape (K,)
+        Scratch of the place filter.
+    control : ndarray of CONTROL, shape (1,)
+    trust : ndarray of int64, shape (m,)
+    probability : ndarray of float64, shape (m,)
+        Steps of `edge_vpr.confidence.Confidence`; of size 0 where nothing is known.
+    table : ndarray of int16 or int32, shape (height, width)
+        Of `PixelMap.table`.
+    slots : ndarray of int32, shape (FEW,)
+    times : ndarray of int64, shape (FEW,)
+        Scratch for the events of one call.
+    out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
+        Matches are written here.
+    """
+
+    s: Sliding
+    predicted: Predictions
+    metric: Metrics
+    control: npt.NDArray[np.void]
+    trust: npt.NDArray[np.int64]
+    probability: npt.NDArray[np.float64]
+    table: npt.NDArray[np.signedinteger]
+    slots: npt.NDArray[np.int32]
+    times: npt.NDArray[np.int64]
+    out: npt.NDArray[np.void]
+
+    @classmethod
+    def begin(cls, reference: ReferenceMap, s: Sliding, schedule: MatchSchedule) -> Followed:
+        """Build the state before the first event.
+
+        Parameters
+        ----------
+        reference : ReferenceMap
+        s : Sliding
+            Of this map.
+        schedule : MatchSchedule
+            When to give a match.
+        """
+        settings, judge = reference.settings, reference.judge
+        control = np.zeros(1, dtype=CONTROL).view(np.recarray)
+        first = control[0]
+        first.every, first.interval = schedule.events, schedule.interval_us
+        first.change, first.exclusion = schedule.change, settings.exclusion
+        first.next_tick, first.place_told = schedule.interval_us, -1
+        first.window_end, first.place = NEVER, -1
+        first.least_trust = -2 * TIME_LIMIT_US
+        first.off_slots = len(reference.pixel_map) if settings.polarity else 0
+        trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
+        if judge.confidence is not None:
+            # copies: to Numba an array that may only be read is of another type
+            trust, probability = judge.confidence.trust.copy(), judge.confidence.probability.copy()
+            if judge.precision is not None:
+                first.least_trust = judge.confidence.least_trust(judge.precision)
+        places = len(reference) if settings.matching == "filter" else 0
+        moving, paused, metric = np.zeros((3, places), dtype=np.int32)
+        return cls(
+            s,
+            Predictions(moving, paused, np.zeros(metric.size, dtype=np.bool_)),
+            metric,
+            control,
+            trust,
+            probability,
+            reference.pixel_map.table(),
+            np.empty(FEW, dtype=np.int32),
+            np.empty(FEW, dtype=np.int64),
+            np.zeros(MATCHES_AT_ONCE, dtype=MATCH_DTYPE),
+        )

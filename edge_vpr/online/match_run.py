@@ -1,0 +1,150 @@
+"""Feeds events to the kernel, and does between two of its calls what only Python can."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.archive import Arrays
+from edge_vpr.boxed import Box, Boxed
+from edge_vpr.events import Events
+from edge_vpr.online.followed import Followed
+from edge_vpr.online.followed_windows import FollowedWindows
+from edge_vpr.online.kernel import DONE, REFUSED, RING_FULL, WINDOW_OVER, follow, follow_few
+from edge_vpr.online.match_records import MATCH_DTYPE
+from edge_vpr.online.state import grown
+
+Found = list[npt.NDArray[np.void]]
+
+
+class MatchRun:
+    """The state of a localiser as the kernel holds it.
+
+    Parameters
+    ----------
+    windows : FollowedWindows
+        Its state may be replaced between two calls.
+    followed : Followed
+    """
+
+    #: Name of the schedule's array in an archive.
+    schedule_name = "policy"
+
+    def __init__(self, windows: FollowedWindows, followed: Followed) -> None:
+        self.windows = windows
+        self._followed = followed
+        self._control = followed.control[0]
+        self._box: Box[Followed] | None = None
+        self._out = followed.out.view(np.uint8).data
+
+    @property
+    def next_tick(self) -> int:
+        """Time of the next match that the schedule's interval asks for, in microseconds."""
+        return int(self._followed.control["next_tick"][0])
+
+    @next_tick.setter
+    def next_tick(self, time_us: int) -> None:
+        self._followed.control["next_tick"] = time_us
+
+    @property
+    def floor_us(self) -> int:
+        """No event may be earlier."""
+        return int(self._followed.control["floor"][0])
+
+    @floor_us.setter
+    def floor_us(self, time_us: int) -> None:
+        self._followed.control["floor"] = time_us
+
+    def feed(self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int) -> Found:
+        """Feed selected events, then let time pass to `until`.
+
+        Parameters
+        ----------
+        slots : ndarray of int32, shape (m,)
+        times : ndarray of int64, shape (m,)
+            In time order, none before `floor_us`.
+        until : int
+
+        Returns
+        -------
+        list of ndarray of MATCH_DTYPE
+        """
+        self.floor_us = until
+        return self._go_on(slots, times, until, follow(self._bound(), slots, times, until))
+
+    def feed_few(self, events: Events) -> tuple[int, Found] | None:
+        """Look events up and feed them, in one call of compiled code.
+
+        Parameters
+        ----------
+        events : ndarray of EVENT_DTYPE, shape (n,)
+            1 to `FEW`, in one piece that may be written to.
+
+        Returns
+        -------
+        last : int
+            Time of the last event.
+        found : list of ndarray of MATCH_DTYPE
+            None in place of both if the events are refused; nothing has changed then.
+        """
+        read, given, why, selected, last = follow_few(self._bound(), events)
+        if why == DONE:
+            return int(last), [self._taken(given)] if given else []
+        if why == REFUSED:
+            return None
+        slots, times = self._followed.slots[:selected], self._followed.times[:selected]
+        return int(last), self._go_on(slots, times, int(last), (read, given, why))
+
+    def _go_on(
+        self,
+        slots: npt.NDArray[np.int32],
+        times: npt.NDArray[np.int64],
+        until: int,
+        result: tuple[int, int, int],
+    ) -> Found:
+        """Call the kernel again until all is taken."""
+        found, begin = [], 0
+        while True:
+            read, given, why = result
+            begin += read
+            if given:
+                found.append(self._taken(given))
+            if why == DONE:
+                return found
+            if why == RING_FULL:
+                self.windows.s = grown(self.windows.s)
+            elif why == WINDOW_OVER:
+                self._end_window(int(times[begin]) if begin < times.size else until)
+            result = follow(self._bound(), slots[begin:], times[begin:], until)
+
+    def _taken(self, given: int) -> npt.NDArray[np.void]:
+        # bytes are copied at once, records field by field
+        room = bytearray(self._out[: given * MATCH_DTYPE.itemsize])
+        return np.frombuffer(room, dtype=MATCH_DTYPE)
+
+    def _bound(self) -> Boxed:
+        if self._box is None or self._followed.s is not self.windows.s:
+            self._followed = self._followed._replace(s=self.windows.s)
+            self._rebound()
+            self._box = Box(self._followed)
+        return self._box.boxed
+
+    def _rebound(self) -> None:
+        """Bring the control up to date with another map or other windows."""
+
+    def _end_window(self, next_us: int) -> None:
+        """Finish a window of the place filter; the next event or the end of time is `next_us`."""
+        raise NotImplementedError
+
+    def prepare(self) -> None:
+        """Bring the distances up to date with the codes of the moment."""
+
+    def to_arrays(self) -> Arrays:
+        """Return what `resume` needs, as arrays of an archive."""
+        control = self._control
+        told = np.array([control.next_tick, control.place_told], dtype=np.int64)
+        return {self.schedule_name: told}
+
+    def resume(self, arrays: Arrays) -> None:
+        """Take up what `to_arrays` gave."""
+        self._control.next_tick, self._control.place_told = arrays[self.schedule_name].tolist()

@@ -1,0 +1,147 @@
+"""The documentation becomes a site without a warning, and holds what it promises."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from browser import open_browser, program
+from edge_vpr_tools.verbs import VERBS
+
+import edge_vpr
+
+ROOT = Path(__file__).parents[1]
+#: packages whose exports the reference lists
+PACKAGES = (
+    "edge_vpr.recordings", "edge_vpr.pipeline", "edge_vpr.settings", "edge_vpr.simulate",
+    "edge_vpr.stream.protocols", "edge_vpr.baselines", "firmware_model", "firmware_model.vectors",
+    "fixedpoint",
+)  # fmt: skip
+
+
+class Links(HTMLParser):
+    """Collects what a page leads to, shows and is led to by."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.targets: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name in ("href", "src") and value:
+                self.targets.append(value)
+            elif name == "id" and value:
+                self.anchors.add(value)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    for library in ("mkdocs", "material", "mkdocstrings"):
+        pytest.importorskip(library, reason=f"{library} makes the site: extra docs")
+    folder = tmp_path_factory.mktemp("site")
+    run = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+    return folder
+
+
+def pages(site: Path) -> dict[Path, Links]:
+    return {path: Links(path.read_text()) for path in site.rglob("*.html")}
+
+
+@pytest.mark.slow
+def test_links_and_pictures_of_the_site_are_there(site):
+    found = pages(site)
+    assert len(found) > 35
+    for page, links in found.items():
+        if page.name == "404.html":  # its links begin at the root of a server
+            continue
+        for target in links.targets:
+            parts = urlsplit(target)
+            if parts.scheme or parts.netloc:
+                continue
+            path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
+            if path.is_dir():
+                path /= "index.html"
+            assert path.is_file(), f"{page.name} leads to {target}"
+            if parts.fragment and path in found:
+                anchors = found[path].anchors
+                assert unquote(parts.fragment) in anchors, f"{page.name} leads to {target}"
+
+
+@pytest.mark.slow
+def test_the_site_asks_no_other_server_for_anything(site):
+    for page in site.rglob("*.html"):
+        text = page.read_text()
+        assert re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=.?(https?:[^ >]*)", text) == []
+
+
+@pytest.mark.slow
+def test_the_reference_holds_every_public_name(site):
+    text = "".join(path.read_text() for path in (site / "api").glob("*.html"))
+    headings = set(re.findall(r'class="doc doc-heading">\s*([\w.]+)', text))
+    assert {f"edge_vpr.{name}" for name in edge_vpr.__all__} <= headings
+    for package in PACKAGES:
+        names = set(importlib.import_module(package).__all__) - set(edge_vpr.__all__)
+        assert {f"{package}.{name}" for name in names} <= headings
+
+
+@pytest.mark.slow
+def test_text_becomes_what_its_author_saw_on_github(site):
+    """A list that goes on after a paragraph keeps its numbers, and a marked block is code."""
+    assert '<ol start="7">' in (site / "firmware.html").read_text()
+    for page in site.glob("*.html"):
+        assert "```" not in page.read_text(), page.name
+
+
+@pytest.mark.slow
+def test_no_page_of_the_site_is_wider_than_a_phone(site, tmp_path):
+    if program() is None:
+        pytest.skip("no Chromium is installed: apt-get install chromium")
+    with open_browser(tmp_path / "profile") as browser:
+        browser.look(width=390, height=800)
+        for name in ("index", "tutorial", "settings", "place_filter_figures", "api/matching"):
+            browser.open(site / f"{name}.html")
+            assert browser.value("document.documentElement.scrollWidth") <= 390, name
+    assert [problem for problem in browser.problems if "file:" not in problem] == []
+
+
+def test_what_follows_a_section_of_a_docstring_is_not_taken_for_an_attribute():
+    """NumPy's docstrings have their sections last: a sentence behind them has no place."""
+    griffe = pytest.importorskip("griffe", reason="griffe reads docstrings: extra docs")
+    waiting = [griffe.load(name, search_paths=[ROOT]) for name in ("edge_vpr", "firmware_model")]
+    items = 0
+    while waiting:
+        thing = waiting.pop()
+        waiting += [member for member in thing.members.values() if not member.is_alias]
+        if thing.docstring is None:
+            continue
+        for section in thing.docstring.parse("numpy", warnings=False):
+            for item in section.value if isinstance(section.value, list) else ():
+                name = getattr(item, "name", None) or ""
+                items += 1
+                assert not name.endswith("."), f"{thing.path}: {name}"
+    assert items > 500
+
+
+def test_every_page_has_a_place_in_the_site():
+    """MkDocs says so too, but only where it is installed."""
+    named = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text()))
+    assert {path.name for path in (ROOT / "docs").glob("*.md")} <= named
+
+
+def test_every_command_is_on_the_page_of_commands():
+    page = (ROOT / "docs/commands.md").read_text()
+    assert [verb for verb in VERBS if f"`{verb}`" not in page] == []

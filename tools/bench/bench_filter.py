@@ -1,0 +1,76 @@
+"""A recorded drive by the place filter, against sequences of 5 and against NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from table import OURS
+
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.matching.distances import distance_matrix
+from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.settings import PRESETS, Settings
+
+PLACES, WINDOWS, J = 641, 724, 150
+SMOOTHED = PRESETS["default"]
+FILTER = replace(SMOOTHED, smooth=False)
+SEQUENCES = replace(FILTER, matching="sequence", score=None)
+
+
+def drive(windows, seed):
+    """Return windows of codes that change from one to the next, as those of a street."""
+    rng = np.random.default_rng(seed)
+    steps = np.cumsum(rng.integers(-1, 2, (windows, J)), axis=0)
+    start = np.arange(windows, dtype=np.int64) * 1_000_000
+    events = np.full(windows, 1_000, dtype=np.int64)
+    codes = (np.abs(steps) % 8).astype(np.uint8)
+    return Descriptors(codes, start, start + 1_000_000, events, selected=events)
+
+
+def ours(settings: Settings):
+    places, queries = drive(PLACES, 1), drive(WINDOWS, 2)
+    return lambda: match_descriptors(places, queries, settings).place
+
+
+def by_numpy():
+    """Take the filter's formulas (docs/place_filter.md) as array operations, a window at a time."""
+    places, queries = drive(PLACES, 1).counts, drive(WINDOWS, 2).counts
+
+    def run():
+        distances = distance_matrix(places, queries).T.astype(np.int64)
+        prediction, reciprocal, found = np.zeros(PLACES, dtype=np.int64), 0, []
+        for row in distances:
+            own = 2**16 // max(int(np.abs(row - row.sum() // PLACES).sum()) // PLACES, 1)
+            scaled = ((row - row.min()) * (reciprocal or own)) >> 14
+            metric = np.minimum(prediction + np.minimum(scaled, 255), 1023)
+            found.append(int(metric.argmin()))
+            least, reciprocal = metric.min(), own
+            prediction = np.minimum(metric + 4, least + 64)
+            prediction[1:] = np.minimum(prediction[1:], metric[:-1])
+            prediction[2:] = np.minimum(prediction[2:], metric[:-2] + 4)
+            prediction -= least
+        return np.array(found)
+
+    return run
+
+
+def distances_alone():
+    places, queries = drive(PLACES, 1).counts, drive(WINDOWS, 2).counts
+    return lambda: distance_matrix(places, queries)
+
+
+@pytest.mark.parametrize(
+    ("library", "run", "how"),
+    [
+        (OURS, ours(FILTER), {}),
+        ("NumPy, places alone", by_numpy(), {"rounds": 5}),
+        ("edge-vpr, smoothed", ours(SMOOTHED), {"limit": True}),
+        ("edge-vpr, sequences of 5", ours(SEQUENCES), {"limit": True}),
+        ("distances alone", distances_alone(), {"limit": True}),
+    ],
+)
+def bench_drive(race, library, run, how):
+    expected = None if how.get("limit") else by_numpy()()
+    race("a drive of 724 windows by the place filter, 641 places", library, run, expected, **how)

@@ -1,0 +1,142 @@
+"""From the last byte of a frame on a line to its match, as the next program sees it.
+
+``python tools/bench/byte_to_match.py`` plays a device on a pseudo-terminal, runs `edge-vpr stream`
+as a process of its own, and takes the time from the write of a frame to the arrival of the line
+with the match that the frame gives. Both sides sleep in between, as a robot's do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from soak import a_map
+
+from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.stream.bridge import Bridge
+from edge_vpr.stream.protocols import open_encoder
+from edge_vpr.stream.serial_links import VirtualLink
+
+SENSOR = Sensor(346, 260)
+#: Time of a frame, and frames between two matches.
+FRAME_US, FRAMES = 1_000, 5
+#: Matches before the clock runs: the first windows, and what a program does once.
+WARM = 100
+
+
+def frames(rng: np.random.Generator, rate: float, number: int) -> list[Events]:
+    """Make frames of events at random pixels, the first event of each right at its begin."""
+    made = []
+    for i in range(FRAMES * number):
+        n = 1 + rng.poisson(rate * FRAME_US / 1e6)
+        flat = rng.integers(0, SENSOR.pixels, n)
+        times = i * FRAME_US + np.sort(rng.integers(0, FRAME_US, n))
+        times[0] = i * FRAME_US
+        made.append(make_events(times, flat % SENSOR.width, flat // SENSOR.width))
+    return made
+
+
+def byte_to_match(
+    rate: float, number: int, burst_filter: str = "causal", more: tuple[str, ...] = ()
+) -> npt.NDArray[np.float64]:
+    """Measure match by match.
+
+    Parameters
+    ----------
+    rate : float
+        Events a second.
+    number : int
+        Matches to measure.
+    burst_filter : str
+    more : tuple of str
+        Further arguments of `edge-vpr stream`.
+
+    Returns
+    -------
+    ndarray of float64, shape (number,)
+        Microseconds from before the write to after the read of the match.
+    """
+    rng = np.random.default_rng(0)
+    link, encoder = VirtualLink(), open_encoder("evpr", SENSOR)
+    start = encoder.start()
+    sent = [encoder.encode(events) for events in frames(rng, rate, WARM + number)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.npz"
+        a_map(rng, SENSOR).save(path)
+        words = ["stream", "--port", link.address, "--map", str(path), "--protocol", "evpr"]
+        words += [
+            "--json",
+            "--every",
+            f"{FRAMES * FRAME_US}us",
+            "--burst-filter",
+            burst_filter,
+            *more,
+        ]
+        command = [sys.executable, "-m", "edge_vpr_tools.cli", *words]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0) as process:
+            Bridge(link, encoder).wait_for_host()
+            try:
+                return _played(link, start, sent, process)
+            finally:
+                process.terminate()
+                process.wait(timeout=30)
+                link.close()
+
+
+def _played(
+    link: VirtualLink, start: bytes, sent: list[bytes], process: subprocess.Popen[bytes]
+) -> npt.NDArray[np.float64]:
+    assert process.stdout is not None
+    out = process.stdout.fileno()
+    line = link.fileno()
+    os.set_blocking(line, True)
+    os.write(line, start)
+    poll = select.poll()
+    poll.register(out, select.POLLIN)
+    read_s: dict[int, float] = {}
+    rest, begin = b"", time.monotonic()
+    written = np.empty(len(sent))
+    for number, frame in enumerate([*sent, b""]):
+        due = begin + (number if frame else number + 200) * FRAME_US / 1e6
+        while (wait := due - time.monotonic()) > 0:
+            if poll.poll(1e3 * wait):
+                data, now = os.read(out, 1 << 16), time.perf_counter()
+                *whole, rest = (rest + data).split(b"\n")
+                for row in map(json.loads, whole):
+                    read_s.setdefault(row.get("t", -1), now)
+        left = memoryview(frame)
+        if frame:
+            written[number] = time.perf_counter()
+        while left:
+            left = left[os.write(line, left) :]
+    asked = range(WARM * FRAMES, len(sent) - FRAMES, FRAMES)
+    return np.array([1e6 * (read_s[n * FRAME_US] - written[n]) for n in asked])
+
+
+def main() -> None:
+    """Print a row of the table for each rate."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--matches", type=int, default=1_000)
+    parser.add_argument("--rates", type=float, nargs="+", default=[2_000, 100_000])
+    parser.add_argument("--burst-filter", default="causal", choices=("exact", "causal"))
+    args = parser.parse_args()
+    for rate in args.rates:
+        taken = byte_to_match(rate, args.matches, args.burst_filter)
+        half, most = np.percentile(taken, [50, 99])
+        print(
+            f"{rate:,.0f} events/s, {args.burst_filter}: {half:,.0f} us median, {most:,.0f} us for "
+            f"99 %, {taken.max():,.0f} us at most, of {taken.size:,} matches"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""What a live run gives up when it does not wait for the end of a burst."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from edge_vpr.descriptors.bursts import BurstFilter
+from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.matching.matches import Matches
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.pipeline import EventSource, map_traverse
+from edge_vpr.recordings import open_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
+from edge_vpr_tools.experiments.speck_walks import FOLDER, FRAME_PERIOD, truth_of_walks
+from edge_vpr_tools.experiments.trial import Kept, Summary, markdown_table
+from edge_vpr_tools.runs.online import made_causal
+
+#: Flashes a second that are added to the query: none, as under a failing lamp, as under a strobe.
+RATES = (0.0, 0.1, 1.0, 10.0)
+#: In a flash, which takes this long, a pixel fires once or more with this probability.
+FLASH_US, SHARE, MOST_EVENTS = 3_000, 0.9, 3
+EXACT = "exact"
+FILTERS: Mapping[str, type[BurstFilter] | type[CausalBurstFilter] | None] = {
+    EXACT: BurstFilter,
+    "causal": CausalBurstFilter,
+    "none": None,
+}
+
+
+class Flashed:
+    """A recording with flashes, at random times and of all pixels alike.
+
+    Parameters
+    ----------
+    recording : EventSource
+    rate : float
+        Flashes a second.
+    seed : int
+    """
+
+    def __init__(self, recording: EventSource, rate: float, seed: int) -> None:
+        self.sensor: Sensor = recording.sensor
+        self._recording, self._rate, self._seed = recording, rate, seed
+
+    def __iter__(self) -> Iterator[Events]:
+        rng = np.random.default_rng(self._seed)
+        for events in self._recording:
+            begin, end = int(events["t"][0]), int(events["t"][-1])
+            number = rng.poisson(self._rate * (end - begin) / 1e6)
+            flashes = [self._flash(rng, int(t)) for t in rng.integers(begin, end + 1, number)]
+            joined = np.concatenate([events, *flashes])
+            joined = joined[np.argsort(joined["t"], kind="stable")]
+            # a flash at the end of a chunk is cut off: the next one begins there
+            yield joined[: np.searchsorted(joined["t"], end, side="right")]
+
+    def _flash(self, rng: np.random.Generator, at_us: int) -> Events:
+        fires = np.flatnonzero(rng.random(self.sensor.pixels) < SHARE)
+        flat = np.repeat(fires, rng.integers(1, MOST_EVENTS + 1, fires.size))
+        times = at_us + rng.integers(0, FLASH_US, flat.size)
+        return make_events(times, flat % self.sensor.width, flat // self.sensor.width)
+
+
+def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
+    """Match a query window by window, with a filter of this name in front.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    query : EventSource
+    name : str
+        Of `FILTERS`.
+    """
+    kind = FILTERS[name]
+    bursts = None if kind is None else kind(query.sensor)
+    localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
+    rows = []
+    for events in query:
+        for piece in [events] if bursts is None else bursts.pieces(events):
+            rows.append(localiser.update(piece))
+    if bursts is not None:
+        rows.append(localiser.update(bursts.finish()))
+    return Matches.of_rows(np.concatenate(rows), reference.settings, len(reference))
+
+
+def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
+    """Walk the query under flashes, with each filter, as a Markdown table.
+
+    Parameters
+    ----------
+    data : path
+        Folder that holds ``speck_walks``.
+    seeds : int
+        Number of draws of pixels and flashes. No setting is chosen by the result.
+    on_start : callable
+        Told what begins.
+    """
+    on_start("reading the walks")
+    folder = data / FOLDER
+    walked, query = (
+        Kept(open_recording(folder / f"{name}.npz", frame_period=FRAME_PERIOD))
+        for name in ("reference", "query")
+    )
+    truth_of = truth_of_walks(folder)
+    right: dict[tuple[float, str], list[float]] = {}
+    same: dict[tuple[float, str], list[float]] = {}
+    for seed in range(seeds):
+        settings = PRESETS["default"].replaced({"seed": seed}, "seed")
+        reference = made_causal(map_traverse(walked, settings))
+        for rate in RATES:
+            on_start(f"{rate:g} flashes a second, draw {seed + 1} of {seeds}")
+            flashed = Flashed(query, rate, seed)
+            exact = None
+            for name in FILTERS:
+                matches = matched(reference, flashed, name)
+                exact = matches if exact is None else exact
+                truth = truth_of(reference.places.centre_us, matches.time_us)
+                found = evaluate(matches, truth)
+                right.setdefault((rate, name), []).append(found.precision_at_100_recall)
+                equal = float(np.mean(matches.place == exact.place))
+                same.setdefault((rate, name), []).append(equal)
+    rows = [
+        [f"{rate:g}", name, str(Summary(right[rate, name])), str(Summary(same[rate, name]))]
+        for rate in RATES
+        for name in FILTERS
+    ]
+    header = ("flashes a second", "burst filter", "P@100R", "places as with the exact filter")
+    return markdown_table(header, rows)
+
+
+__all__ = ["FOLDER", "run"]

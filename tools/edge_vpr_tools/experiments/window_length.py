@@ -1,0 +1,137 @@
+"""Short windows in long sequences against long windows in short ones, at equal time a match."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr.pipeline import EventSource
+from edge_vpr.recordings import open_recording
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulate import simulate_pair
+from edge_vpr_tools.experiments import speck_walks
+from edge_vpr_tools.experiments.simulated import truth_of_pair
+from edge_vpr_tools.experiments.trial import (
+    Kept,
+    Summary,
+    TruthOf,
+    Variant,
+    markdown_table,
+    run_trial,
+)
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+
+#: of one window, in seconds
+WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: of all windows of a match together, in seconds
+SPANS_S = (4.0, 8.0, 16.0)
+#: on each side of the best place, in seconds, where no second best is looked for
+_EXCLUSION_S = 3.0
+SIMULATED = "simulated streets"
+WALKS = "Speck walks"
+
+#: P@100R of each trial, by seconds a window and a match
+Found = dict[tuple[float, float], list[float]]
+
+
+def variant(window_s: float, span_s: float) -> Variant:
+    """Return the paper's method with windows of this length, and as many as make up the span."""
+    length = round(span_s / window_s)
+    return Variant(
+        f"{length} windows of {window_s:g} s",
+        {
+            "tau_us": round(window_s * 1e6),
+            "sequence_length": length,
+            "exclusion": max(1, round(_EXCLUSION_S / window_s)),
+        },
+    )
+
+
+def run(
+    data: Path | None,
+    seeds: int,
+    on_start: Callable[[str], None],
+    figure_path: Path | None = None,
+) -> str:
+    """Vary windows and sequences on simulated pairs, and on the walks where a folder is given.
+
+    Parameters
+    ----------
+    data : path, optional
+        Folder that holds ``speck_walks``.
+    seeds : int
+        Simulated pairs, and draws of pixels.
+    on_start : callable
+        Told what begins.
+    figure_path : path, optional
+        Where to write the figure.
+    """
+    results: dict[str, Found] = {}
+    for name, seed, reference, query, truth_of in _trials(data, seeds):
+        found = results.setdefault(name, {})
+        settings = PRESETS["paper"].replaced({"seed": seed}, "seed")
+        for window_s in WINDOWS_S:
+            for span_s in SPANS_S:
+                tried = variant(window_s, span_s)
+                on_start(f"{name}, seed {seed}: {tried.name}")
+                trial = run_trial(reference, query, truth_of, settings, tried)
+                right = trial.evaluation.precision_at_100_recall
+                found.setdefault((window_s, span_s), []).append(right)
+    if figure_path is not None:
+        save(draw(results), figure_path)
+    return "\n\n".join(f"{name}, P@100R:\n\n{_table(found)}" for name, found in results.items())
+
+
+def _trials(
+    data: Path | None, seeds: int
+) -> Iterator[tuple[str, int, EventSource, EventSource, TruthOf]]:
+    for seed in range(seeds):
+        reference, query = (drive.keep() for drive in simulate_pair(seed))
+        yield SIMULATED, seed, reference, query, truth_of_pair(reference, query)
+    if data is None:
+        return
+    folder = data / speck_walks.FOLDER
+    first, second = (
+        Kept(open_recording(folder / f"{name}.npz", frame_period=speck_walks.FRAME_PERIOD))
+        for name in ("reference", "query")
+    )
+    for seed in range(seeds):
+        yield WALKS, seed, first, second, speck_walks.truth_of_walks(folder)
+
+
+def _table(found: Found) -> str:
+    rows = [
+        [f"{window:g} s", *(str(Summary(found[window, span])) for span in SPANS_S)]
+        for window in WINDOWS_S
+    ]
+    return markdown_table(("window", *(f"{span:g} s a match" for span in SPANS_S)), rows)
+
+
+def draw(results: Mapping[str, Found]) -> Figure:
+    """Draw right matches against the length of a window, a panel for each pair of drives."""
+    with figure(4.6 * len(results) + 1.5, 4.2) as (drawing, only):
+        only.remove()
+        panels = drawing.subplots(1, len(results), squeeze=False)
+        for axes, (name, found) in zip(panels.flat, results.items(), strict=True):
+            for i, span in enumerate(SPANS_S):
+                values = [found[window, span] for window in WINDOWS_S]
+                axes.errorbar(
+                    WINDOWS_S,
+                    [np.mean(v) for v in values],
+                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    color=CYCLE[i],
+                    linestyle=DASHES[i],
+                    marker="o",
+                    ms=3.5,
+                    label=f"{span:g} s a match",
+                )
+            axes.set_xscale("log")
+            axes.set_xticks(WINDOWS_S, [f"{window:g}" for window in WINDOWS_S])
+            axes.minorticks_off()
+            axes.set(title=name, xlabel="length of a window, s", ylim=(0, 1.03))
+        panels[0, 0].set_ylabel("P@100R")
+        panels[0, 0].legend()
+    return drawing

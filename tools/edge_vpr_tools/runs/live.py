@@ -1,0 +1,217 @@
+"""A live run from a camera on a line: it is matched with a map, or recorded to learn one."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from edge_vpr.errors import RecordingError, printable
+from edge_vpr.events import Events, Sensor
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.pipeline import Removed
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+from edge_vpr.stream.link_reader import MAX_LAG_S, LinkReader
+from edge_vpr.stream.links import open_link
+from edge_vpr.stream.live import LiveLocaliser
+from edge_vpr.stream.protocols import open_decoder
+from edge_vpr.whole_files import work_folder
+from edge_vpr_tools.output.cleaning import warn_if_much
+from edge_vpr_tools.output.interrupt import stopped_by_signals
+from edge_vpr_tools.output.live_view import open_view
+from edge_vpr_tools.output.rerun_view import open_rerun
+from edge_vpr_tools.publishing.publisher import open_publishers
+from edge_vpr_tools.runs.live_events import live_events
+from edge_vpr_tools.runs.mapping import map_recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A line to a camera.
+
+    Attributes
+    ----------
+    port : str
+        See `open_link`.
+    protocol : str
+        See `open_decoder`.
+    sensor : Sensor
+    baud : int or None
+        Of a serial port; None: the protocol's.
+    flow_control : bool
+    once : bool
+        End when the link ends, instead of opening it again.
+    drop : bool or None
+        See `LinkReader`.
+    max_lag_s : float
+    """
+
+    port: str
+    protocol: str
+    sensor: Sensor
+    baud: int | None = None
+    flow_control: bool = False
+    once: bool = False
+    drop: bool | None = None
+    max_lag_s: float = MAX_LAG_S
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOutput:
+    """Where a live run goes.
+
+    Attributes
+    ----------
+    as_json : bool
+        JSON lines on standard output.
+    log : str or None
+        File of the same lines.
+    record : tuple of str
+        Files of bytes (``.bin``), and at most one of events.
+    rerun, serve, mqtt : str or None
+        See `open_rerun` and `open_publishers`.
+    overwrite : bool
+    """
+
+    as_json: bool = False
+    log: str | None = None
+    record: tuple[str, ...] = ()
+    rerun: str | None = None
+    serve: str | None = None
+    mqtt: str | None = None
+    overwrite: bool = False
+
+
+def follow_line(
+    line: Line,
+    output: LiveOutput,
+    reference: ReferenceMap | None = None,
+    every: MatchSchedule | None = None,
+    *,
+    causal_bursts: bool = False,
+    drive: Path | None = None,
+) -> None:
+    """Open everything, follow the stream to its end, and close everything whatever happens.
+
+    Parameters
+    ----------
+    line : Line
+    output : LiveOutput
+    reference : ReferenceMap, optional
+        Without one, nothing is matched.
+    every : MatchSchedule, optional
+        When to give a match.
+    causal_bursts : bool
+        See `LiveLocaliser`.
+    drive : path, optional
+        File of events that the run is there for: its failure is the run's.
+
+    Raises
+    ------
+    EdgeVprError
+        If the link cannot be opened or fails, or a file cannot be written.
+    """
+    decoder = open_decoder(line.protocol, line.sensor)
+    live = LiveLocaliser(decoder, reference, every, causal_bursts=causal_bursts)
+    decoder.warm_up()
+    with ExitStack() as stack:
+        rerun = stack.enter_context(open_rerun(output.rerun, line.sensor))
+        stopping = threading.Event()
+        stack.enter_context(stopped_by_signals(stopping))
+        reader = LinkReader(
+            lambda: open_link(
+                line.port, baud=line.baud or decoder.baud, flow_control=line.flow_control
+            ),
+            setup=decoder.setup(),
+            teardown=decoder.teardown(),
+            retry=not line.once,
+            drop=line.drop,
+            max_lag_s=line.max_lag_s,
+        )
+        stack.callback(reader.stop)
+        # files only now, or a camera that is not there would cost the run before
+        publishers = stack.enter_context(open_publishers(output.serve, output.mqtt))
+        view = stack.enter_context(open_view(output.as_json, output.log, reference, publishers))
+        raw = [
+            stack.enter_context(Path(name).open("wb", buffering=0))
+            for name in output.record
+            if Path(name).suffix == ".bin"
+        ]
+        events = live_events(reader, live, view, raw, rerun, stopping)
+        files = [Path(name) for name in output.record if Path(name).suffix != ".bin"]
+        try:
+            if drive is not None:
+                _record(events, drive, line, output, live)
+            elif files:
+                try:
+                    _record(events, files[0], line, output, live)
+                except RecordingError as error:
+                    if live.decoder.health.events == 0:
+                        raise
+                    view.give_up(str(error))
+            for _ in events:
+                pass
+        finally:
+            view.summary(decoder.health, live.bursts_removed)
+            if reference is not None:
+                removed = Removed(decoder.health.events, live.bursts_removed)
+                warn_if_much(removed, line.port, "make the map with --bursts keep")
+        if reader.error is not None:
+            raise reader.error
+        if view.unwritten:
+            raise RecordingError(view.unwritten)
+
+
+def _record(
+    events: Iterator[Events], target: Path, line: Line, output: LiveOutput, live: LiveLocaliser
+) -> None:
+    try:
+        write_recording(target, events, sensor=line.sensor, overwrite=output.overwrite)
+    except RecordingError as error:
+        if live.decoder.health.events == 0:
+            raise RecordingError(
+                f"no events came from {line.port}: check --protocol and --baud"
+            ) from error
+        raise
+
+
+def learn_map(
+    line: Line, output: LiveOutput, settings: Settings, target: Path
+) -> tuple[ReferenceMap, Removed]:
+    """Record a drive beside the map that is to be, and make it; a drive without a map is kept.
+
+    Parameters
+    ----------
+    line : Line
+    output : LiveOutput
+    settings : Settings
+        Of the map.
+    target : path
+        File of the map.
+
+    Raises
+    ------
+    EdgeVprError
+        As `follow_line`, and if the drive makes no map.
+    """
+    with work_folder(target) as folder:
+        drive = folder / "drive.npz"
+        try:
+            follow_line(line, output, drive=drive)
+            reference, removed, _ = map_recording(open_recording(drive), settings)
+            reference.save(target)
+            drive.unlink()
+        finally:
+            if drive.exists():
+                names = (target.with_name(f"{target.stem}_drive{n or ''}.npz") for n in count())
+                kept = next(name for name in names if not name.exists())
+                drive.replace(kept)
+                kept_as = f"edge-vpr map {printable(kept)} -o {printable(target)}"
+                print(f"the drive is kept: {kept_as}", file=sys.stderr)
+    return reference, removed

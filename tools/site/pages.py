@@ -1,0 +1,242 @@
+"""Pages of the site that are not in docs/, and links that lead out of it: a hook of MkDocs.
+
+README and the other pages of the root are pages of the site too, and so is one page of Python for
+each stage, made from the names that the packages export. Links to files that are no pages lead to
+the repository.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import posixpath
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[2]
+
+#: pages of the root, by where they are in the site
+OF_ROOT = {
+    "index.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "security.md": "SECURITY.md",
+    "changelog.md": "CHANGELOG.md",
+}
+
+_LINK = re.compile(r"(\]\()([^)#\s]+)((?:#[^)\s]*)?\))")
+_FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A page of the Python reference.
+
+    Attributes
+    ----------
+    title, text : str
+    packages : tuple of str
+        What each exports in ``__all__`` is on the page.
+    names : tuple of str
+        Further objects, as ``module.name``.
+    exported : tuple of str
+        Beginnings of modules whose names `edge_vpr` exports.
+    """
+
+    title: str
+    text: str
+    packages: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    exported: tuple[str, ...] = ()
+
+
+#: by file name, in the order of the site
+STAGES = {
+    "recordings": Stage(
+        "Events and recordings",
+        "Open, check and write recordings; events as arrays.",
+        packages=("edge_vpr.recordings",),
+        names=("edge_vpr.recordings.time_crop.TimeCrop",),
+        exported=("events", "errors"),
+    ),
+    "pipeline": Stage(
+        "Maps and matches of whole drives",
+        "From a recording to a map, and from a map and a recording to matches.",
+        packages=("edge_vpr.pipeline",),
+        exported=("reference_map",),
+    ),
+    "settings": Stage(
+        "Settings",
+        "The values that all steps use; [one table of all](../settings.md).",
+        packages=("edge_vpr.settings",),
+    ),
+    "descriptors": Stage(
+        "Pixels, windows and counts",
+        "The steps from events to descriptors, for those who combine them themselves.",
+        exported=("descriptors", "datasets"),
+    ),
+    "matching": Stage(
+        "Distances and matching",
+        "The steps from descriptors to matches; [the place filter](../place_filter.md).",
+        names=(
+            "edge_vpr.matching.place_filter.PlaceFilter",
+            "edge_vpr.matching.step_prices.StepPrices",
+        ),
+        exported=("matching",),
+    ),
+    "online": Stage(
+        "A match after every event",
+        "Follow a stream of events; [what is matched](../online.md).",
+        exported=("online",),
+    ),
+    "stream": Stage(
+        "Live cameras",
+        "Links to cameras and bridges, and the protocols that they speak.",
+        packages=("edge_vpr.stream.protocols",),
+        names=(
+            "edge_vpr.stream.links.open_link",
+            "edge_vpr.stream.link_reader.LinkReader",
+            "edge_vpr.stream.live.LiveLocaliser",
+        ),
+    ),
+    "evaluation": Stage(
+        "Ground truth and evaluation",
+        "Which places are right, and how many matches are; [how](../ground_truth.md).",
+        names=("edge_vpr.evaluation.place_positions.with_positions",),
+        exported=("evaluation",),
+    ),
+    "simulate": Stage(
+        "Simulated streets",
+        "An event camera that drives along a street; [what it sees](../simulator.md).",
+        packages=("edge_vpr.simulate",),
+    ),
+    "baselines": Stage(
+        "Other systems",
+        "Methods to compare with, behind one interface.",
+        packages=("edge_vpr.baselines",),
+    ),
+    "firmware_model": Stage(
+        "The model of a device",
+        "What firmware and hardware compute, bit for bit; [what for](../firmware.md).",
+        packages=("firmware_model", "firmware_model.vectors"),
+    ),
+    "fixedpoint": Stage(
+        "Number formats",
+        "Unsigned integers of a given width, and counter codes; [what for](../fixedpoint.md).",
+        packages=("fixedpoint",),
+        names=("fixedpoint.codes.CounterCode",),
+    ),
+}
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put the pages of the Python reference behind its first page."""
+    pages = [{stage.title: f"api/{name}.md"} for name, stage in STAGES.items()]
+    for part in config.nav or ():
+        for page in part.get("Reference", ()) if isinstance(part, dict) else ():
+            if isinstance(page, dict) and "Python" in page:
+                page["Python"] += pages
+    return config
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    """Add the pages of the root and those of the Python reference."""
+    for page, source in OF_ROOT.items():
+        text = (ROOT / source).read_text(encoding="utf-8")
+        files.append(File.generated(config, page, content=text))
+    shown: dict[str, str] = {}
+    for name, stage in STAGES.items():
+        objects = {path: heading for path, heading in _objects(stage) if path not in shown}
+        shown |= objects
+        files.append(File.generated(config, f"api/{name}.md", content=_stage_page(stage, objects)))
+    files.append(File.generated(config, "api/index.md", content=_first_page()))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Let links of the repository lead to pages of the site, or else to the repository."""
+    here = page.file.src_uri
+    folder = posixpath.dirname(OF_ROOT.get(here, f"docs/{here}"))
+    sites = {source: name for name, source in OF_ROOT.items()}
+
+    def led(found: re.Match[str]) -> str:
+        before, target, after = found.groups()
+        if "://" in target or target.startswith("mailto:"):
+            return found[0]
+        path = posixpath.normpath(posixpath.join(folder, target))
+        if path in sites:
+            inside = sites[path]
+        elif path.startswith("docs/"):
+            inside = path.removeprefix("docs/")
+        elif (ROOT / path).exists():
+            return f"{before}{config.extra['repository']}/blob/main/{path}{after}"
+        else:
+            raise PluginError(f"{here} leads to {target}, which is not there")
+        return f"{before}{posixpath.relpath(inside, posixpath.dirname(here) or '.')}{after}"
+
+    # what follows the language of a block is for the tests
+    parts = _FENCE.split(re.sub(r"^(```\w+) [^\n]*$", r"\1", markdown, flags=re.MULTILINE))
+    return "".join(part if i % 2 else _LINK.sub(led, part) for i, part in enumerate(parts))
+
+
+def _objects(stage: Stage) -> Iterable[tuple[str, str]]:
+    """Yield where each object of a page is defined, and the name to import it by."""
+    import edge_vpr
+
+    for name in edge_vpr.__all__:
+        value = getattr(edge_vpr, name)
+        home = _home("edge_vpr", name, value)
+        if home.split(".")[1] in stage.exported:
+            yield home, f"edge_vpr.{name}"
+    for package in stage.packages:
+        module = importlib.import_module(package)
+        for name in module.__all__:
+            home = _home(package, name, getattr(module, name))
+            short = f"edge_vpr.{name}" if name in edge_vpr.__all__ else f"{package}.{name}"
+            yield home, short
+    for name in stage.names:
+        yield name, name
+
+
+def _home(package: str, name: str, value: Any) -> str:
+    """Return the path of an object in its own module; of plain data, where it is assigned."""
+    if inspect.isclass(value) or inspect.isroutine(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    import edge_vpr
+
+    if package == "edge_vpr":
+        return f"edge_vpr.{edge_vpr._MODULE_OF[name]}.{name}"
+    return f"{package}.{name}"
+
+
+def _stage_page(stage: Stage, objects: dict[str, str]) -> str:
+    blocks = [
+        f'::: {path}\n    options:\n      heading: "{heading}"\n'
+        for path, heading in objects.items()
+    ]
+    return f"# {stage.title}\n\n{stage.text}\n\n" + "\n".join(blocks)
+
+
+def _first_page() -> str:
+    """Return a page with a line for each stage."""
+    lines = [
+        "# Python",
+        "",
+        "What `import edge_vpr` offers, and the packages beside it, by stage. Each entry gives",
+        "shapes, units and errors. All other modules are internal and may change.",
+        "",
+        "| page | what |",
+        "| --- | --- |",
+        *(
+            f"| [{stage.title}]({name}.md) | {stage.text.partition(';')[0].rstrip('.')} |"
+            for name, stage in STAGES.items()
+        ),
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,65 @@
+"""Run the commands of docs/tutorial.md, and put what they print, and their pictures, into the page.
+
+python tools/site/tutorial.py, with edge-vpr on the path; the tests run the page word for word.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "tutorial.md"
+#: pictures of the page, and the files of the run that they are
+PICTURES = {
+    "tutorial_pixels.png": "results/pixels.png",
+    "tutorial_distances.png": "results/distance_matrix.png",
+    "tutorial_online.png": "live/online.png",
+}
+_CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def commands(block: str) -> list[tuple[str, str]]:
+    """Return the commands of a console block, each with what the page says that it prints."""
+    steps = (step.partition("\n") for step in block.split("$ ") if step)
+    return [(line, printed) for line, _, printed in steps]
+
+
+def rerun(text: str, folder: Path) -> str:
+    """Return the page with what its commands print now.
+
+    Parameters
+    ----------
+    text : str
+    folder : path
+        Where the commands run, one after the other.
+    """
+
+    def again(found: re.Match[str]) -> str:
+        shown = []
+        for line, _ in commands(found[1]):
+            run = subprocess.run(
+                line, shell=True, cwd=folder, text=True, check=True,
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            )  # fmt: skip
+            kept = [text for text in run.stdout.splitlines() if "compiling kernels" not in text]
+            shown += [f"$ {line}", *kept]
+        return "\n".join(["```console", *shown, "```"])
+
+    return _CONSOLE.sub(again, text)
+
+
+def main() -> None:
+    """Write the page and its pictures."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        PAGE.write_text(rerun(PAGE.read_text(encoding="utf-8"), folder), encoding="utf-8")
+        for picture, made in PICTURES.items():
+            shutil.copy(folder / made, DOCS / "images" / picture)
+
+
+if __name__ == "__main__":
+    main()
