@@ -287,8 +287,9 @@ def test_settings_that_cannot_be_are_one_line_that_names_the_file(tmp_path, text
 
 
 def bomb(path, unpacked):
-    """A small archive that announces, and holds, many zeros."""
-    header = io.BytesIO()
+    """A small archive with our header that announces, and holds, many zeros."""
+    ours, header = io.BytesIO(), io.BytesIO()
+    np.save(ours, np.array('{"kind": "thing", "version": 1}'))
     shape = {"descr": "|u1", "fortran_order": False, "shape": (unpacked,)}
     np.lib.format.write_array_header_1_0(header, shape)
     with (
@@ -298,6 +299,8 @@ def bomb(path, unpacked):
         member.write(header.getvalue())
         for _ in range(unpacked >> 20):
             member.write(bytes(1 << 20))
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("edge_vpr.npy", ours.getvalue())
 
 
 def test_an_archive_that_unpacks_to_far_more_than_its_size_is_refused_unread(tmp_path):
