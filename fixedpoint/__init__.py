@@ -4,7 +4,22 @@ Modules that use this package import from its modules, so that another library o
 cannot take its place (see docs/fixedpoint.md).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from fixedpoint.errors import FixedPointError
-from fixedpoint.formats import UnsignedFormat
+
+if TYPE_CHECKING:
+    from fixedpoint.formats import UnsignedFormat
 
 __all__ = ["FixedPointError", "UnsignedFormat"]
+
+
+def __getattr__(name: str) -> Any:
+    # loads NumPy, which the settings do not need
+    if name != "UnsignedFormat":
+        raise AttributeError(f"module 'fixedpoint' has no attribute {name!r}")
+    from fixedpoint.formats import UnsignedFormat
+
+    return UnsignedFormat

@@ -18,13 +18,11 @@ import numpy.typing as npt
 
 from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import UnsignedFormat
+from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE
 
 CodeKind = Literal["linear", "sqrt", "log"]
 KINDS: tuple[str, ...] = get_args(CodeKind)
 
-MAX_BITS = 16
-#: largest count that a table can go up to: a 16-bit counter's
-MAX_FULL_SCALE = 65_535
 #: different codes that the counters of a descriptor may have
 MAX_CODES = 256
 #: where a code ends that is told no full scale; chosen by experiment (docs/codes.md)

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fixedpoint.errors import FixedPointError
+from fixedpoint.limits import MAX_FULL_SCALE, OWN_MEAN_BITS
 
 #: fraction bits of a logarithm: units of 1/256 octave
 LEVEL_BITS = 8
@@ -25,7 +26,6 @@ MEAN_BITS = 8
 FIRST_SHIFT, LAST_SHIFT = 4, 8
 #: largest count that is told apart, unless another is asked for
 FULL_SCALE = 1023
-MAX_FULL_SCALE = 65_535
 
 Integers = npt.NDArray[np.integer]
 
@@ -61,8 +61,10 @@ class OwnMeanCode:
     full_scale: int = FULL_SCALE
 
     def __post_init__(self) -> None:
-        if not 1 <= index(self.bits) <= 8:
-            raise FixedPointError(f"own-mean code of {self.bits} bits: expected 1 to 8")
+        if not 1 <= index(self.bits) <= OWN_MEAN_BITS:
+            raise FixedPointError(
+                f"own-mean code of {self.bits} bits: expected 1 to {OWN_MEAN_BITS}"
+            )
         if not 0 <= index(self.full_scale) <= MAX_FULL_SCALE:
             raise FixedPointError(
                 f"own-mean code up to a count of {self.full_scale}: expected 1 to {MAX_FULL_SCALE}"

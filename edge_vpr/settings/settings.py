@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings.choices import (
@@ -19,9 +19,11 @@ from edge_vpr.settings.choices import (
 )
 from edge_vpr.settings.fields import MOST, attributes_section
 from edge_vpr.settings.table import TABLE
-from fixedpoint.codes import CounterCode
-from fixedpoint.errors import FixedPointError
-from fixedpoint.own_mean import OwnMeanCode
+from fixedpoint.limits import OWN_MEAN_BITS
+
+if TYPE_CHECKING:
+    from fixedpoint.codes import CounterCode
+    from fixedpoint.own_mean import OwnMeanCode
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,6 +101,8 @@ class Settings:
         """The code of all counters, where it is taken against each counter's own mean."""
         if self.counter_code == "none" or self.counter_scaling != "own-mean":
             return None
+        from fixedpoint.own_mean import OwnMeanCode  # with NumPy, which help does without
+
         return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0)
 
     @property
@@ -107,6 +111,8 @@ class Settings:
 
         Where each pixel has a full scale or a mean of its own, the kind and the bits still hold.
         """
+        from fixedpoint.codes import CounterCode  # with NumPy, which help does without
+
         if self.counter_code != "none":
             full_scale = self.counter_full_scale or 0
             return CounterCode(self.counter_code, self.counter_bits, full_scale)
@@ -145,10 +151,11 @@ class Settings:
                 f"setting counter_scaling = own-mean with counter_code = {self.counter_code}: it "
                 "is taken of logarithms; set counter_code to log"
             )
-        try:
-            _ = self.shared_code, self.own_mean_code
-        except FixedPointError as error:
-            raise UsageError(f"settings: {error}") from error
+        if self.counter_scaling == "own-mean" and self.counter_bits > OWN_MEAN_BITS:
+            raise UsageError(
+                f"settings: own-mean code of {self.counter_bits} bits: expected 1 to "
+                f"{OWN_MEAN_BITS}"
+            )
 
     @property
     def uncoded(self) -> Settings:

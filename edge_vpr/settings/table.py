@@ -26,7 +26,7 @@ from edge_vpr.settings.words import (
     prices,
     prices_word,
 )
-from fixedpoint.codes import MAX_BITS, MAX_FULL_SCALE
+from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE
 
 _FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
 _CODE = ("counter_code", ("linear", "sqrt", "log"))
