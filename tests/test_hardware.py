@@ -404,7 +404,11 @@ def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
     assert done.returncode == 0
     assert "icepack icebreaker.asc icebreaker.bin" in plan
     bench = subprocess.run(
-        ["make", "-n", "cocotb"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
+        ["make", "-n", "--no-print-directory", "cocotb"],
+        cwd=tmp_path / "core",
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
     assert (tmp_path / "core" / bench.split()[1]).read_bytes() == sources.COCOTB_BENCH.read_bytes()
     capsys.readouterr()
