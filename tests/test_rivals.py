@@ -101,8 +101,8 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
     pair = rivals.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
     )
-    monkeypatch.setattr(pixel_number, "recorded_pairs", lambda data: iter([pair]))
-    monkeypatch.setattr(pixel_number, "simulated_pair", lambda seed: pair)
+    monkeypatch.setattr(rivals, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
     monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
     text = pixel_number.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000

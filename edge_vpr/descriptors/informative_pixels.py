@@ -86,11 +86,13 @@ def informative_pixels(
     some = counts[:: -(-len(counts) // MOST_WINDOWS)]
     levels = np.ascontiguousarray(OwnMeanCode().level(some).T)
     chosen = np.empty(min(pixels, len(pixel_map)), dtype=np.int64)
-    found = _choose(levels, float(NOISE), chosen) if chosen.size == pixels else 0
+    found = len(pixel_map)
+    if found >= pixels:
+        found = _choose(levels, float(NOISE), chosen)
     if found < pixels:
         raise UsageError(
-            f"{found or len(pixel_map)} pixels vary and {pixels} were asked for: ask for fewer "
-            "pixels or map a longer traverse"
+            f"{found} pixels vary and {pixels} were asked for: ask for fewer pixels or map a "
+            "longer traverse"
         )
     return PixelMap(pixel_map.sensor, pixel_map.x[chosen], pixel_map.y[chosen])
 

@@ -124,6 +124,14 @@ def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
 
 
 @njit(cache=True, nogil=True)
+def margin_of(metric: Metrics, place: int, second: int) -> int:
+    """Return the metric of the second best place less the best's; the largest without a second."""
+    if second < 0:
+        return METRIC_TOP
+    return int(metric[second]) - int(metric[place])
+
+
+@njit(cache=True, nogil=True)
 def _first_least(metric: Metrics, begin: int, end: int) -> int:
     """Return the first place of the least metric in a range; -1 if the range is empty."""
     if begin >= end:

@@ -13,6 +13,7 @@ from edge_vpr.matching.filter_arithmetic import (
     TRUST_BITS,
     evidence_of,
     least_and_second,
+    margin_of,
     reciprocal_of_spread,
     trust_after,
 )
@@ -142,10 +143,9 @@ def write_match(
         Of `FilterMatch`; written to.
     """
     row[0], row[1], row[2], row[3], row[4] = place, metric[place], second, -1, ties
-    if second < 0:
-        return METRIC_TOP
-    row[3] = metric[second]
-    return row[3] - row[1]
+    if second >= 0:
+        row[3] = metric[second]
+    return margin_of(metric, place, second)
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,7 @@ from edge_vpr.descriptors.pauses import is_pause
 from edge_vpr.matching.filter_arithmetic import (
     add_evidence,
     least_and_second,
+    margin_of,
     reciprocal_of_spread,
     trust_after,
 )
@@ -100,12 +101,12 @@ def filter_answer(predicted, metric, sums, c, events, row):
     if c.change and best == c.place_told:
         return False
     c.place_told = best
-    second_metric = np.int64(metric[second]) if second >= 0 else np.int64(-1)
-    margin = second_metric - metric[best] if second >= 0 else np.int64(METRIC_TOP)
     kept = c.trust if predicted.follows[best] else np.int64(0)
     row["place"], row["distance_sum"] = best, metric[best]
-    row["second"], row["second_sum"] = second, second_metric
-    row["trust"] = trust_after(int(kept), bool(best == c.place), int(margin))
+    row["second"], row["second_sum"] = second, -1
+    if second >= 0:
+        row["second_sum"] = metric[second]
+    row["trust"] = trust_after(int(kept), bool(best == c.place), margin_of(metric, best, second))
     return True
 
 

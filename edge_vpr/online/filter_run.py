@@ -6,10 +6,8 @@ import numpy as np
 
 from edge_vpr.archive import Arrays
 from edge_vpr.array_checks import check_array, check_range
-from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.step_prices import StepPrices
+from edge_vpr.matching.drive_matching import filter_of
 from edge_vpr.odometry import Odometer
 from edge_vpr.online.followed import Followed
 from edge_vpr.online.followed_windows import FollowedWindows
@@ -45,13 +43,10 @@ class FilterRun(MatchRun):
     def __init__(
         self, reference: ReferenceMap, windows: FollowedWindows, schedule: MatchSchedule
     ) -> None:
-        settings = reference.settings
         super().__init__(windows, Followed.begin(reference, windows.s, schedule))
-        self.place_filter = PlaceFilter(
-            len(reference), StepPrices.of(settings), settings.exclusion,
-            mean_activity(reference.places.activity),
-            jumps=reference.jumps, along_mm=reference.along_mm,
-        )  # fmt: skip
+        self.place_filter = filter_of(
+            reference.places, reference.settings, reference.jumps, reference.along_mm
+        )
         self.odometer = Odometer()
         self._code = reference.own_mean_code
         self.mean = None

@@ -96,7 +96,8 @@ def map_traverse(
             )
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         if settings.strategy == "information":
-            pixel_map = _most_informative(first, recording, settings, hot | ~counted)
+            listed = shortlist(saliency, hot | ~counted)
+            pixel_map = _most_informative(first, recording, settings, listed)
         else:
             pixel_map = select_pixels(
                 saliency,
@@ -122,9 +123,8 @@ def _most_informative(
     first: SaliencyPass,
     recording: EventSource | WindowSource,
     settings: Settings,
-    exclude: npt.NDArray[np.bool_],
+    listed: PixelMap,
 ) -> PixelMap:
-    listed = shortlist(first.variance(), exclude)
     windows = first.descriptors(listed)
     if windows is None:  # too many for a temporary file: counted again
         by_time = settings.uncoded.replaced({"window": "time", "polarity": False}, "the shortlist")

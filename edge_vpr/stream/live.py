@@ -185,10 +185,10 @@ class LiveLocaliser:
     def _cleaned(self, events: Events, reached_us: int, last: bool) -> list[Events]:
         if self._bursts is None:
             return [events]
-        pieces = self._bursts.pieces(events)
-        if isinstance(self._bursts, BurstFilter):  # which holds events back
-            pieces.append(self._bursts.finish() if last else self._bursts.advance(reached_us))
-        return pieces
+        return [
+            *self._bursts.pieces(events),
+            self._bursts.finish() if last else self._bursts.advance(reached_us),
+        ]
 
     def _incomplete(self, pieces: list[Events], before_us: int, now: int) -> bool:
         """Tell whether a loss is younger than the windows that are compared.

@@ -7,6 +7,7 @@ broken versions must each be refused.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -97,7 +98,7 @@ def prove(size: Size, source: str | None = None, *, seconds: int = 300) -> bool:
         If a tool is missing, refuses the source, or takes too long.
     """
     with tempfile.TemporaryDirectory() as folder:
-        model = _translate(Path(folder), size, _search(source), induction=True)
+        model = _search_model(Path(folder), size, source, induction=True)
         base = solve(model, ["-t", str(INDUCTION)], seconds)
         return base and solve(model, ["-i", "-t", str(INDUCTION)], seconds)
 
@@ -123,7 +124,7 @@ def refuted(size: Size, source: str, *, seconds: int = 300) -> bool:
         As of `prove`.
     """
     with tempfile.TemporaryDirectory() as folder:
-        model = _translate(Path(folder), size, source, induction=False)
+        model = _search_model(Path(folder), size, source, induction=False)
         return not solve(model, ["-t", str(BOUND)], seconds)
 
 
@@ -164,21 +165,16 @@ def prove_prediction(source: str | None = None, *, seconds: int = 600) -> bool:
     ToolError
         As of `prove`.
     """
-    text = core_source("vpr_prediction.sv") if source is None else source
-    chosen = " ".join(f"-set {name} {value}" for name, value in _PREDICTION.items())
-    with tempfile.TemporaryDirectory() as name:
-        unit, model = Path(name) / "unit.sv", Path(name) / "prediction.smt2"
-        unit.write_text(text, encoding="ascii")
-        properties = PROPERTIES / "vpr_prediction_properties.sv"
-        script = (
-            f"read_verilog -formal -sv {unit}; chparam {chosen} vpr_prediction; "
-            "hierarchy -top vpr_prediction; proc; flatten; expose vpr_prediction/w:entries; "
-            f"read_verilog -formal -sv {properties}; hierarchy -top vpr_prediction_properties; "
-            f"proc; flatten; opt_clean; write_smt2 -wires {model}"
+    with tempfile.TemporaryDirectory() as folder:
+        model = _translate(
+            Path(folder), "vpr_prediction", source, _parameters(_PREDICTION), ("entries",)
         )
-        run_yosys([script], "prediction")
         base = solve(model, ["-t", "8"], seconds)
         return base and (source is not None or solve(model, ["-i", "-t", "8"], seconds))
+
+
+#: parameters of the timer that is proved
+_TIMER = {"TIMESTAMP_BITS": "6", "TAU_US": "11"}
 
 
 def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
@@ -201,22 +197,11 @@ def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
     ToolError
         As of `prove`.
     """
-    text = core_source("vpr_window_timer.sv") if source is None else source
-    with tempfile.TemporaryDirectory() as name:
-        unit, model = Path(name) / "unit.sv", Path(name) / "timer.smt2"
-        unit.write_text(text, encoding="ascii")
-        run_yosys(
-            [
-                f"read_verilog -formal -sv {unit}",
-                "chparam -set TIMESTAMP_BITS 6 -set TAU_US 11 vpr_window_timer",
-                "hierarchy -top vpr_window_timer; proc",
-                "expose vpr_window_timer/w:end_inverse vpr_window_timer/w:behind",
-                f"read_verilog -formal -sv {PROPERTIES / 'vpr_window_timer_properties.sv'}",
-                "hierarchy -top vpr_window_timer_properties; proc; flatten; opt_clean",
-                f"write_smt2 -wires {model}",
-            ],
-            "timer",
-        )
+    with tempfile.TemporaryDirectory() as folder:
+        model = _translate(
+            Path(folder), "vpr_window_timer", source, _parameters(_TIMER),
+            ("end_inverse", "behind"),
+        )  # fmt: skip
         base = solve(model, ["-t", "20"], seconds)
         return base and (source is not None or solve(model, ["-i", "-t", "12"], seconds))
 
@@ -259,33 +244,52 @@ def broken(name: str) -> str:
     return broken_source("vpr_search.sv", *BROKEN[name])
 
 
-def _search(source: str | None) -> str:
-    return core_source("vpr_search.sv") if source is None else source
+def _search_model(folder: Path, size: Size, source: str | None, *, induction: bool) -> Path:
+    chosen = {name.upper(): str(value) for name, value in size._asdict().items()}
+    claimed = _parameters(chosen | {"INDUCTION": str(int(induction))})
+    return _translate(folder, "vpr_search", source, _parameters(chosen), REGISTERS, claimed)
 
 
-def _translate(folder: Path, size: Size, source: str, *, induction: bool) -> Path:
-    search, model = folder / "vpr_search.sv", folder / "search.smt2"
-    search.write_text(source, encoding="ascii")
-    chosen = (
-        f"-set EXCLUSION {size.exclusion} -set SUM_BITS {size.sum_bits} "
-        f"-set PLACE_BITS {size.place_bits}"
-    )
-    ports = " ".join(f"vpr_search/w:{name}" for name in REGISTERS)
-    script = "; ".join(
+def _parameters(values: Mapping[str, str]) -> str:
+    return " ".join(f"-set {name} {value}" for name, value in values.items())
+
+
+def _translate(
+    folder: Path,
+    unit: str,
+    source: str | None,
+    chosen: str,
+    exposed: Sequence[str],
+    claimed: str = "",
+) -> Path:
+    """Write the SMT2 model of a unit and its properties.
+
+    Parameters
+    ----------
+    folder : path
+    unit : str
+        Module, and name of its file.
+    source : str or None
+        Of that file; None: as it is.
+    chosen, claimed : str
+        Parameters of the unit and of its properties, for chparam.
+    exposed : sequence of str
+        Wires of the unit that the properties refer to.
+    """
+    file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
+    file.write_text(core_source(file.name) if source is None else source, encoding="ascii")
+    properties = f"{unit}_properties"
+    run_yosys(
         [
-            f"read_verilog -formal -sv {search}",
-            f"chparam {chosen} vpr_search",
-            "hierarchy -top vpr_search",
-            "proc",
-            f"expose {ports}",
-            f"read_verilog -formal -sv {PROPERTIES / 'vpr_search_properties.sv'}",
-            f"chparam {chosen} -set INDUCTION {int(induction)} vpr_search_properties",
-            "hierarchy -top vpr_search_properties",
-            "proc",
-            "flatten",
-            "opt_clean",
+            f"read_verilog -formal -sv {file}",
+            f"chparam {chosen} {unit}",
+            f"hierarchy -top {unit}; proc; flatten",
+            f"expose {' '.join(f'{unit}/w:{name}' for name in exposed)}",
+            f"read_verilog -formal -sv {PROPERTIES / f'{properties}.sv'}",
+            f"chparam {claimed} {properties}" if claimed else "",
+            f"hierarchy -top {properties}; proc; flatten; opt_clean",
             f"write_smt2 -wires {model}",
-        ]
+        ],
+        unit,
     )
-    run_yosys([script], "search")
     return model

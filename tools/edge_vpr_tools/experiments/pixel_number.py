@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import coded_map, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.rivals import (
-    SIMULATED,
-    CountedDrive,
-    CountedPair,
-    recorded_pairs,
-    simulated_pair,
-)
+from edge_vpr_tools.experiments.rivals import CountedDrive, CountedPair, draws
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
@@ -132,11 +126,9 @@ def run(
         Where to write the figure.
     """
     results: dict[str, Found] = {}
-    for pair, seed in _trials(data, seeds):
-        on_start(f"{pair.name}, seed {seed}")
-        found = results.setdefault(pair.name, Found({}, []))
-        # of a recorded pair all pixels are the same at every draw
-        score(pair, seed, found, dense=pair.name == SIMULATED or not found.every)
+    for each in draws(data, seeds, on_start):
+        found = results.setdefault(each.name, Found({}, []))
+        score(each.pair, each.seed, found, dense=each.is_new)
     if figure_path is not None:
         save(draw(results), figure_path)
     return "\n\n".join(
@@ -144,14 +136,6 @@ def run(
         for name, found in results.items()
         for method in (PAPER, ROBOT)
     )
-
-
-def _trials(data: Path | None, seeds: int) -> Iterator[tuple[CountedPair, int]]:
-    for seed in range(seeds):
-        yield simulated_pair(seed), seed
-    for pair in recorded_pairs(data) if data is not None else ():
-        for seed in range(seeds):
-            yield pair, seed
 
 
 def _table(found: Found, method: str) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -116,6 +117,45 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
         yield count_pair(name, pair.reference, pair.query, pair.settings, pair.truth_of)
 
 
+class Draw(NamedTuple):
+    """A pair of drives, and the seed of a draw of pixels.
+
+    Attributes
+    ----------
+    name : str
+        Of the pair, or `SIMULATED`.
+    pair : CountedPair
+    seed : int
+    is_new : bool
+        Whether the pair comes for the first time: what draws nothing need not be matched again.
+    """
+
+    name: str
+    pair: CountedPair
+    seed: int
+    is_new: bool
+
+
+def draws(data: Path | None, seeds: int, on_start: Callable[[str], None]) -> Iterator[Draw]:
+    """Yield a simulated pair for each seed, and each recorded pair with all of them.
+
+    Parameters
+    ----------
+    data : path, optional
+        Folder of the recordings; without it, there is none.
+    seeds : int
+    on_start : callable
+        Told what begins.
+    """
+    for seed in range(seeds):
+        on_start(f"street {seed + 1} of {seeds}")
+        yield Draw(SIMULATED, simulated_pair(seed), seed, is_new=True)
+    for pair in recorded_pairs(data) if data is not None else ():
+        for seed in range(seeds):
+            on_start(f"{pair.name}, draw {seed + 1} of {seeds}")
+            yield Draw(pair.name, pair, seed, is_new=seed == 0)
+
+
 def compare_all(pair: CountedPair, seed: int, names: Sequence[str]) -> dict[str, Result]:
     """Match a pair with every baseline of these names that can be used on its sensor."""
     truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
@@ -153,19 +193,11 @@ def run(
     """
     names = baseline_names()
     found: dict[str, dict[str, list[Result]]] = {}
-
-    def add(pair: str, results: dict[str, Result]) -> None:
-        for name, result in results.items():
-            found.setdefault(pair, {}).setdefault(name, []).append(result)
-
-    for seed in range(seeds):
-        on_start(f"street {seed + 1} of {seeds}")
-        add(SIMULATED, compare_all(simulated_pair(seed), seed, names))
-    for recorded in recorded_pairs(data) if data is not None else ():
-        for seed in range(seeds):
-            on_start(f"{recorded.name}, draw {seed + 1} of {seeds}")
-            drawn = [n for n in names if seed == 0 or n in ("paper", "seed-code")]
-            add(recorded.name, compare_all(recorded, seed, drawn))
+    for each in draws(data, seeds, on_start):
+        drawn = [n for n in names if each.is_new or n in ("paper", "seed-code")]
+        results = found.setdefault(each.name, {})
+        for name, result in compare_all(each.pair, each.seed, drawn).items():
+            results.setdefault(name, []).append(result)
     if figure_path is not None:
         save(draw(found), figure_path)
     return "\n\n".join(f"{pair}:\n\n{_table(results)}" for pair, results in found.items())
