@@ -106,7 +106,7 @@ def test_what_the_machine_lacks_is_told_in_one_line(tmp_path):
 
 def test_each_part_names_tests_that_there_are():
     text = SCRIPT.read_text()
-    for variable in ("kernels", "elsewhere"):
+    for variable in ("kernels", "elsewhere", "commands"):
         (names,) = re.findall(rf'^{variable}="([^"]*)"', text, re.MULTILINE)
         for name in names.split():
             assert (ROOT / f"tests/test_{name}.py").is_file(), name
