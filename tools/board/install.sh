@@ -25,6 +25,7 @@ here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
 needed_mib=1000
 root=
 source=
+staged=
 remove=no
 while [ $# -gt 0 ]; do
     case $1 in
@@ -118,6 +119,8 @@ install_all() {
     # a checkout of the same version number is installed again; its dependencies are not
     run_pip --upgrade "$source"
     run_pip --no-deps --force-reinstall "$source"
+    # before doctor, which would say that extras are installed from there
+    [ -z "$staged" ] || rm -rf "$staged"
     [ -e "$root/etc/default/edge-vpr" ] ||
         install -D -m 644 "$here/edge-vpr.conf" "$root/etc/default/edge-vpr"
     install -D -m 644 "$here/edge-vpr.service" "$root/etc/systemd/system/edge-vpr.service"
