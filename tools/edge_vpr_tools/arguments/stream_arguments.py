@@ -58,6 +58,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="exact: delay events by up to 4 ms and remove the same bursts as in a recording; "
         "causal: do not delay, and remove a burst only from the moment it is recognised",
     )  # fmt: skip
+    line.add_argument(
+        "--odometry", metavar="PORT",
+        help="where the robot sends its odometer: a serial port of 115,200 baud, tcp://HOST:PORT, "
+        "udp://:PORT, or - for standard input; each reading is a line of text with the metres "
+        "driven from any zero",
+    )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument("--log", metavar="RUN.jsonl", help="write matches and health as JSON lines")
     output.add_argument(

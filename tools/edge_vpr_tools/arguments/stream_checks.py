@@ -34,11 +34,28 @@ def check_arguments(args: argparse.Namespace) -> None:
         )
     if args.baud is not None and args.baud < 1:
         raise UsageError(f"--baud {args.baud}: expected the speed of a serial port, such as 921600")
+    _check_odometry(args)
     if args.serve is not None:
         parse_address(args.serve)
     if args.mqtt is not None:
         parse_url(args.mqtt)
     _check_files(args)
+
+
+def _check_odometry(args: argparse.Namespace) -> None:
+    if args.odometry is None:
+        return
+    if args.map is None and not args.learn:
+        raise UsageError("--odometry is for --map and --learn: give one of them, or leave it out")
+    if args.odometry == args.port:
+        raise UsageError(
+            f"--odometry {args.odometry} is the camera's --port: give the odometer one of its own"
+        )
+    if Path(args.odometry).is_file():
+        raise UsageError(
+            f"--odometry {args.odometry} is a file, and stream reads the odometer as the robot "
+            "drives: match a recording with edge-vpr match --odometry"
+        )
 
 
 def _check_files(args: argparse.Namespace) -> None:
