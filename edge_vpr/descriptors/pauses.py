@@ -16,7 +16,7 @@ EVENTS_TOP = (1 << 23) - 1
 
 @njit(cache=True, nogil=True)
 def is_pause(events: int, usual: int) -> bool:
-    """Return whether a window with `events` selected events is a pause (`usual`: see `Activity`)."""
+    """Return whether a window of `events` selected events is a pause (`usual`: see `Activity`)."""
     return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < usual
 
 
