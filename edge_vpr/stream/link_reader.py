@@ -109,7 +109,7 @@ class LinkReader:
         self._wanted = False  # whether the caller waits, and could read itself
         self._left_s = time.monotonic()  # time at which the caller left with bytes
         self._failure: Exception | None = None  # error while reading
-        self._reopened = False  # events to be reported before the next bytes
+        self._reopened = False  # whether the link was reopened before the next bytes
         self._awake = threading.Event()  # set to end a pause of the thread
         self._link = open_link()  # an error of the first opening is raised to the caller
         self.address = self._link.address

@@ -81,7 +81,7 @@ class LiveLocaliser:
         self._losses = 0
         self._since = 0  # number of events at the selected pixels since the newest loss
         self._whole_us = -1  # first time after the newest loss
-        self._reached = self._events = 0  # losses of the decoder after the newest piece
+        self._reached = self._events = 0  # time and events of the decoder, after the newest piece
         self._time = 0  # time that the localiser has reached
         if reference is not None:
             sensor = reference.pixel_map.sensor
