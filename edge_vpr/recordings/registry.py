@@ -1,4 +1,4 @@
-"""Which reader opens which file: by its first bytes, then by its suffix."""
+"""Choice of the reader for a file: by its first bytes, then by its suffix."""
 
 from __future__ import annotations
 

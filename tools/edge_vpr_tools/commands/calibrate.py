@@ -1,4 +1,4 @@
-"""`edge-vpr calibrate`: how probable is it that a match is right? Learns it from a drive."""
+"""`edge-vpr calibrate`: learn the probability of a right match from a drive."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import note, summary
 from edge_vpr_tools.runs.calibration import calibrate
 
-#: with fewer, even matches that were all right would not promise a precision of 0.99
+#: with fewer matches, even if all are right, the table cannot reach a precision of 0.99
 FEW_MATCHES = 100
 
 

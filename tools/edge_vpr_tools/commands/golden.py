@@ -1,4 +1,4 @@
-"""`edge-vpr golden`: write vectors that a device is held against."""
+"""`edge-vpr golden`: write golden vectors, with which devices are tested."""
 
 from __future__ import annotations
 

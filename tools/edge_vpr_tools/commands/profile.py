@@ -1,4 +1,4 @@
-"""`edge-vpr profile`: measure what a match takes on this machine."""
+"""`edge-vpr profile`: measure the cost of a match on this machine."""
 
 from __future__ import annotations
 
