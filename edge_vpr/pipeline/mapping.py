@@ -90,9 +90,9 @@ def map_traverse(
             hot = np.zeros_like(counted)
         if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
             raise UsageError(
-                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels are "
-                "selected by how their counts vary from window to window: take shorter windows "
-                "(--tau), or a longer drive"
+                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
+                "selected only from two windows or more: take shorter windows (--tau), or a "
+                "longer drive"
             )
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         if settings.strategy == "information":

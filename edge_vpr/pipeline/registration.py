@@ -199,7 +199,9 @@ def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
     kept = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     kept[kept] = ~reference.hot[y[kept], x[kept]]
     if not kept.any():
-        raise UsageError(f"no pixel of the map is left after a shift of ({dx}, {dy}): map anew")
+        raise UsageError(
+            f"no pixel of the map is left after a shift of ({dx}, {dy}): make a new map"
+        )
     settings, left = reference.settings, int(kept.sum())
     counters = np.concatenate([kept, kept]) if settings.polarity else kept
     # codes give roughly the share of events that the remaining counters had

@@ -165,8 +165,8 @@ def sniff(path: Path) -> str:
             )
         known = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
         raise RecordingError(
-            f"{path} is of no known format: known are {known}, and folders of PNG, of .npy or of a "
-            "ROS 2 bag; name it with --format if its suffix misleads"
+            f"{path} has no known format: known are {known}, and folders of PNG, of .npy or of a "
+            "ROS 2 bag; name the format with --format if the suffix is wrong"
         )
     return name
 

@@ -36,15 +36,17 @@ def run(args: argparse.Namespace) -> None:
     reference, matches, truth = load_evaluated(args)
     found = calibrate(reference, matches, truth)
     if found.settings_changed:
-        note(f"{output} has the settings that the drive was matched with, which the table is of")
+        note(
+            f"{output} has the settings that the drive was matched with; the table holds for these"
+        )
     found.reference.save(output)
 
     if found.matches < FEW_MATCHES:
         note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")
     if not (folder / results.QUERIES).is_file():
         note(
-            "matches event by event repeat one another, so that the probabilities are bolder than "
-            "the drive allows: calibrate from matches without --online, or with --every window"
+            "matches after every event are almost copies of each other, so that the "
+            "probabilities are more extreme than the drive justifies: calibrate from matches without --online, or with --every window"
         )
     if found.off_map == 0:
         note(

@@ -98,7 +98,9 @@ def run(args: argparse.Namespace) -> None:
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
     """Check that a matrix can be written, before any work is done."""
     if args.online:
-        raise UsageError("--matrix is of windows, and --online matches events: leave one out")
+        raise UsageError(
+            "--matrix needs whole windows, and --online matches single events: leave one out"
+        )
     if matrix.suffix != ".npy":
         raise UsageError(f"matrix {matrix} does not end in .npy: name it for example distances.npy")
     check_output(matrix, inputs)

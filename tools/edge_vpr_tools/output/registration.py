@@ -25,5 +25,5 @@ def report_shift(found: Mounted, mapped: ReferenceMap) -> None:
     lost = len(mapped.pixel_map) - len(found.reference.pixel_map)
     warning(
         f"the camera's image is shifted by ({shift.dx}, {shift.dy}) pixels: the map's pixels are "
-        f"moved, {lost} of {len(mapped.pixel_map)} are lost: fix the mounting, or map anew"
+        f"moved, {lost} of {len(mapped.pixel_map)} are lost: fix the mounting, or make a new map"
     )
