@@ -141,7 +141,7 @@ RUNS = [
     ("golden --map {f}/map.npz --recording {f}/query.npz --max-events 500 --lanes 2 "
      "-o {f}/vectors --overwrite", 0),
     (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-events 100 "
-     "-o {f}/vectors2", 0),
+     "--suite recording -o {f}/vectors2", 0),
     ("golden --map {f}/map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "
      "--max-events 100 -o {f}/vectors3", 0),
     ("golden --map {f}/map.npz --recording {f}/frames.npz --frame-period 1/10 --max-events 100 "

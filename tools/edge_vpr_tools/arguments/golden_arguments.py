@@ -29,6 +29,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=20_000,
         help="events of the recording to take, from its start",
     )
+    vectors.add_argument(
+        "--suite",
+        action="append",
+        choices=("corners", "random", "filter", "recording"),
+        default=[],
+        help="make this suite only; may be given several times (default: all)",
+    )
     vectors.add_argument("--seed", type=int, default=0, help="of the random suite")
     vectors.add_argument(
         "--rtl",
