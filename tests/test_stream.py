@@ -688,7 +688,7 @@ def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(drive, 
         (["--sensor", "4x4", "--record", "a.npz", "--record", "b.npz"], "one file of events"),
         (["--sensor", "4x4", "--record", "a.xyz"], "expected .bin for bytes, or .npz"),
         (["--sensor", "4x4", "--baud", "0"], "expected the speed of a serial port"),
-        (["--map", "map.npz", "--counter-bits", "4"], "--counter-bits is decided when a map"),
+        (["--map", "map.npz", "--counter-bits", "4"], "--counter-bits belongs to making a map"),
     ],
 )
 def test_wrong_use_of_stream_is_one_line(words, says, capsys):
