@@ -33,6 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=20_000,
         help="number of events to take from the start of the recording",
     )
+    vectors.add_argument(
+        "--suite",
+        action="append",
+        choices=("corners", "random", "filter", "recording"),
+        default=[],
+        help="make this suite only; may be given several times (default: all)",
+    )
     vectors.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
     vectors.add_argument(
         "--rtl",

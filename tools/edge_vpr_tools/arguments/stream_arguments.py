@@ -46,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --on-overload drop: drop all waiting bytes as soon as the oldest of them have "
         "waited longer than this",
     )  # fmt: skip
+    line.add_argument(
+        "--busy-wait",
+        action="store_true",
+        help="keep a core busy asking for bytes instead of sleeping until they come; each match is "
+        "earlier by the time that waking up takes",
+    )
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
     places.add_argument(

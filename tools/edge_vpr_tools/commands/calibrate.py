@@ -46,7 +46,8 @@ def run(args: argparse.Namespace) -> None:
     if not (folder / results.QUERIES).is_file():
         note(
             "matches after every event are almost copies of each other, so that the "
-            "probabilities are more extreme than the drive justifies: calibrate from matches without --online, or with --every window"
+            "probabilities are more extreme than the drive justifies: calibrate from matches "
+            "without --online, or with --every window"
         )
     if found.off_map == 0:
         note(
