@@ -129,6 +129,26 @@ class ReferenceIndex:
         add_sad(self._packed, packed, out)
         return self._add_excess(out, excess)
 
+    def rows(self, queries: npt.ArrayLike) -> Distances:
+        """Distance of every query to every place, as `matrix` gives it, with a query in each row.
+
+        Parameters
+        ----------
+        queries : ndarray of int, shape (Q, J)
+
+        Returns
+        -------
+        ndarray of int32 or int64, shape (Q, K)
+        """
+        counts = _integers(queries, "queries", 2)
+        self._check_pixels(counts)
+        if self._wide is not None:
+            return np.ascontiguousarray(self._wide_matrix(self._wide, counts).T)
+        packed, excess = self._pack(counts)
+        out = np.zeros((len(counts), self.places), dtype=self._sum_dtype)
+        add_sad(packed, self._packed, out)
+        return self._add_excess(out, excess[:, None])
+
     def _check_pixels(self, counts: Integers) -> None:
         if counts.shape[1] != self.pixels:
             raise UsageError(

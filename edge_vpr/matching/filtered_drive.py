@@ -120,7 +120,7 @@ def filter_drive(
         way = ways[first]
         if way is not None:
             place_filter.travel(way)
-        distances = np.ascontiguousarray(index.matrix(queries.counts[first:last]).T)
+        distances = index.rows(queries.counts[first:last])
         rows = place_filter.advance_windows(distances, events[first:last])
         columns[first:last] = rows.columns
         if smooth:
