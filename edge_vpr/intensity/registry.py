@@ -1,0 +1,58 @@
+"""Which reader opens which file of intensity images."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from importlib import import_module
+from pathlib import Path
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.intensity.frames import IntensityFrames
+from edge_vpr.recordings.guard import foreign_errors
+from edge_vpr.recordings.registry import sniff
+
+
+def open_intensity(
+    path: str | Path, *, topic: str | None = None, frame_period: Fraction | None = None
+) -> IntensityFrames:
+    """Open the intensity images of a recording, or of a folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, or a folder of PNG or ``.npy``
+        (see `edge_vpr.intensity.image_folder.ImageFolder` for their times).
+    topic : str, optional
+        Stream or topic of the images, where there are several.
+    frame_period : Fraction, optional
+        Seconds an image, for folders that do not say.
+
+    Returns
+    -------
+    IntensityFrames
+
+    Raises
+    ------
+    RecordingError
+        If there are no images, or they cannot be read.
+    UsageError
+        If there are several streams of images, and none is named.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise RecordingError(f"{path} does not exist: check the path")
+    with foreign_errors(path):
+        name = sniff(path)
+        if name == "aedat4":
+            module = import_module("edge_vpr.intensity.aedat4_frames")
+            return module.Aedat4Frames(path, topic)
+        if name in ("rosbag1", "rosbag2"):
+            module = import_module("edge_vpr.intensity.rosbag_images")
+            return module.BagImages(path, 1 if name == "rosbag1" else 2, topic)
+        if name == "frames" and path.is_dir():
+            module = import_module("edge_vpr.intensity.image_folder")
+            return module.ImageFolder(path, frame_period)
+    raise RecordingError(
+        f"{path} is {name}, which holds no images that are read: name an AEDAT 4 file, a ROS bag, "
+        "or a folder of PNG or .npy"
+    )
