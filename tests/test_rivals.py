@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 from edge_vpr_tools.experiments import (
+    counted_pairs,
     event_speed,
     mount_shift,
     pixel_number,
@@ -39,12 +40,12 @@ def drives(windows=20):
 
 
 def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_path):
-    pair = rivals.count_pair(
+    pair = counted_pairs.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
     )
     assert np.array_equal(pair.reference.centre_us, np.arange(20) * TAU + TAU // 2)
-    monkeypatch.setattr(rivals, "recorded_pairs", lambda data: iter([pair]))
-    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
+    monkeypatch.setattr(counted_pairs, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     started = []
     text = rivals.run(tmp_path, 2, started.append, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
@@ -56,13 +57,13 @@ def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_pa
 
 
 def test_a_simulated_street_is_counted_by_events():
-    pair = rivals.simulated_pair(1, length_m=20, sensor="tiny")
+    pair = counted_pairs.simulated_pair(1, length_m=20, sensor="tiny")
     totals = pair.reference.images.sum(axis=(1, 2))
     assert len(pair.reference.images) >= 2 and len(pair.query.images) >= 2
     # hot pixels were taken out after the windows were counted
     assert totals.min() > 0.5 * totals.max()
     found = rivals.compare_all(
-        rivals.CountedPair("tiny", pair.reference, pair.query,
+        counted_pairs.CountedPair("tiny", pair.reference, pair.query,
                            pair.settings.replaced({"sequence_length": 1}, "test"), pair.truth_of),
         0, ["all-pixels", "active-pixels"],
     )  # fmt: skip
@@ -72,8 +73,8 @@ def test_a_simulated_street_is_counted_by_events():
 def test_a_system_that_does_not_fit_a_sensor_is_said_to(monkeypatch, tmp_path):
     """The released code draws 100 pixels, each 7 pixels apart."""
     images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]
-    pair = rivals.count_pair("drives", *images, SETTINGS, truth_of)
-    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
+    pair = counted_pairs.count_pair("drives", *images, SETTINGS, truth_of)
+    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     text = rivals.run(None, 1, lambda name: None)
     assert "released code: 100 pixels, clipped at 10, SAD | does not fit |" in text
     assert "| all pixels, SAD | 1.000 |" in text
@@ -98,11 +99,11 @@ def test_the_mount_shift_is_undone_and_drawn(monkeypatch, tmp_path):
 
 
 def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch, tmp_path):
-    pair = rivals.count_pair(
+    pair = counted_pairs.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
     )
-    monkeypatch.setattr(rivals, "recorded_pairs", lambda data: iter([pair]))
-    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
+    monkeypatch.setattr(counted_pairs, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
     text = pixel_number.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
