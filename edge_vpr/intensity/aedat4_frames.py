@@ -34,12 +34,14 @@ class Aedat4Frames:
     ----------
     start_us : int
         Time of the first event; of the first frame where no events were recorded.
+    has_events : bool
     """
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
         self._file = Aedat4File(path)
         self._stream = self._file.choose("FRME", "frames", topic)
-        if any(stream.kind == "EVTS" for stream in self._file.streams.values()):
+        self.has_events = any(each.kind == "EVTS" for each in self._file.streams.values())
+        if self.has_events:
             self.start_us = open_recording(path).start_us
         else:
             self.start_us = next((frame.time_us for frame in self), 0)

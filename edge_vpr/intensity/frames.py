@@ -36,9 +36,12 @@ class IntensityFrames(Protocol):
     start_us : int
         The moment t = 0 of the recording, on the clock of the images: that of the first event in
         the same file, or of the first image where there are no events.
+    has_events : bool
+        Whether the same file holds events.
     """
 
     start_us: int
+    has_events: bool
 
     def __iter__(self) -> Iterator[IntensityFrame]:
         """Yield the images."""
@@ -69,7 +72,7 @@ def to_grey(image: npt.NDArray[np.uint8], blue_first: bool) -> Image:
 
 
 def frames_at(
-    frames: IntensityFrames, times_us: Times, most_apart_us: int
+    frames: IntensityFrames, times_us: Times, most_apart_us: int, start_us: int | None = None
 ) -> tuple[npt.NDArray[np.uint8], Times]:
     """Choose the image nearest to each moment, in one pass and in the memory of those chosen.
 
@@ -80,6 +83,8 @@ def frames_at(
         Ascending; 0 is the start of the recording.
     most_apart_us : int
         Most that an image may be apart from its moment, in microseconds.
+    start_us : int, optional
+        The moment t = 0 on the clock of the images; that of `frames` by default.
 
     Returns
     -------
@@ -99,9 +104,9 @@ def frames_at(
         raise UsageError(f"{wanted.size} moments: give one or more, in ascending order")
     images: npt.NDArray[np.uint8] | None = None
     found = np.full(wanted.size, np.iinfo(np.int64).min // 2)
-    first = 0
+    start = frames.start_us if start_us is None else start_us
     for time_us, image in frames:
-        at = time_us - frames.start_us
+        at = time_us - start
         if images is None:
             images = np.zeros((wanted.size, *image.shape), np.uint8)
         elif image.shape != images.shape[1:]:

@@ -44,12 +44,16 @@ class ImageFolder:
     ----------
     start_us : int
         What ``metadata.json`` says; else the time of the first image.
+    has_events : bool
+        False.
 
     Raises
     ------
     RecordingError
         If there are no images, or their times are not known.
     """
+
+    has_events = False
 
     def __init__(self, path: Path, period: Fraction | None = None) -> None:
         self._files = sorted(path.glob("*.png"), key=number_key) or sorted(

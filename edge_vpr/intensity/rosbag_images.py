@@ -59,14 +59,15 @@ class BagImages:
     ----------
     start_us : int
         Start of the events of the same bag; without any, time of the first image.
+    has_events : bool
     """
 
     def __init__(self, path: Path, ros: int, topic: str | None = None) -> None:
         self._bag = Bag(path, ros)
         with self._bag.errors(), self._bag.open() as reader:
             self._topic = _choose(reader.connections, topic, path)
-            events = any(str(c.msgtype).endswith(_EVENTS) for c in reader.connections)
-        if events:
+            self.has_events = any(str(c.msgtype).endswith(_EVENTS) for c in reader.connections)
+        if self.has_events:
             self.start_us = open_recording(path).start_us
         else:
             self.start_us = next((frame.time_us for frame in self), 0)

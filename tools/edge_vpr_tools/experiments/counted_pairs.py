@@ -14,14 +14,19 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.datasets.catalogue import BRISBANE_BAGS_PAGE, BRISBANE_PAGE, QCR_PAGE
+from edge_vpr.datasets.published_drives import PublishedPair, published_pairs
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.hot_pixels import find_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, Window
+from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import EventSource, WindowSource, cleaned
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr.simulate import simulate_pair
-from edge_vpr_tools.experiments import codes_frontier
+from edge_vpr.simulate import SimulatedRecording, simulate_pair
+from edge_vpr_tools.experiments import SOURCES, codes_frontier
 from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import Times, TruthOf
 
@@ -94,20 +99,59 @@ def count_pair(
 
 def simulated_pair(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> CountedPair:
     """Simulate and count the pair of this seed."""
-    reference, query = (drive.keep() for drive in simulate_pair(seed, sensor, length_m=length_m))
+    return count_simulated(*(d.keep() for d in simulate_pair(seed, sensor, length_m=length_m)))
+
+
+def count_simulated(reference: SimulatedRecording, query: SimulatedRecording) -> CountedPair:
+    """Count two simulated drives of one street, by events."""
     settings = PRESETS["paper"].replaced({"window": "count"}, "pairs")
     return count_pair(SIMULATED, reference, query, settings, truth_of_pair(reference, query))
 
 
 def recorded_pairs(data: Path) -> Iterator[CountedPair]:
-    """Open the recorded pairs that were counted at every pixel, each once."""
+    """Open the recorded pairs that were counted at every pixel, each once.
+
+    Parameters
+    ----------
+    data : Path
+        Folder of the stand-ins of `SOURCES`, and of the published traverses under their names
+        (`edge_vpr.datasets.published_drives`); what is not there is left out.
+
+    Raises
+    ------
+    UsageError
+        If nothing is there.
+    """
+    found = False
     for pair in codes_frontier.pairs(data):
         if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
             continue
         if pair.settings.pixels != PRESETS["paper"].pixels:  # the same drives again
             continue
+        found = True
         name = pair.name.split(",")[0]
         yield count_pair(name, pair.reference, pair.query, pair.settings, pair.truth_of)
+    for drives in published_pairs(data):
+        found = True
+        yield count_published(drives)
+    if not found:
+        listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
+        raise UsageError(
+            f"{data} holds no drives that were counted at every pixel: put there traverses of "
+            f"Brisbane-Event-VPR ({BRISBANE_PAGE} or {BRISBANE_BAGS_PAGE}) or QCR-Event-VPR "
+            f"({QCR_PAGE}) under their published names, or one of the folders {listed}"
+        )
+
+
+def count_published(pair: PublishedPair) -> CountedPair:
+    """Count two published traverses, in windows of a fixed time as in the paper."""
+    tracks = (pair.reference.track, pair.query.track)
+
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return from_tracks(*tracks, places_us, queries_us, pair.tolerance_m)
+
+    drives = (pair.reference.recording, pair.query.recording)
+    return count_pair(pair.name, *drives, PRESETS["paper"], truth_of)
 
 
 class Draw(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,6 +17,8 @@ from edge_vpr_tools.report.style import CYCLE, DASHES, figure, name_label
 Result = tuple[Compared, Evaluation]
 #: trials by the name of the system
 Results = Mapping[str, Sequence[Result]]
+#: colour and dashes of a curve
+Look = tuple[str, Any]
 #: of a curve: recall from 0 to 1
 _RECALL = np.linspace(0.0, 1.0, 501)
 _HEADER = (
@@ -80,29 +83,42 @@ def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figu
     return drawing
 
 
-def draw_curves(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
+def draw_curves(
+    found: Mapping[str, Results], titles: Mapping[str, str], looks: Mapping[str, Look] | None = None
+) -> Figure:
     """Draw precision against recall of every system, a panel for each pair of drives.
 
     A curve is the mean of the trials' precision at each recall.
+
+    Parameters
+    ----------
+    found : mapping of pair to mapping of name to sequence of (Compared, Evaluation)
+    titles : mapping of name to str
+        Of the systems that are drawn.
+    looks : mapping of name to (colour, dashes), optional
     """
-    with figure(4.2 * len(found) + 1.5, 5.0) as (drawing, only):
+    with figure(4.2 * max(len(found), 2) + 1.5, 5.4) as (drawing, only):
         only.remove()
         panels = drawing.subplots(1, len(found), squeeze=False, sharey=True)
+        lowest = 1.0
         for axes, (pair, results) in zip(panels.flat, found.items(), strict=True):
             for i, (name, title) in enumerate(titles.items()):
-                if name in results:
-                    curves = [evaluation.curve for _, evaluation in results[name]]
-                    axes.plot(
-                        _RECALL,
-                        mean_precision(curves, _RECALL),
-                        color=CYCLE[i % len(CYCLE)],
-                        linestyle=DASHES[i % len(DASHES)],
-                        lw=1.8,
-                        label=name_label(title),
-                    )
+                if name not in results:
+                    continue
+                colour, dashes = CYCLE[i % len(CYCLE)], DASHES[i % len(DASHES)]
+                if looks is not None:
+                    colour, dashes = looks[name]
+                curves = [evaluation.curve for _, evaluation in results[name]]
+                precision = mean_precision(curves, _RECALL)
+                # below some recall, a curve of few matches jumps
+                lowest = min(lowest, float(precision[_RECALL > 0.05].min()))
+                axes.plot(
+                    _RECALL, precision, color=colour, linestyle=dashes, lw=1.8,
+                    label=name_label(title),
+                )  # fmt: skip
             axes.axhline(0.99, color="gray", lw=0.8)
-            axes.set(title=pair, xlabel="recall", xlim=(0, 1.01), ylim=(0, 1.03))
-        panels[0, 0].set_ylabel("precision")
+            axes.set(title=pair, xlabel="recall", xlim=(0, 1.01))
+        panels[0, 0].set(ylabel="precision", ylim=(max(0.0, np.floor(10 * lowest) / 10), 1.01))
         _legend(drawing)
     return drawing
 
