@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pytest
 from edge_vpr_tools.experiments import (
     counted_pairs,
     event_speed,
@@ -18,6 +19,8 @@ from edge_vpr_tools.experiments.codes_frontier import Pair
 from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
 
 from edge_vpr.baselines import baseline_names
+from edge_vpr.evaluation.mean_curve import mean_precision
+from edge_vpr.evaluation.metrics import precision_recall
 from edge_vpr.evaluation.truth_from_alignment import from_alignment
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import CAMERAS, simulate_pair
@@ -47,12 +50,16 @@ def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_pa
     monkeypatch.setattr(counted_pairs, "recorded_pairs", lambda data: iter([pair]))
     monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     started = []
-    text = rivals.run(tmp_path, 2, started.append, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    figures = (tmp_path / "figure.png", tmp_path / "figure.pdf")
+    text = rivals.run(tmp_path, 2, started.append, *figures, baselines=["all-pixels@1,3"])
+    for figure in ("figure.png", "figure_curves.png"):
+        assert (tmp_path / figure).stat().st_size > 10_000
+    assert (tmp_path / "figure_curves.pdf").is_file()
     assert started[0] == "street 1 of 2" and len(started) == 4
     assert text.count("all pixels, SAD | 1.000") == 2
+    assert text.count("| all pixels, SAD, windows 1, 3 | 1.000") == 2
     lines = [line for line in text.splitlines() if line.startswith("| ")]
-    assert len(lines) == 2 * (2 + len(baseline_names()))
+    assert len(lines) == 2 * (3 + len(baseline_names()))
     assert "| 9,216 | 184,320 |" in text  # bytes of 96 x 96 pixels, and differences to 20 places
 
 
@@ -68,6 +75,18 @@ def test_a_simulated_street_is_counted_by_events():
         0, ["all-pixels", "active-pixels"],
     )  # fmt: skip
     assert set(found) == {"all-pixels", "active-pixels"}
+
+
+def test_a_curve_of_trials_is_the_mean_of_their_precision():
+    """One trial is right in all matches, the other's surest of two is wrong; one finds nothing."""
+    right = np.array([True, True])
+    curves = [
+        precision_recall(np.array([0.1, 0.2]), correct, right)
+        for correct in (right, np.array([False, True]), ~right)
+    ]
+    found = mean_precision(curves, np.array([0.0, 0.5, 1.0]))
+    # at recall 0 the strictest threshold: 1, 0 and 0; then 1, 1/2 and never
+    assert found == pytest.approx([1 / 3, 0.5, 0.5])
 
 
 def test_a_system_that_does_not_fit_a_sensor_is_said_to(monkeypatch, tmp_path):

@@ -5,7 +5,7 @@ Frames are taken in the middle of the windows of events, so that both see the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +51,9 @@ def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "defau
     return FramedPairs(SIMULATED, events, frames)
 
 
-def systems(seed: int, drawn_only: bool) -> Iterator[tuple[str, Baseline]]:
+def systems(
+    seed: int, drawn_only: bool, baselines: Sequence[str] = ()
+) -> Iterator[tuple[str, Baseline]]:
     """Yield each choice of pixels, by its name.
 
     Parameters
@@ -60,10 +62,14 @@ def systems(seed: int, drawn_only: bool) -> Iterator[tuple[str, Baseline]]:
         Of the draw of pixels.
     drawn_only : bool
         Leave out what draws nothing.
+    baselines : sequence of str
+        Further ones, see `edge_vpr.baselines.open_baseline`.
     """
     if not drawn_only:
         for name, baseline in DENSE.items():
             yield name, open_baseline(baseline)
+        for name in baselines:
+            yield name, open_baseline(name, seed)
     for number in NUMBERS:
         for name, strategy in STRATEGIES.items():
             changes = {"pixels": number, "strategy": strategy, "seed": seed}
@@ -71,20 +77,28 @@ def systems(seed: int, drawn_only: bool) -> Iterator[tuple[str, Baseline]]:
             yield f"{number} by {name}", SelectedPixels(name, settings)
 
 
-def titles() -> Mapping[str, str]:
+def titles(baselines: Sequence[str] = ()) -> Mapping[str, str]:
     """Return the titles of all rows, by their keys: events first."""
-    names = [*DENSE, *(f"{number} by {name}" for number in NUMBERS for name in STRATEGIES)]
-    return {f"{what}, {name}": f"{what}, {name}" for what in ("events", "frames") for name in names}
+    names = {name: name for name in DENSE}
+    names |= {name: open_baseline(name).title for name in baselines}
+    names |= {f"{j} by {name}": f"{j} by {name}" for j in NUMBERS for name in STRATEGIES}
+    return {
+        f"{what}, {name}": f"{what}, {title}"
+        for what in ("events", "frames")
+        for name, title in names.items()
+    }
 
 
-def score(pair: FramedPairs, seed: int, drawn_only: bool) -> dict[str, Result]:
+def score(
+    pair: FramedPairs, seed: int, drawn_only: bool, baselines: Sequence[str] = ()
+) -> dict[str, Result]:
     """Match a pair with every choice of pixels, as events and as frames."""
     found = {}
     for what, counted in (("events", pair.events), ("frames", pair.frames)):
         if counted is None:
             continue
         truth = counted.truth_of(counted.reference.centre_us, counted.query.centre_us)
-        for name, baseline in systems(seed, drawn_only):
+        for name, baseline in systems(seed, drawn_only, baselines):
             try:
                 compared = compare(
                     baseline, counted.reference.images, counted.query.images,
@@ -96,7 +110,13 @@ def score(pair: FramedPairs, seed: int, drawn_only: bool) -> dict[str, Result]:
     return found
 
 
-def run(data: Path | None, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
+def run(
+    data: Path | None,
+    seeds: int,
+    on_start: Callable[[str], None],
+    *figures: Path,
+    baselines: Sequence[str] = (),
+) -> str:
     """Compare frames with events on simulated pairs, and on the user's where a folder is given.
 
     Parameters
@@ -109,12 +129,15 @@ def run(data: Path | None, seeds: int, on_start: Callable[[str], None], *figures
         Told what begins.
     *figures : path
         Where to write the curves of precision and recall.
+    baselines : sequence of str
+        To compare besides, see `edge_vpr.baselines.open_baseline`.
     """
+    rows = titles(baselines)
     results: dict[str, dict[str, list[Result]]] = {}
 
     def add(pair: FramedPairs, seed: int, drawn_only: bool) -> None:
         kept = results.setdefault(pair.name, {})
-        for name, result in score(pair, seed, drawn_only).items():
+        for name, result in score(pair, seed, drawn_only, baselines).items():
             kept.setdefault(name, []).append(result)
 
     for seed in range(seeds):
@@ -125,19 +148,28 @@ def run(data: Path | None, seeds: int, on_start: Callable[[str], None], *figures
             on_start(f"{pair.name}, draw {seed + 1} of {seeds}")
             add(pair, seed, drawn_only=seed > 0)
     if figures:
-        save(draw(results), *figures)
+        save(draw(results, rows), *figures)
     return "\n\n".join(
         f"{pair}:\n\n"
-        + systems_table(found, {key: title for key, title in titles().items() if key in found})
+        + systems_table(found, {key: title for key, title in rows.items() if key in found})
         for pair, found in results.items()
     )
 
 
-def draw(results: Mapping[str, Results]) -> Figure:
-    """Draw precision against recall for some choices of pixels, a panel for each pair."""
-    shown = {key: title for key, title in titles().items() if key.split(", ", 1)[1] in SHOWN}
+def draw(results: Mapping[str, Results], rows: Mapping[str, str]) -> Figure:
+    """Draw precision against recall, a panel for each pair; of the choices of pixels, some."""
+    hidden = {f"{j} by {name}" for j in NUMBERS for name in STRATEGIES} - set(SHOWN)
+    shown = {key: title for key, title in rows.items() if _choice(key) not in hidden}
+    choices = list(dict.fromkeys(map(_choice, shown)))
     looks = {
-        key: (CYCLE[SHOWN.index(key.split(", ", 1)[1])], "-" if key.startswith("events") else "--")
+        key: (
+            CYCLE[choices.index(_choice(key)) % len(CYCLE)],
+            "-" if key.startswith("events") else "--",
+        )
         for key in shown
     }
     return draw_curves(results, shown, looks)
+
+
+def _choice(key: str) -> str:
+    return key.split(", ", 1)[1]

@@ -49,6 +49,7 @@ def run(
     seeds: int,
     on_start: Callable[[str], None],
     *figures: Path,
+    baselines: Sequence[str] = (),
 ) -> str:
     """Compare on simulated pairs, and on the recorded ones where a folder is given.
 
@@ -63,8 +64,10 @@ def run(
     *figures : path
         Where to write right matches against memory; the curves of precision and recall are
         written beside it, their names with ``_curves``.
+    baselines : sequence of str
+        More than those of `baseline_names`, see `edge_vpr.baselines.open_baseline`.
     """
-    titles = {name: open_baseline(name).title for name in baseline_names()}
+    titles = {name: open_baseline(name).title for name in [*baseline_names(), *baselines]}
     found: dict[str, dict[str, list[Result]]] = {}
     for each in draws(data, seeds, on_start):
         drawn = [n for n in titles if each.is_new or n in DRAWN]
@@ -72,13 +75,13 @@ def run(
         for name, result in compare_all(each.pair, each.seed, drawn).items():
             results.setdefault(name, []).append(result)
     if figures:
-        save(draw(found), *figures)
+        save(draw(found, titles), *figures)
         save(draw_curves(found, titles), *(p.with_stem(f"{p.stem}_curves") for p in figures))
     return "\n\n".join(
         f"{pair}:\n\n{systems_table(results, titles)}" for pair, results in found.items()
     )
 
 
-def draw(found: Mapping[str, Results]) -> Figure:
+def draw(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
     """Draw right matches against bytes a place, a panel for each pair of drives."""
-    return draw_memory(found, {name: open_baseline(name).title for name in baseline_names()})
+    return draw_memory(found, titles)
