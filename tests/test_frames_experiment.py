@@ -62,7 +62,7 @@ def small_pair():
     times = np.arange(len(images), dtype=np.int64) * SECOND + SECOND // 2
     drive = counted_pairs.CountedDrive(images, times)
     pair = counted_pairs.CountedPair("streets", drive, drive, SETTINGS, truth_of)
-    return frame_drives.FramedPairs("streets", pair, pair)
+    return frame_drives.FramedPair("streets", pair, pair)
 
 
 def truth_of(places_us, queries_us):

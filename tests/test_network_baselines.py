@@ -98,6 +98,17 @@ def test_a_state_dict_that_torch_saved_is_what_torch_loads(tmp_path):
         assert found[name].dtype == expected.dtype and np.array_equal(found[name], expected)
 
 
+def test_a_pickle_that_refers_to_itself_over_and_over_is_refused_at_once(tmp_path):
+    """Tuples of tuples, each of the same one twice: to hash or to show one takes 2**60 steps."""
+    pairs = (b"h" + bytes([i, 0x68, i]) + b"\x86q" + bytes([i + 1]) for i in range(60))
+    deep = b"\x80\x02}q\xc8)q\x00" + b"".join(pairs)
+    as_key = deep + b"h\xc8h\x3cK\x01s."
+    as_shape = deep + b"ctorch._utils\n_rebuild_tensor_v2\n(h\x3ch\x3ch\x3ch\x3ctR."
+    for pickled, says in ((as_key, "a key that is no text"), (as_shape, "without a storage")):
+        with pytest.raises(WeightsError, match=says):
+            read_state_dict(torch_state(tmp_path / "a.pth", {}, pickled=pickled))
+
+
 class Evil:
     """What runs a command when a plain unpickler meets it."""
 
@@ -133,7 +144,10 @@ def test_a_damaged_state_dict_is_refused_and_nothing_large_is_made(tmp_path):
         (changed(text, count, number_op(13) + b"tQ"), "48 bytes for 13 numbers"),
         (changed(text, b"FloatStorage", b"WhatStoragex"), r"names torch\.WhatStoragex"),
         (text[:-20], "damaged"),
-        (pickle.dumps([1, 2]), "holds a list and no state dict"),
+        (pickle.dumps([1, 2]), "instruction EMPTY_LIST"),
+        (pickle.dumps("a"), "holds a str and no state dict"),
+        (pickle.dumps({1: 2}), "a key that is no text"),
+        (b"\x80\x02R.", "values that it has not built"),
         (pickle.dumps({"a": 1}), "holds no tensors"),
     ):
         path = torch_state(tmp_path / "bad.pth", {"a": TENSORS["a.weight"]}, pickled=pickled)

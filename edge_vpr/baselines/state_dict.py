@@ -1,17 +1,16 @@
 """Weights that PyTorch saved (``torch.save`` of a state dict), read without PyTorch.
 
-Such a file is a ZIP with a pickle, and pickles run code: only the few names that a state dict
-needs are known here, and nothing of them is called but to make an array (as ``weights_only`` does).
+Such a file is a ZIP with a pickle, and pickles run code. Here no unpickler is used: the few
+instructions that a state dict needs are carried out, with the few names that it needs, and keys are
+texts alone (tuples within tuples would take for ever to hash).
 """
 
 from __future__ import annotations
 
-import io
 import math
-import pickle
+import pickletools
 import zipfile
-from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,10 +35,16 @@ _KINDS = {
 _MOST_DIMENSIONS = 16
 
 
-class _Kind(NamedTuple):
-    """Numbers of a storage."""
+_ORDERED = ("collections", "OrderedDict")
+_TENSOR = ("torch._utils", "_rebuild_tensor_v2")
+_PARAMETER = ("torch._utils", "_rebuild_parameter")
 
-    code: str
+
+class _Name(NamedTuple):
+    """A class or function that the pickle names."""
+
+    module: str
+    name: str
 
 
 def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
@@ -76,12 +81,12 @@ def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
             f"{path} is damaged, or no state dict of PyTorch 1.6 or newer "
             f"({printable(error, 200)}): save it again with torch.save(model.state_dict(), ...)"
         ) from error
-    if not isinstance(values, Mapping):
+    if not isinstance(values, dict):
         raise WeightsError(
             f"{path} holds a {type(values).__name__} and no state dict: save it again with "
             "torch.save(model.state_dict(), ...)"
         )
-    tensors = {str(name): v for name, v in values.items() if isinstance(v, np.ndarray)}
+    tensors = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
     if not tensors:
         raise WeightsError(f"{path} holds no tensors: save the state dict of a trained network")
     return tensors
@@ -96,7 +101,15 @@ def _read(archive: zipfile.ZipFile) -> Any:
     if f"{folder}byteorder" in archive.namelist():
         order = ">" if _member(archive, f"{folder}byteorder", 16) == b"big" else "<"
     text = _member(archive, names[0], _LONGEST_PICKLE)
-    return _StateDict(io.BytesIO(text), archive, folder, order).load()
+
+    def storage(kind: str, key: str, count: int) -> npt.NDArray[Any]:
+        dtype = np.dtype(order + kind)
+        octets = _member(archive, f"{folder}data/{key}", _LARGEST)
+        if not 0 <= count * dtype.itemsize <= len(octets):
+            raise ValueError(f"{len(octets):,} bytes for {count} numbers of {dtype}")
+        return np.frombuffer(octets, dtype, count)
+
+    return _Machine(storage).run(text)
 
 
 def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
@@ -107,46 +120,136 @@ def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
     return archive.read(member)
 
 
-class _StateDict(pickle.Unpickler):
-    """An unpickler that knows ordered dictionaries, tensors and the kinds of their numbers."""
+class _Machine:
+    """The stack on which a pickle builds what it holds.
 
-    def __init__(self, file: io.BytesIO, archive: zipfile.ZipFile, folder: str, order: str) -> None:
-        super().__init__(file)
-        self._archive, self._folder, self._order = archive, folder, order
+    Parameters
+    ----------
+    storage : callable
+        ``(kind, key, count)`` to the numbers of a storage.
+    """
 
-    def find_class(self, module: str, name: str) -> Any:
-        """Return what stands for a name; all others are refused."""
-        if (module, name) == ("collections", "OrderedDict"):
-            return OrderedDict
-        if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
-            return _tensor
-        if (module, name) == ("torch._utils", "_rebuild_parameter"):
-            return _parameter
-        if module == "torch" and name in _KINDS:
-            return _Kind(_KINDS[name])
+    def __init__(self, storage: Callable[[str, str, int], npt.NDArray[Any]]) -> None:
+        self._storage = storage
+        self._stack: list[Any] = []
+        self._marks: list[int] = []
+        self._memo: dict[int, Any] = {}
+
+    def run(self, text: bytes) -> Any:
+        """Carry out the instructions, and return what they build."""
+        for operation, argument, _ in pickletools.genops(text):
+            self._step(operation.name, argument)
+        return self._stack[-1]
+
+    def _step(self, name: str, argument: Any) -> None:
+        stack = self._stack
+        if name in ("PROTO", "FRAME", "STOP"):
+            return
+        if name in _LITERALS:
+            stack.append(argument)
+        elif name in _FIXED:
+            stack.append(_FIXED[name])
+        elif name == "EMPTY_DICT":
+            stack.append({})
+        elif name == "MARK":
+            self._marks.append(len(stack))
+        elif name == "TUPLE":
+            stack.append(tuple(self._marked()))
+        elif name in ("TUPLE1", "TUPLE2", "TUPLE3"):
+            stack.append(tuple(self._popped(int(name[-1]))))
+        elif name in ("BINPUT", "LONG_BINPUT"):
+            self._memo[argument] = stack[-1]
+        elif name == "MEMOIZE":
+            self._memo[len(self._memo)] = stack[-1]
+        elif name in ("BINGET", "LONG_BINGET"):
+            stack.append(self._memo[argument])
+        elif name == "GLOBAL":
+            stack.append(_known(*argument.split(" ", 1)))
+        elif name == "STACK_GLOBAL":
+            stack.append(_known(*self._popped(2)))
+        elif name == "BINPERSID":
+            stack.append(self._persistent(stack.pop()))
+        elif name == "REDUCE":
+            function, arguments = self._popped(2)
+            stack.append(_called(function, arguments))
+        elif name == "BUILD":  # attributes of the dictionary, such as versions of layers
+            stack.pop()
+        elif name in ("SETITEM", "SETITEMS"):
+            self._set(self._popped(2) if name == "SETITEM" else self._marked())
+        else:
+            raise ValueError(f"it has the instruction {name}, which no state dict needs")
+
+    def _popped(self, count: int) -> list[Any]:
+        """Take the last values off the stack."""
+        if len(self._stack) < count:
+            raise ValueError("it takes values that it has not built")
+        taken = self._stack[-count:]
+        del self._stack[-count:]
+        return taken
+
+    def _marked(self) -> list[Any]:
+        """Take the values since the last mark off the stack."""
+        first = self._marks.pop()
+        taken = self._stack[first:]
+        del self._stack[first:]
+        return taken
+
+    def _set(self, pairs: list[Any]) -> None:
+        target = self._stack[-1]
+        keys = pairs[::2]
+        if not isinstance(target, dict) or any(type(key) is not str for key in keys):
+            raise ValueError("a key that is no text, or no dictionary to put it into")
+        target.update(zip(keys, pairs[1::2], strict=True))
+
+    def _persistent(self, parts: Any) -> npt.NDArray[Any]:
+        """Return the numbers of a storage: ("storage", kind, key, device, count)."""
+        if not isinstance(parts, tuple) or len(parts) != 5:
+            raise ValueError("a part that is no storage")
+        tag, kind, key, _, count = parts
+        known = isinstance(kind, _Name) and kind.module == "torch" and kind.name in _KINDS
+        if type(tag) is not str or tag != "storage" or not known:
+            raise ValueError("a part that is no storage of a known kind")
+        if type(key) is not str or type(count) is not int:
+            raise ValueError("a storage without a name or a length")
+        return self._storage(_KINDS[kind.name], key, count)
+
+
+#: instructions that hold a value, and those that stand for one
+_LITERALS = ("BINUNICODE", "SHORT_BINUNICODE", "BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT")
+_FIXED: dict[str, Any] = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
+
+
+def _known(module: Any, name: Any) -> _Name:
+    """Return a name that a state dict may have."""
+    if type(module) is not str or type(name) is not str:
+        raise ValueError("a name that is no text")
+    found = _Name(module, name)
+    if found not in (_ORDERED, _TENSOR, _PARAMETER) and not (module == "torch" and name in _KINDS):
         raise ValueError(f"it names {module}.{name}, which no state dict needs")
-
-    def persistent_load(self, pid: Any) -> npt.NDArray[Any]:
-        """Return the numbers of a storage."""
-        tag, kind, key, _, count = pid
-        if tag != "storage" or not isinstance(kind, _Kind) or not isinstance(key, str):
-            raise ValueError(f"a part of kind {tag!r}")
-        dtype = np.dtype(self._order + kind.code)
-        octets = _member(self._archive, f"{self._folder}data/{key}", _LARGEST)
-        if type(count) is not int or len(octets) < count * dtype.itemsize:
-            raise ValueError(f"{len(octets):,} bytes for {count} numbers of {dtype}")
-        return np.frombuffer(octets, dtype, count)
+    return found
 
 
-def _tensor(storage: Any, offset: Any, shape: Any, strides: Any, *_: Any) -> npt.NDArray[Any]:
+def _called(function: Any, arguments: Any) -> Any:
+    """Return what a function would have made."""
+    if isinstance(function, _Name) and isinstance(arguments, tuple):
+        if function == _ORDERED and not arguments:
+            return {}
+        if function == _TENSOR and len(arguments) >= 4:
+            return _tensor(*arguments[:4])
+        if function == _PARAMETER and arguments and isinstance(arguments[0], np.ndarray):
+            return arguments[0]
+    raise ValueError("a call of what is no function, or with other arguments")
+
+
+def _tensor(storage: Any, offset: Any, shape: Any, strides: Any) -> npt.NDArray[Any]:
     """Return a tensor of a storage, as an own array in native byte order."""
-    numbers = [offset, *shape, *strides]
     if (
-        not isinstance(storage, np.ndarray)
-        or any(type(number) is not int or number < 0 for number in numbers)
-        or len(shape) != len(strides)
-        or len(shape) > _MOST_DIMENSIONS
+        not (isinstance(storage, np.ndarray) and isinstance(shape, tuple))
+        or not (isinstance(strides, tuple) and len(shape) == len(strides) <= _MOST_DIMENSIONS)
+        or any(type(number) is not int for number in (offset, *shape, *strides))
     ):
+        raise ValueError("a tensor without a storage, a shape or strides")
+    if min((offset, *shape, *strides)) < 0:
         raise ValueError(f"a tensor of shape {shape} and strides {strides}")
     size = math.prod(shape)
     last = offset + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
@@ -158,8 +261,3 @@ def _tensor(storage: Any, offset: Any, shape: Any, strides: Any, *_: Any) -> npt
     steps = [step * storage.itemsize for step in strides]
     view = np.lib.stride_tricks.as_strided(storage[offset:], shape, steps, writeable=False)
     return view.astype(storage.dtype.newbyteorder("="))
-
-
-def _parameter(tensor: Any, *_: Any) -> Any:
-    """Return the tensor of a parameter."""
-    return tensor

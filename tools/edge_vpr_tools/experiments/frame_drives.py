@@ -35,7 +35,7 @@ SETTINGS = PRESETS["paper"]
 _TRACKS = (".csv", ".nmea", ".gpx")
 
 
-class FramedPairs(NamedTuple):
+class FramedPair(NamedTuple):
     """A pair of drives as windows of events (None where none were recorded), and as frames."""
 
     name: str
@@ -63,7 +63,7 @@ class FramedDrive:
     track: Track
 
 
-def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[FramedPairs]:
+def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[FramedPair]:
     """Read the pairs of drives that have frames.
 
     Parameters
@@ -82,12 +82,12 @@ def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[Framed
     if folder.is_dir():
         found = True
         on_start("reading frames")
-        yield _read("own frames", *(_own_drive(folder, side) for side in ("reference", "query")))
+        yield _read("own frames", _own_drive(folder, "reference"), _own_drive(folder, "query"))
     for pair in published_pairs(data, ("bag",)):
         found = True
         on_start(f"reading {pair.name}")
-        drives = (_published_drive(drive) for drive in (pair.reference, pair.query))
-        yield _read(pair.name, *drives, tolerance_m=pair.tolerance_m)
+        reference, query = (_published_drive(drive) for drive in (pair.reference, pair.query))
+        yield _read(pair.name, reference, query, pair.tolerance_m)
     if not found:
         raise UsageError(
             f"{data} has no drives with intensity frames: put the bags of Brisbane-Event-VPR there "
@@ -97,7 +97,7 @@ def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[Framed
 
 def _read(
     name: str, reference: FramedDrive, query: FramedDrive, tolerance_m: float | None = None
-) -> FramedPairs:
+) -> FramedPair:
     truth_of = _truth_of(
         reference.track, query.track, tolerance_m or TOLERANCE_M[reference.track.kind]
     )
@@ -113,7 +113,7 @@ def _read(
         )
         for drive, wanted in zip((reference, query), times, strict=True)
     )
-    return FramedPairs(name, events, CountedPair(name, first, second, SETTINGS, truth_of))
+    return FramedPair(name, events, CountedPair(name, first, second, SETTINGS, truth_of))
 
 
 def _truth_of(reference: Track, query: Track, tolerance_m: float) -> TruthOf:

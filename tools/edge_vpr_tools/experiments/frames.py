@@ -25,7 +25,7 @@ from edge_vpr_tools.experiments.counted_pairs import (
     CountedPair,
     count_simulated,
 )
-from edge_vpr_tools.experiments.frame_drives import FramedPairs, framed_pairs
+from edge_vpr_tools.experiments.frame_drives import FramedPair, framed_pairs
 from edge_vpr_tools.experiments.systems import Result, Results, draw_curves, systems_table
 from edge_vpr_tools.report.style import CYCLE, save
 
@@ -38,7 +38,7 @@ DENSE = {"all pixels": "all-pixels", "patch-normalised": "patch-normalised"}
 SHOWN = ("all pixels", "patch-normalised", "150 by variance", "150 by random", "25 by variance")
 
 
-def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> FramedPairs:
+def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> FramedPair:
     """Simulate the pair of this seed, and take a frame in the middle of each window."""
     drives = tuple(drive.keep() for drive in simulate_pair(seed, sensor, length_m=length_m))
     events = count_simulated(*drives)
@@ -48,7 +48,7 @@ def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "defau
         for drive, counted in zip(drives, (events.reference, events.query), strict=True)
     )
     frames = CountedPair(SIMULATED, first, second, events.settings, events.truth_of)
-    return FramedPairs(SIMULATED, events, frames)
+    return FramedPair(SIMULATED, events, frames)
 
 
 def systems(
@@ -90,7 +90,7 @@ def titles(baselines: Sequence[str] = ()) -> Mapping[str, str]:
 
 
 def score(
-    pair: FramedPairs, seed: int, drawn_only: bool, baselines: Sequence[str] = ()
+    pair: FramedPair, seed: int, drawn_only: bool, baselines: Sequence[str] = ()
 ) -> dict[str, Result]:
     """Match a pair with every choice of pixels, as events and as frames."""
     found = {}
@@ -135,7 +135,7 @@ def run(
     rows = titles(baselines)
     results: dict[str, dict[str, list[Result]]] = {}
 
-    def add(pair: FramedPairs, seed: int, drawn_only: bool) -> None:
+    def add(pair: FramedPair, seed: int, drawn_only: bool) -> None:
         kept = results.setdefault(pair.name, {})
         for name, result in score(pair, seed, drawn_only, baselines).items():
             kept.setdefault(name, []).append(result)

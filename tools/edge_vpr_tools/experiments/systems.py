@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from edge_vpr.baselines import Compared
@@ -125,8 +126,8 @@ def draw_curves(
 
 def _legend(drawing: Figure) -> None:
     """Put one legend of all panels below them: a system may be missing in some."""
-    entries = {}
+    entries: dict[str, Artist] = {}
     for axes in drawing.axes:
         handles, labels = axes.get_legend_handles_labels()
-        entries |= dict(zip(labels, handles, strict=True))
+        entries.update((str(label), each) for label, each in zip(labels, handles, strict=True))
     drawing.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=2)
