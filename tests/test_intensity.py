@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import zlib
 from dataclasses import replace
 from fractions import Fraction
 
@@ -198,6 +199,40 @@ def test_a_bag_with_two_topics_of_images_asks_which(tmp_path):
     empty = write_bag(tmp_path / "none" / "b.bag", 1, [("/other", "std_msgs/msg/Empty", b"")])
     with pytest.raises(RecordingError, match="no topic of sensor_msgs/Image"):
         open_intensity(empty)
+
+
+@pytest.mark.parametrize("options", [{}, {"chunks": (2, 3, 4), "compression": "gzip"}])
+def test_images_of_hdf5_are_those_written_with_their_times(options, tmp_path):
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed (extra hdf5)")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("davis/left")
+        group.create_dataset("image_raw", data=GREY, **options)
+        group["image_raw_ts"] = [1504645177.25, 1504645177.5, 1504645178.0]
+        group["other"] = GREY  # without times
+    found = open_intensity(tmp_path / "a.h5")
+    times = [1_504_645_177_250_000, 1_504_645_177_500_000, 1_504_645_178_000_000]
+    assert times_and_images(found) == (times, GREY.tolist()) and found.start_us == times[0]
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["right"], file["right_ts"] = COLOUR[None], [2.0]
+    with pytest.raises(UsageError, match="images in davis/left/image_raw, right: name one"):
+        open_intensity(tmp_path / "a.h5")
+    right = open_intensity(tmp_path / "a.h5", topic="/right")
+    assert times_and_images(right) == ([2_000_000], [LUMA.tolist()])
+    with pytest.raises(RecordingError, match=r"with times beside them .* called up"):
+        open_intensity(tmp_path / "a.h5", topic="up")
+
+
+def test_a_damaged_chunk_of_images_is_refused(tmp_path):
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed (extra hdf5)")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        images = file.create_dataset("i", GREY.shape, "u1", chunks=(1, 2, 3), compression="gzip")
+        images[:] = GREY
+        file["i_ts"] = [0.0, 1.0, 2.0]
+        images.id.write_direct_chunk((1, 2, 3), zlib.compress(b"short"))
+    frames = iter(open_intensity(tmp_path / "a.h5"))
+    assert next(frames).image.tolist() == GREY[0].tolist()
+    with pytest.raises(RecordingError, match="chunk at row 1 that does not expand to its 6 bytes"):
+        next(frames)
 
 
 def test_a_folder_of_png_named_by_their_seconds_is_read_in_their_order(tmp_path):

@@ -20,10 +20,11 @@ def open_intensity(
     Parameters
     ----------
     path : str or Path
-        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, or a folder of PNG or ``.npy``
-        (see `edge_vpr.intensity.image_folder.ImageFolder` for their times).
+        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
+        ``NAME_ts`` as in MVSEC, or a folder of PNG or ``.npy`` (for its times see
+        `edge_vpr.intensity.image_folder.ImageFolder`).
     topic : str, optional
-        Stream or topic of the images, where there are several.
+        Stream, topic or data set of the images, where there are several.
     frame_period : Fraction, optional
         Seconds an image, for folders that do not say.
 
@@ -49,10 +50,13 @@ def open_intensity(
         if name in ("rosbag1", "rosbag2"):
             module = import_module("edge_vpr.intensity.rosbag_images")
             return module.BagImages(path, 1 if name == "rosbag1" else 2, topic)
+        if name == "hdf5":
+            module = import_module("edge_vpr.intensity.hdf5_images")
+            return module.Hdf5Images(path, topic)
         if name == "frames" and path.is_dir():
             module = import_module("edge_vpr.intensity.image_folder")
             return module.ImageFolder(path, frame_period)
     raise RecordingError(
         f"{path} is {name}, which holds no images that are read: name an AEDAT 4 file, a ROS bag, "
-        "or a folder of PNG or .npy"
+        "HDF5, or a folder of PNG or .npy"
     )

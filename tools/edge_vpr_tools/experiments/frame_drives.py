@@ -1,9 +1,9 @@
 """Drives of the user that have intensity frames.
 
 In the folder given with ``--data``: the bags of Brisbane-Event-VPR under their published names; and
-a folder ``frames`` with ``reference`` and ``query``, each an AEDAT 4 file, a ROS bag or a folder of
-images (see `edge_vpr.intensity`), and ``reference_track`` and ``query_track`` (``.csv``, ``.nmea``
-or ``.gpx``), whose times count from the start of their recordings.
+a folder ``frames`` with ``reference`` and ``query``, each an AEDAT 4 file, a ROS bag, HDF5 or a
+folder of images (see `edge_vpr.intensity`), and ``reference_track`` and ``query_track`` (``.csv``,
+``.nmea`` or ``.gpx``), whose times count from the start of their recordings.
 """
 
 from __future__ import annotations
