@@ -652,7 +652,7 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
             running.send_signal(number)
             rest = running.stderr.read()
             assert running.wait(20) == 130
-        assert rest.splitlines()[-1] == "edge-vpr: interrupted; nothing half written was left"
+        assert rest.splitlines()[-1] == "edge-vpr: interrupted; no incomplete file was left"
         assert "Traceback" not in rest
         assert list((tmp_path / str(number)).iterdir()) == []
 

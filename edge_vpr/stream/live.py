@@ -55,11 +55,15 @@ class LiveLocaliser:
     causal_bursts : bool
         Remove bursts, if the map's settings ask for it, without waiting for their end: a match
         comes 2 ms earlier, and is no longer to the bit that of the recording.
+    odometry : bool
+        Whether readings of an odometer are to come.
 
     Raises
     ------
     MapError
         If the map is of another sensor.
+    UsageError
+        If readings of an odometer are to come and matching with the map takes none.
     """
 
     def __init__(
@@ -69,6 +73,7 @@ class LiveLocaliser:
         every: MatchSchedule | None = None,
         *,
         causal_bursts: bool = False,
+        odometry: bool = False,
     ) -> None:
         self.decoder = decoder
         self._localiser: Localiser | None = None
@@ -88,7 +93,7 @@ class LiveLocaliser:
             self._settings = reference.settings
             self._table = reference.pixel_map.table()
             burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
-            _rehearse(reference, every, burst_filter(sensor))
+            _rehearse(reference, every, burst_filter(sensor), odometry)
             self._localiser = Localiser(reference, every=every)
             # of time, that is matched at once
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
@@ -121,6 +126,25 @@ class LiveLocaliser:
             self.decoder.health.reopened += reopened
         events.append(self.decoder.feed(data, host_us))
         return self._follow(join_events(events))
+
+    def read_odometer(self, distance_m: float) -> int:
+        """Take a reading of the robot's odometer, of the time that the stream has reached.
+
+        Parameters
+        ----------
+        distance_m : float
+            See `Localiser.read_odometer`.
+
+        Returns
+        -------
+        int
+            That time, in microseconds.
+        """
+        if self._localiser is None:
+            return self.decoder.reached_us
+        # all that was due until then has been matched
+        self._localiser.read_odometer(self._time, distance_m)
+        return self._time
 
     def finish(self) -> LiveResult:
         """End the stream: what was held comes out."""
@@ -227,6 +251,7 @@ def _rehearse(
     reference: ReferenceMap,
     every: MatchSchedule | None,
     bursts: BurstFilter | CausalBurstFilter,
+    odometry: bool,
 ) -> None:
     """Compile what matching needs, which takes up to seconds, before the first bytes come."""
     # of more than a few, the last piece goes by columns
@@ -243,7 +268,9 @@ def _rehearse(
         n = max(n, settings.events_per_window)
     pixel = reference.pixel_map
     x, y = np.repeat(pixel.x[:1], n), np.repeat(pixel.y[:1], n)
-    for _ in range(2):
+    for _ in range(3 if odometry else 2):  # a way is known after two readings
         localiser.update(make_events(np.full(n, last_us), x, y))
+        if odometry:
+            localiser.read_odometer(last_us, 0.0)
         last_us += settings.tau_us
         localiser.advance(last_us)

@@ -20,20 +20,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="NAME",
         choices=(*EXPERIMENTS, "all"),
-        help=f"which ones: {', '.join(EXPERIMENTS)}, or all",
+        help=f"experiments: {', '.join(EXPERIMENTS)}, or all",
     )
     group = parser.add_argument_group("experiment")
     group.add_argument(
         "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
     )
     group.add_argument(
-        "--figure", metavar="FILE", help="also draw the figure, where the experiment has one"
+        "--figure", metavar="FILE", help="also draw the figure, if the experiment has one"
     )
     group.add_argument(
         "--figures",
         metavar="FORMATS",
-        help="with --figure, formats to write it in beside one another: png, pdf, svg, or several "
-        "with commas (default: by its suffix)",
+        help="with --figure, formats of the figure: png, pdf, svg, or several separated by commas "
+        "(default: by the suffix of FILE)",
     )
     group.add_argument(
         "--report",
@@ -55,5 +55,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to write the two tables of probabilities to (calibration only)",
     )
     group.add_argument(
-        "--seeds", type=int, default=5, metavar="N", help="trials with different seeds"
+        "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
     )

@@ -125,6 +125,10 @@ class View:
         elif not (self._json or over):
             warning(text)
 
+    def odometry(self, time_us: int, distance_m: float) -> None:
+        """Write a reading of the odometer."""
+        self._write({"kind": "odometry", "t": time_us, "distance_m": distance_m})
+
     def give_up(self, text: str) -> None:
         """Say that a file is given up; the run goes on without it."""
         self.unwritten = text

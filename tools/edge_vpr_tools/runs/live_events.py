@@ -13,6 +13,7 @@ from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early
 from edge_vpr_tools.output.rerun_view import RerunView
+from edge_vpr_tools.runs.live_odometer import OdometerReader
 
 #: More than a protocol's beginning takes, and than a bad line puts together by chance.
 SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
@@ -79,6 +80,7 @@ def live_events(
     view: View,
     raw: Sequence[FileIO],
     rerun: RerunView | None,
+    odometer: OdometerReader | None,
     stopping: threading.Event,
 ) -> Iterator[Events]:
     """Yield the stream's events while it is matched and shown.
@@ -91,6 +93,7 @@ def live_events(
     raw : sequence of file
         Get the bytes as they came.
     rerun : RerunView or None
+    odometer : OdometerReader or None
     stopping : threading.Event
         Ends the run when it is set.
 
@@ -112,6 +115,8 @@ def live_events(
             result = live.feed(chunk.data, came_us, lost=chunk.lost, reopened=chunk.reopened)
             view.matches(result, time.monotonic() - chunk.at_s)
             watch.heard(chunk.at_s)
+        if odometer is not None:
+            odometer.look(live, view)
         watch.look(nothing_came=chunk is None)
         reader.send(live.decoder.to_send(time.monotonic()))
         if result is not None:
