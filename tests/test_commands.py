@@ -281,6 +281,8 @@ def test_experiments_are_put_into_one_page(capsys, tmp_path, monkeypatch):
     capsys.readouterr()
     assert ran == [(2, [".png"], []), (5, [], ["hog", "model:a.onnx"])]
     refused(capsys, *arguments, "--figure", "a.png", code=2, says="use --report")
+    # before any of them is run
+    refused(capsys, "experiment", "all", "--data", tmp_path, code=2, says="experiment speck-walks")
     refused(capsys, "experiment", "event-speed", "--with", "hog", code=2, says="leave --with out")
 
 

@@ -117,6 +117,38 @@ def test_frames_and_events_of_one_recording_share_a_clock(tmp_path):
     assert counted.reference.images.sum(axis=(1, 2)).tolist() == [1000] * 8
 
 
+def test_frames_of_published_bags_are_taken_on_the_clock_of_their_tracks(tmp_path):
+    """The GPS log begins 2 s after the recording; a frame is taken 0.4 s into each second."""
+    images = np.random.default_rng(4).integers(0, 256, (14, 260, 346), dtype=np.uint8)
+    for name in ("sunset1", "morning"):
+        traverse = brisbane(name)
+        start = round(traverse.complete_beginning_s * SECOND) - 2 * SECOND
+        events = [(start + 10_000 * i, i % 346, i % 260, True) for i in range(1_400)]
+        messages = [
+            ("/dvs/events", "dvs_msgs/msg/EventArray", files.event_array(part, 346, 260, 1))
+            for part in (events[i : i + 100] for i in range(0, 1_400, 100))
+        ]
+        messages += [
+            ("/dvs/image_raw", IMAGE, ros_image(1, "mono8", image, start + i * SECOND + 400_000))
+            for i, image in enumerate(images)
+        ]
+        write_messages(tmp_path / traverse.file_name("bag"), 1, messages)
+        write_log(tmp_path / f"{traverse.video}_concat.nmea", 12)
+    ((name, counted, framed),) = frame_drives.framed_pairs(tmp_path, nothing)
+    assert name == "Brisbane, morning against sunset1"
+    for drive in (framed.reference, framed.query):
+        assert drive.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(10)]
+        assert np.array_equal(drive.images, images[2:12])
+    assert np.array_equal(counted.query.centre_us, framed.query.centre_us)
+
+
+def test_frames_are_compared_with_further_systems(monkeypatch):
+    monkeypatch.setattr(frames, "simulated_frames", lambda seed: small_pair())
+    text = frames.run(None, 1, nothing, baselines=["all-pixels@1,2"])
+    assert "| events, all pixels, SAD, windows 1, 2 | 1.000 |" in text
+    assert "| frames, all pixels, SAD, windows 1, 2 | 1.000 |" in text
+
+
 @pytest.mark.parametrize("kind", ["parquet", "bag"])
 def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
     assert list(published_pairs(tmp_path)) == []

@@ -361,3 +361,37 @@ def test_an_image_is_exposed_to_a_mean_whatever_the_light():
     drive = SimulatedRecording(World(length_m=20.0), CAMERAS["tiny"], QUERY, seed=3)
     images = simulated_images(drive, np.array([0, 900_000]), rng)
     assert images.shape == (2, *reversed(Sensor(32, 32))) and images.std() > 10
+
+
+@pytest.mark.parametrize("kind", ["aedat4", "bag", "h5", "png"])
+def test_damaged_images_raise_our_errors_alone(kind, tmp_path):
+    """Bytes of a good file changed at random, some hundred times."""
+    path = tmp_path / f"a.{kind}"
+    if kind == "aedat4":
+        path.write_bytes(aedat4([(5, 0, GREY[0]), (9, 16, COLOUR)], events=[[(1, 1, 2, True)]]))
+    elif kind == "bag":
+        images = [ros_image(1, "mono8", GREY[0], START), ros_image(1, "rgb8", COLOUR, START)]
+        write_bag(path, 1, [("/image", IMAGE, image) for image in images])
+    elif kind == "h5":
+        h5py = pytest.importorskip("h5py", reason="h5py is not installed (extra hdf5)")
+        with h5py.File(path, "w") as file:
+            file.create_dataset("i", data=GREY, chunks=(1, 2, 3), compression="gzip")
+            file["i_ts"] = [0.0, 1.0, 2.0]
+    else:
+        (tmp_path / "folder").mkdir()
+        path = tmp_path / "folder" / "1.5.png"
+        Image.fromarray(COLOUR).save(path)
+    good = path.read_bytes()
+    rng = np.random.default_rng(7)
+    refused = 0
+    for _ in range(150):
+        data = bytearray(good[: rng.integers(1, len(good))] if rng.random() < 0.1 else good)
+        for at in rng.integers(0, len(data), rng.integers(1, 6)):
+            data[at] = rng.choice([0, 1, 0x7F, 0xFF, rng.integers(256)])
+        path.write_bytes(data)
+        try:
+            found = list(open_intensity(path.parent if kind == "png" else path))
+            assert all(frame.image.dtype == np.uint8 for frame in found)
+        except EdgeVprError:
+            refused += 1
+    assert refused > 10

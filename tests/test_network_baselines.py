@@ -109,6 +109,24 @@ def test_a_pickle_that_refers_to_itself_over_and_over_is_refused_at_once(tmp_pat
             read_state_dict(torch_state(tmp_path / "a.pth", {}, pickled=pickled))
 
 
+def test_a_state_dict_with_bytes_changed_is_read_or_refused(tmp_path):
+    good = torch_state(tmp_path / "good.pth", TENSORS)
+    with zipfile.ZipFile(good) as archive:
+        text = archive.read("weights/data.pkl")
+    rng = np.random.default_rng(6)
+    refused = 0
+    for _ in range(400):
+        data = bytearray(text)
+        for at in rng.integers(0, len(data), rng.integers(1, 4)):
+            data[at] = rng.integers(256)
+        try:
+            path = torch_state(tmp_path / "a.pth", TENSORS, pickled=bytes(data))
+            assert all(array.nbytes <= 64 for array in read_state_dict(path).values())
+        except WeightsError:
+            refused += 1
+    assert refused > 100
+
+
 class Evil:
     """What runs a command when a plain unpickler meets it."""
 

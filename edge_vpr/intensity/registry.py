@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
 
 from edge_vpr.errors import RecordingError
-from edge_vpr.intensity.frames import IntensityFrames
+from edge_vpr.intensity.frames import IntensityFrame, IntensityFrames
 from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.registry import sniff
+
+
+class Guarded:
+    """Images whose reader raises only our own errors, whatever the file makes it raise.
+
+    Parameters
+    ----------
+    path : Path
+    frames : IntensityFrames
+    """
+
+    def __init__(self, path: Path, frames: IntensityFrames) -> None:
+        self._path, self._frames = path, frames
+        self.start_us, self.has_events = frames.start_us, frames.has_events
+
+    def __iter__(self) -> Iterator[IntensityFrame]:
+        with foreign_errors(self._path):
+            yield from self._frames
 
 
 def open_intensity(
@@ -46,16 +65,16 @@ def open_intensity(
         name = sniff(path)
         if name == "aedat4":
             module = import_module("edge_vpr.intensity.aedat4_frames")
-            return module.Aedat4Frames(path, topic)
+            return Guarded(path, module.Aedat4Frames(path, topic))
         if name in ("rosbag1", "rosbag2"):
             module = import_module("edge_vpr.intensity.rosbag_images")
-            return module.BagImages(path, 1 if name == "rosbag1" else 2, topic)
+            return Guarded(path, module.BagImages(path, 1 if name == "rosbag1" else 2, topic))
         if name == "hdf5":
             module = import_module("edge_vpr.intensity.hdf5_images")
-            return module.Hdf5Images(path, topic)
+            return Guarded(path, module.Hdf5Images(path, topic))
         if name == "frames" and path.is_dir():
             module = import_module("edge_vpr.intensity.image_folder")
-            return module.ImageFolder(path, frame_period)
+            return Guarded(path, module.ImageFolder(path, frame_period))
     raise RecordingError(
         f"{path} is {name}, which holds no images that are read: name an AEDAT 4 file, a ROS bag, "
         "HDF5, or a folder of PNG or .npy"

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.track_files import load_nmea
@@ -25,7 +26,7 @@ from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import EventSource, WindowSource, coded_map, describe, map_traverse
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr_tools.experiments import brisbane, speck_walks
+from edge_vpr_tools.experiments import SOURCES, brisbane, speck_walks
 from edge_vpr_tools.experiments.trial import Kept, Summary, Times, TruthOf, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 from fixedpoint.codes import packed_bytes
@@ -76,7 +77,7 @@ class Pair:
 Scores = dict[tuple[str, int], list[float]]
 
 
-def pairs(data: Path) -> Iterator[Pair]:
+def pairs(data: Path, *, needed: bool = True) -> Iterator[Pair]:
     """Open the pairs of drives, one after another.
 
     Parameters
@@ -84,6 +85,13 @@ def pairs(data: Path) -> Iterator[Pair]:
     data : path
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``, or some of
         them.
+    needed : bool
+        Whether there has to be one.
+
+    Raises
+    ------
+    UsageError
+        If one is needed, and none of them is there.
     """
     found = [
         (data / folder, open_pairs)
@@ -94,6 +102,9 @@ def pairs(data: Path) -> Iterator[Pair]:
         )
         if (data / folder).is_dir()
     ]
+    if needed and not found:
+        listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
+        raise UsageError(f"{data} holds none of the folders {listed}: name the folder that does")
     for folder, open_pairs in found:
         yield from open_pairs(folder)
 

@@ -123,7 +123,7 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
         If nothing is there.
     """
     found = False
-    for pair in codes_frontier.pairs(data):
+    for pair in codes_frontier.pairs(data, needed=False):
         if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
             continue
         if pair.settings.pixels != PRESETS["paper"].pixels:  # the same drives again
