@@ -16,6 +16,7 @@ from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.settings import PRESETS
 
 SECOND = 1_000_000
+STREETS = counted_pairs.SIMULATED
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
 
 
@@ -85,8 +86,6 @@ def test_simulated_frames_are_taken_in_the_middle_of_the_windows():
 
 
 def test_own_drives_that_are_incomplete_say_what_is_missing(tmp_path):
-    with pytest.raises(UsageError, match=r"no drives with intensity frames: .*Brisbane-Event-VPR"):
-        list(frame_drives.framed_pairs(tmp_path, nothing))
     folder = own_drives(tmp_path)
     (folder / "query_track.csv").unlink()
     with pytest.raises(UsageError, match=r"0 files of the query track.*query_track.csv"):
@@ -185,6 +184,15 @@ def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
     assert np.array_equal(truth.correct, expected.correct)
 
 
-def test_a_folder_without_counted_drives_says_where_they_come_from(tmp_path):
-    with pytest.raises(UsageError, match=r"zenodo.org/records/4302805.*speck_walks: two walks"):
-        list(counted_pairs.recorded_pairs(tmp_path))
+def test_a_folder_without_drives_says_where_they_come_from(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        frames, "simulated_frames", lambda seed: small_pair()._replace(name=STREETS)
+    )
+    text = frames.run(tmp_path, 1, nothing)
+    assert f"{tmp_path} holds none. Put there two bags" in text
+    assert "https://zenodo.org/records/4302805" in text
+    assert "no folder was given with --data" in frames.run(None, 1, nothing)
+    assert list(counted_pairs.recorded_pairs(tmp_path)) == []
+    text = counted_pairs.absent_data(tmp_path, [STREETS])
+    assert "zenodo.org/records/10494919" in text and "speck_walks: two walks" in text
+    assert counted_pairs.absent_data(tmp_path, [STREETS, "Speck walks"]) == ""

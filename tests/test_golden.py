@@ -146,7 +146,7 @@ def test_a_damaged_manifest_is_one_line(vectors, tmp_path, damage, says):
     assert load_manifest(vectors).to_json() == found
     damage(found)
     (tmp_path / "manifest.json").write_text(json.dumps(found))
-    with pytest.raises(VectorError, match=f"{says}.*make the vectors anew"):
+    with pytest.raises(VectorError, match=f"{says}.*make the vectors again"):
         load_manifest(tmp_path)
 
 

@@ -40,7 +40,7 @@ def load_odometry(path: str | Path) -> Odometry:
         )
     time_s, values = table.T
     if speeds:
-        with np.errstate(all="ignore"):  # what is too large is refused below
+        with np.errstate(all="ignore"):  # too large values are refused below
             legs = (values[1:] + values[:-1]) / 2 * np.diff(time_s)
             values = np.concatenate([[0.0], np.cumsum(legs)])
     if not (np.abs(time_s) * 1e6 <= TIME_LIMIT_US).all():
@@ -61,7 +61,7 @@ def load_odometry(path: str | Path) -> Odometry:
 
 
 def save_odometry(path: str | Path, odometry: Odometry) -> None:
-    """Write readings as a table that `load_odometry` reads, atomically.
+    """Write readings as a table for `load_odometry`, atomically.
 
     Parameters
     ----------

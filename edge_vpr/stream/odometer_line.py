@@ -1,4 +1,4 @@
-"""Readings of a robot's odometer out of the bytes of a line: one line of text for each."""
+"""Decoding of odometer readings from the bytes of a line, one line of text for each reading."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import math
 
 from edge_vpr.odometry import MOST_MM
 
-#: Longer lines are no readings.
+#: Largest length of a reading, in bytes.
 MOST_BYTES = 64
-#: Faster than this, a reading is a leap: a damaged line, or an odometer that began anew.
+#: A faster change is a leap: a damaged line, or an odometer that started again.
 MOST_MPS = 100.0
 #: Readings may come in a bunch after a pause of the line.
 _LEAST_GAP_S = 0.1
 
 
 class OdometerLine:
-    """Takes readings in metres, and adds up the way between them.
+    """Decodes readings in metres, and adds up the distances between them.
 
     A leap adds nothing: neither a digit that was lost on the line nor an odometer that starts
     again from zero moves the robot.

@@ -66,9 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     line.add_argument(
         "--odometry", metavar="PORT",
-        help="where the robot's odometer is read: a serial port of 115,200 baud, tcp://HOST:PORT, "
-        "udp://:PORT, or - for standard input; a line of text for each reading, in metres driven "
-        "from any zero",
+        help="where the robot sends its odometer: a serial port of 115,200 baud, tcp://HOST:PORT, "
+        "udp://:PORT, or - for standard input; each reading is a line of text with the metres "
+        "driven from any zero",
     )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument("--log", metavar="RUN.jsonl", help="write matches and health as JSON lines")

@@ -1,4 +1,4 @@
-"""`edge-vpr golden`: write vectors that a device is held against."""
+"""`edge-vpr golden`: write golden vectors, with which devices are tested."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong.
     """
     if (args.design is None) == (args.map is None):
-        raise UsageError("vectors are made of one of --design and --map: name one")
+        raise UsageError("golden needs either --design or --map: give one of them")
     if args.recording is not None and args.map is None:
-        raise UsageError("--recording needs a map: name it by --map")
+        raise UsageError("--recording needs a map: name it with --map")
     if "recording" in args.suite and args.recording is None:
-        raise UsageError("--suite recording is made of a drive: name one by --recording")
+        raise UsageError("--suite recording needs a drive: name one with --recording")
     output = Path(args.output)
     inputs = (args.design, args.map, args.recording)
     check_output(output, [given for given in inputs if given is not None])
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
     for suite in manifest.suites:
         missed = missed_corners(suite)
         if missed:
-            note(f"no corner case of this design reaches: {', '.join(missed)}")
+            note(f"no case of this design reaches these corners: {', '.join(missed)}")
     for suite in manifest.suites:
         events, windows, matches = (
             sum(getattr(case, what) for case in suite.cases)

@@ -1,4 +1,4 @@
-"""`edge-vpr stream`: localise live from a camera on a line, or learn a map from it."""
+"""`edge-vpr stream`: localise live with a camera on a line, or make a map with it."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ sensor; on recorded ones it is a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,6 @@ from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.hot_pixels import find_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, Window
-from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import EventSource, WindowSource, cleaned
@@ -115,32 +114,38 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
     ----------
     data : Path
         Folder of the stand-ins of `SOURCES`, and of the published traverses under their names
-        (`edge_vpr.datasets.published_drives`); what is not there is left out.
-
-    Raises
-    ------
-    UsageError
-        If nothing is there.
+        (`edge_vpr.datasets.published_drives`); data that are not there are left out.
     """
-    found = False
     for pair in codes_frontier.pairs(data, needed=False):
         if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
             continue
         if pair.settings.pixels != PRESETS["paper"].pixels:  # the same drives again
             continue
-        found = True
         name = pair.name.split(",")[0]
         yield count_pair(name, pair.reference, pair.query, pair.settings, pair.truth_of)
     for drives in published_pairs(data):
-        found = True
         yield count_published(drives)
-    if not found:
-        listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
-        raise UsageError(
-            f"{data} holds no drives that were counted at every pixel: put there traverses of "
-            f"Brisbane-Event-VPR ({BRISBANE_PAGE} or {BRISBANE_BAGS_PAGE}) or QCR-Event-VPR "
-            f"({QCR_PAGE}) under their published names, or one of the folders {listed}"
-        )
+
+
+def absent_data(data: Path | None, pairs: Collection[str]) -> str:
+    """Return where recorded drives come from, as a paragraph; empty if a recorded pair was matched.
+
+    Parameters
+    ----------
+    data : Path, optional
+        The folder that was given.
+    pairs : collection of str
+        Names of the pairs that were matched.
+    """
+    if set(pairs) - {SIMULATED}:
+        return ""
+    listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
+    return (
+        f"\n\nNo recorded drives were compared: {data or 'no folder was given with --data'}"
+        f"{' holds none' if data else ''}. Put there two traverses or more of Brisbane-Event-VPR "
+        f"({BRISBANE_PAGE}, or {BRISBANE_BAGS_PAGE}) or QCR-Event-VPR ({QCR_PAGE}) under their "
+        f"published names, or one of the folders {listed}."
+    )
 
 
 def count_published(pair: PublishedPair) -> CountedPair:

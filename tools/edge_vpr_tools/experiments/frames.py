@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from edge_vpr.baselines import Baseline, compare, open_baseline
 from edge_vpr.baselines.selected_pixels import SelectedPixels
+from edge_vpr.datasets.catalogue import BRISBANE_BAGS_PAGE
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.intensity.exposure import simulated_images
@@ -25,7 +26,7 @@ from edge_vpr_tools.experiments.counted_pairs import (
     CountedPair,
     count_simulated,
 )
-from edge_vpr_tools.experiments.frame_drives import FramedPair, framed_pairs
+from edge_vpr_tools.experiments.frame_drives import FRAMES, FramedPair, framed_pairs
 from edge_vpr_tools.experiments.systems import Result, Results, draw_curves, systems_table
 from edge_vpr_tools.report.style import CYCLE, save
 
@@ -149,10 +150,18 @@ def run(
             add(pair, seed, drawn_only=seed > 0)
     if figures:
         save(draw(results, rows), *figures)
-    return "\n\n".join(
+    tables = "\n\n".join(
         f"{pair}:\n\n"
         + systems_table(found, {key: title for key, title in rows.items() if key in found})
         for pair, found in results.items()
+    )
+    if set(results) - {SIMULATED}:
+        return tables
+    where = "no folder was given with --data" if data is None else f"{data} holds none"
+    return (
+        f"{tables}\n\nNo recorded frames were compared: {where}. Put there two bags or more of "
+        f"Brisbane-Event-VPR ({BRISBANE_BAGS_PAGE}) under their published names, with their GPS "
+        f"logs, or own drives into the folder {FRAMES} (docs/results.md says how)."
     )
 
 

@@ -20,7 +20,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import coded_map, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, draws
+from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, absent_data, draws
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
@@ -131,11 +131,12 @@ def run(
         score(each.pair, each.seed, found, dense=each.is_new)
     if figures:
         save(draw(results), *figures)
-    return "\n\n".join(
+    tables = "\n\n".join(
         f"{name}, {method}, P@100R:\n\n{_table(found, method)}"
         for name, found in results.items()
         for method in (PAPER, ROBOT)
     )
+    return tables + absent_data(data, results)
 
 
 def _table(found: Found, method: str) -> str:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from edge_vpr.baselines import baseline_names, compare, open_baseline
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr_tools.experiments.counted_pairs import CountedPair, draws
+from edge_vpr_tools.experiments.counted_pairs import CountedPair, absent_data, draws
 from edge_vpr_tools.experiments.systems import (
     Result,
     Results,
@@ -77,9 +77,10 @@ def run(
     if figures:
         save(draw(found, titles), *figures)
         save(draw_curves(found, titles), *(p.with_stem(f"{p.stem}_curves") for p in figures))
-    return "\n\n".join(
+    tables = "\n\n".join(
         f"{pair}:\n\n{systems_table(results, titles)}" for pair, results in found.items()
     )
+    return tables + absent_data(data, found)
 
 
 def draw(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:

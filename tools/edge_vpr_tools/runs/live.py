@@ -1,4 +1,4 @@
-"""A live run from a camera on a line: it is matched with a map, or recorded to learn one."""
+"""A live run with a camera on a line: matching with a map, or recording to make one."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveOutput:
-    """Where a live run goes.
+    """Outputs of a live run.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def follow_line(
     readings: dict[int, int] | None = None,
     drive: Path | None = None,
 ) -> None:
-    """Open everything, follow the stream to its end, and close everything whatever happens.
+    """Open everything, process the stream to its end, and close everything in any case.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def follow_line(
         if odometry is not None:
             odometer = OdometerReader(odometry, retry=not line.once, readings=readings)
             stack.callback(odometer.stop)
-        # files only now, or a camera that is not there would cost the run before
+        # files are opened last, so that a missing camera does not overwrite the run before
         publishers = stack.enter_context(open_publishers(output.serve, output.mqtt))
         view = stack.enter_context(open_view(output.as_json, output.log, reference, publishers))
         raw = [
@@ -205,7 +205,7 @@ def _record(
 def learn_map(
     line: Line, output: LiveOutput, settings: Settings, target: Path, odometry: str | None = None
 ) -> tuple[ReferenceMap, Removed]:
-    """Record a drive beside the map that is to be, and make it; a drive without a map is kept.
+    """Record a drive and make its map; keep the drive if it gives no map.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def _odometry_of(readings: dict[int, int]) -> Odometry | None:
 
 
 def _keep_drive(drive: Path, target: Path, odometry: Odometry | None) -> None:
-    """Keep a drive beside the map that it did not make, and say how to go on with it."""
+    """Keep a drive that gave no map, and print how to continue with it."""
     stems = (target.with_name(f"{target.stem}_drive{n or ''}") for n in count())
     kept = next(stem.with_suffix(".npz") for stem in stems if not stem.with_suffix(".npz").exists())
     drive.replace(kept)

@@ -1,4 +1,4 @@
-"""The robot's odometer in a live run: read beside the camera, and its silence is told."""
+"""The robot's odometer in a live run: reads it and reports its silence."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from edge_vpr.stream.live import LiveLocaliser
 from edge_vpr.stream.odometer_line import OdometerLine
 from edge_vpr_tools.output.live_view import View
 
-#: It is looked at so often: a window has some ten readings or more.
+#: Interval of readings, which gives some ten of them in a window.
 _LOOK_S = 0.01
-#: After so long without a reading, windows pass without one.
+#: Silence that is reported, because windows pass without a reading.
 SILENT_S = 2.0
 _BAUD = 115_200
 
@@ -46,7 +46,7 @@ class OdometerReader:
         self._refused = 0
 
     def look(self, live: LiveLocaliser, view: View) -> None:
-        """Give the localiser the newest reading, if there is one."""
+        """Pass the newest reading to the localiser, if there is one."""
         now = time.monotonic()
         if now < self._look_s:
             return
@@ -57,7 +57,7 @@ class OdometerReader:
             if line.feed(chunk.data, chunk.at_s, anew=anew):
                 self._heard_s = now
         if self._heard_s == now:
-            # whole millimetres, as the localiser takes them and the log shows them
+            # whole millimetres, for the localiser and the log
             distance_mm = round(1e3 * line.metres)
             time_us = live.read_odometer(distance_mm / 1e3)
             view.odometry(time_us, distance_mm / 1e3)
