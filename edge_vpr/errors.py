@@ -107,6 +107,10 @@ class GroundTruthError(EdgeVprError):
     """A ground truth cannot be read, or does not fit the matches."""
 
 
+class WeightsError(EdgeVprError):
+    """The weights of a network cannot be read, or do not fit the images or the places."""
+
+
 def did_you_mean(given: str, known: Iterable[str]) -> str:
     """Return the end of an error message that suggests a similar name.
 
