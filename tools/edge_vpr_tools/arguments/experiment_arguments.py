@@ -8,26 +8,46 @@ from edge_vpr_tools.experiments import EXPERIMENTS
 
 EXAMPLES = """\
   edge-vpr experiment simulated
-  edge-vpr experiment codes --data recordings --figure codes.png"""
+  edge-vpr experiment codes --data recordings --figure codes.png
+  edge-vpr experiment rivals frames --data recordings --report paper.html
+  edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "name", choices=tuple(EXPERIMENTS), help=f"which one: {', '.join(EXPERIMENTS)}"
+        "names",
+        nargs="+",
+        metavar="NAME",
+        choices=(*EXPERIMENTS, "all"),
+        help=f"experiments: {', '.join(EXPERIMENTS)}, or all",
     )
     group = parser.add_argument_group("experiment")
     group.add_argument(
         "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
     )
     group.add_argument(
-        "--figure", metavar="FILE", help="also draw the figure, where the experiment has one"
+        "--figure", metavar="FILE", help="also draw the figure, if the experiment has one"
     )
     group.add_argument(
         "--figures",
         metavar="FORMATS",
-        help="with --figure, formats to write it in beside one another: png, pdf, svg, or several "
-        "with commas (default: by its suffix)",
+        help="with --figure, formats of the figure: png, pdf, svg, or several separated by commas "
+        "(default: by the suffix of FILE)",
+    )
+    group.add_argument(
+        "--report",
+        metavar="FILE",
+        help="also write tables and figures to one page of HTML",
+    )
+    group.add_argument(
+        "--with",
+        dest="baselines",
+        action="append",
+        default=[],
+        metavar="SYSTEM",
+        help="compare this system too (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
+        "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
     )
     group.add_argument(
         "--table",
@@ -35,5 +55,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to write the two tables of probabilities to (calibration only)",
     )
     group.add_argument(
-        "--seeds", type=int, default=5, metavar="N", help="trials with different seeds"
+        "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
     )
