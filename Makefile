@@ -33,11 +33,11 @@ coverage: $(call STAMP,test)
 test-rtl: $(call STAMP,test)
 	$(BIN)/python -m pytest tests/test_hardware.py
 
-# under aarch64, emulated: what is compiled for the processor; PART=whole runs for an hour
+# kernels under aarch64, emulated by qemu; PART=whole runs all but commands and pages
 test-aarch64:
 	sh tests/in_debian.sh arm64 3.13
 
-# with the Pythons that Debian has; 3.12 is the workflow's
+# with the Python versions of other Debian releases; only the workflow has 3.12
 test-pythons:
 	PART=whole sh tests/in_debian.sh amd64 3.13
 	PART=whole sh tests/in_debian.sh amd64 3.14
