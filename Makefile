@@ -33,7 +33,7 @@ coverage: $(call STAMP,test)
 test-rtl: $(call STAMP,test)
 	$(BIN)/python -m pytest tests/test_hardware.py
 
-# kernels under aarch64, emulated by qemu; PART=whole runs all but commands and pages
+# kernels of distances under aarch64, emulated by qemu; PART=whole runs all but commands and pages
 test-aarch64:
 	sh tests/in_debian.sh arm64 3.13
 

@@ -7,7 +7,7 @@ usage() {
     cat <<'TEXT'
 usage: [VARIABLE=VALUE ...] sh tests/in_debian.sh {amd64|arm64} {3.11|3.13|3.14} [PYTEST ARGUMENT ...]
 
-  PART=kernels    what is compiled for the processor (the default); whole: all but the slow tests,
+  PART=kernels    the kernels of distances (the default); whole: all but the slow tests,
                   commands, pages, packages, gateware, and firmware, which has a processor of its own
   CPU=cortex-a72  of arm64 on another processor, as qemu calls it: a Raspberry Pi 4's (5: cortex-a76)
   CACHE=.debian   where the system is kept, with compiled kernels; remove it to begin again
@@ -21,7 +21,7 @@ fail() {
     exit 1
 }
 
-kernels="counters distances fixedpoint match_run own_mean sequence"
+kernels="distances sequence"
 elsewhere="board documents evpr_firmware examples firmware hardware in_debian packages publishing
     report_pages rooms security site sweep umockdev"
 # these start many processes, and qemu translates each anew
