@@ -155,8 +155,8 @@ def filter_cycles(design):
     distances = (design.places - 1) * max(design.words, 2) + levels
     kept = 2 * design.places - 4
     passes = distances + (kept if design.keep_distances else distances + design.words)
-    around = 28 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
-    return design.slots + passes + design.formats["distance"].width + around
+    around = 29 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
+    return design.slots + passes + design.formats["distance_total"].width + around
 
 
 @needs_iverilog
@@ -238,7 +238,7 @@ FAULTS = {
         "column != 16'(column[COLUMN_BITS-1:0])",
         "1'b0",
     ),
-    "counters are not cleared": ("vpr_encoder.sv", "clear      = counted", "clear      = 1'b0"),
+    "counters are not cleared": ("vpr_counters.sv", "clears ? '0 : ", ""),
     "what an adder lacks is lost": (
         "vpr_sad_lanes.sv",
         "node_lacks <= negative",
@@ -565,8 +565,11 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     assert bench.found_by(None) is None
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
     assert bench.found_by(dearer) in {name for _, name in bench.cases}
-    for old, new in (("whole ? product", "1'b0 ? product"), ("2] || whole,", "2],")):
-        assert bench.found_by(changed("vpr_filter.sv", old, new)) == "filter/spread_of_one"
+    for file, old, new in (
+        ("vpr_filter.sv", "whole ? product", "1'b0 ? product"),
+        ("vpr_spread.sv", "{low[RECIPROCAL_BITS-1] || ", "{"),
+    ):
+        assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
     assert bench.cases[0][1] == "filter/spread_of_one"
     lowest = changed("vpr_own_mean.sv", "octaves < LOWEST", "1'b0")
     assert bench.found_by(lowest) == "filter/own_means"
@@ -695,10 +698,11 @@ def test_the_end_of_a_window_by_time_is_proved_and_broken_timers_are_refused():
 
 
 @needs("yosys", "yosys-abc")
-def test_counters_and_events_are_proved_for_any_number_of_clocks():
-    """Two claims that take a second; the command proves those about windows and matches too."""
+def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
+    """Claims that take a second each; the command proves those about windows and matches too."""
     _, by_count, *_ = stream_proof.CORE_KINDS
     assert stream_proof.holds(stream_proof.COUNTERS)
+    assert stream_proof.holds(stream_proof.DELAY)
     assert stream_proof.holds(stream_proof.core_claim("EVENT", by_count))
 
 
@@ -707,6 +711,7 @@ def test_counters_and_events_are_proved_for_any_number_of_clocks():
     "name",
     [
         "a count wraps",
+        "a delay line has a word more",
         "the count before the last is not looked at",
         "an event is lost when the window is full",
     ],

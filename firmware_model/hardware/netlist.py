@@ -13,6 +13,9 @@ from firmware_model.hardware.formal import run_yosys
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.report import write_tables
 
+#: rows of the events that are on their way through the look-up
+_UNDER_WAY = "pixel_lookup.pixels."
+
 
 def netlist_memories(design: Design) -> list[Memory]:
     """Read the memories of a core from its netlist, before they are mapped to an FPGA's.
@@ -24,7 +27,7 @@ def netlist_memories(design: Design) -> list[Memory]:
     Returns
     -------
     list of Memory
-        Sorted. The delay line of the search is one of them, though it is made of registers.
+        Sorted. Registers of the look-up that are kept in a block are not among them.
 
     Raises
     ------
@@ -47,13 +50,13 @@ def netlist_memories(design: Design) -> list[Memory]:
         core = json.loads(found.read_text(encoding="utf-8"))["modules"]["vpr_device"]
     memories = [
         Memory(*(int(cell["parameters"][size], 2) for size in ("SIZE", "WIDTH")))
-        for cell in core["cells"].values()
-        if cell["type"].startswith("$mem")
+        for name, cell in core["cells"].items()
+        if cell["type"].startswith("$mem") and _UNDER_WAY not in name
     ]
-    delayed = [
-        len(net["bits"])
-        for net_name, net in core["netnames"].items()
-        if net_name.endswith("search.delayed")
+    # the delay line of an exclusion of 0 is a register
+    registers = [
+        Memory(1, len(core["netnames"][name]["bits"]))
+        for name in core["netnames"]
+        if name.endswith("search.delay.oldest") and design.exclusion == 0
     ]
-    bits = design.formats["sum"].width
-    return sorted([*memories, *(Memory(taken // bits, bits) for taken in delayed)])
+    return sorted([*memories, *registers])

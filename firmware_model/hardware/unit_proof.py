@@ -21,7 +21,7 @@ from firmware_model.hardware.formal import (
 
 #: registers of the search that the induction refers to
 REGISTERS = (
-    *("delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
+    *("delay.delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
     *("sum_lower", "sum_equal", "sum_below_second", "oldest_lower", "oldest_place"),
 )
 #: clocks of a window of induction, and in which a broken version must fail
@@ -247,7 +247,15 @@ def broken(name: str) -> str:
 def _search_model(folder: Path, size: Size, source: str | None, *, induction: bool) -> Path:
     chosen = {name.upper(): str(value) for name, value in size._asdict().items()}
     claimed = _parameters(chosen | {"INDUCTION": str(int(induction))})
-    return _translate(folder, "vpr_search", source, _parameters(chosen), REGISTERS, claimed)
+    return _translate(
+        folder,
+        "vpr_search",
+        source,
+        _parameters(chosen),
+        REGISTERS,
+        claimed,
+        ("vpr_shift_delay.sv",),
+    )
 
 
 def _parameters(values: Mapping[str, str]) -> str:
@@ -261,6 +269,7 @@ def _translate(
     chosen: str,
     exposed: Sequence[str],
     claimed: str = "",
+    beside: Sequence[str] = (),
 ) -> Path:
     """Write the SMT2 model of a unit and its properties.
 
@@ -275,16 +284,24 @@ def _translate(
         Parameters of the unit and of its properties, for chparam.
     exposed : sequence of str
         Wires of the unit that the properties refer to.
+    beside : sequence of str
+        Files in `PROPERTIES` with units that it uses.
     """
     file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
     file.write_text(core_source(file.name) if source is None else source, encoding="ascii")
     properties = f"{unit}_properties"
+    # wires of a unit within it get a name that a port can have
+    files = [file, *(PROPERTIES / name for name in beside)]
+    inner = [name for name in exposed if "." in name]
+    outer = [name.rpartition(".")[2] for name in exposed]
     run_yosys(
         [
-            f"read_verilog -formal -sv {file}",
+            f"read_verilog -formal -sv {' '.join(map(str, files))}",
             f"chparam {chosen} {unit}",
-            f"hierarchy -top {unit}; proc; flatten",
-            f"expose {' '.join(f'{unit}/w:{name}' for name in exposed)}",
+            f"hierarchy -top {unit}; proc; flatten; cd {unit}",
+            *(f"rename {name} {name.rpartition('.')[2]}" for name in inner),
+            "cd",
+            f"expose {' '.join(f'{unit}/w:{name}' for name in outer)}",
             f"read_verilog -formal -sv {PROPERTIES / f'{properties}.sv'}",
             f"chparam {claimed} {properties}" if claimed else "",
             f"hierarchy -top {properties}; proc; flatten; opt_clean",
