@@ -27,6 +27,7 @@ from firmware_model.hardware import (
     simulation,
     sources,
     stream_proof,
+    unit_cells,
     unit_proof,
     waves,
 )
@@ -432,6 +433,34 @@ KINDS = [
     replace(FILTER, window="count", places=1, lanes=9, keep_distances=True, steps=(1,)),
     replace(DESIGN, code="own-mean", code_bits=8),
 ]
+
+
+@pytest.mark.parametrize(
+    ("cell", "unit"),
+    [
+        ("device.device.core.search.left_SB_DFFE_Q_LC", "search"),
+        ("device.device.core.search.delay.g_ring.at_LC", "search"),
+        ("device.device.core.g_filter.place_filter.product_LC", "place_filter"),
+        ("device.device.core.g_filter.place_filter.scale.low_LC", "place_filter: scale"),
+        ("device.device.core.events.g_by_time.window_timer.over_LC", "events: window_timer"),
+        ("device.spi.value_LC", "spi"),
+        ("device.device.core.window_LC", unit_cells.TOP),
+        ("$nextpnr_ICESTORM_LC_3", unit_cells.CARRIES),
+    ],
+)
+def test_a_cell_belongs_to_the_unit_that_its_name_begins_with(cell, unit):
+    """Generate blocks have no name of their own; unnamed cells are of carries."""
+    assert unit_cells.unit_of(cell) == unit
+
+
+@pytest.mark.slow
+@needs("yosys", "nextpnr-ice40")
+def test_the_cells_of_all_units_are_those_of_the_report():
+    """Each is counted once; the table has the sum."""
+    found = unit_cells.unit_cells(DESIGN)
+    packed = netlist.packed_cells(DESIGN, boards.ICEBREAKER)
+    assert found.total() == packed["logic cells"][0]
+    assert f"| all | {found.total():,} |" in unit_cells.to_markdown({"small": found})
 
 
 @needs("yosys")

@@ -1,4 +1,4 @@
-"""The memories that yosys makes of a design's core."""
+"""What yosys and nextpnr make of a design: memories of the core, and cells of a board's top."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from pathlib import Path
 from firmware_model.cost import Memory
 from firmware_model.design import Design
 from firmware_model.hardware import sources
+from firmware_model.hardware.boards import Board
 from firmware_model.hardware.formal import run_yosys
 from firmware_model.hardware.parameters import PACKAGE
-from firmware_model.hardware.report import write_tables
+from firmware_model.hardware.report import pack, synthesize, write_tables
 
 #: rows of the events that are on their way through the look-up
 _UNDER_WAY = "pixel_lookup.pixels."
@@ -60,3 +61,28 @@ def netlist_memories(design: Design) -> list[Memory]:
         if name.endswith("search.delay.oldest") and design.exclusion == 0
     ]
     return sorted([*memories, *registers])
+
+
+def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
+    """Count the cells of a board design, packed but not placed, and those that there are.
+
+    Parameters
+    ----------
+    design : Design
+    board : Board
+
+    Returns
+    -------
+    dict of str to (int, int)
+        By the name of a kind of cell in ``board.resources``.
+
+    Raises
+    ------
+    ToolError
+        If a tool is missing, or refuses the design.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_tables(design, folder)
+        synthesize(folder, board)
+        return pack(folder, board)
