@@ -1,4 +1,4 @@
-"""Maps and matches on disk: ``.npz`` without pickle, versioned, written whole or not at all."""
+"""Files of maps and matches: versioned ``.npz`` without pickle, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ __all__ = [
 Arrays = dict[str, npt.NDArray[Any]]
 
 SCHEMA_VERSION = 1
-#: An archive may take so much memory, or so many times its own size, whichever is more. Counts of
-#: a desert compress to a thirtieth; a thousand times smaller is a bomb.
+#: Largest memory of an archive, in bytes and as a multiple of its file size; the larger one holds.
+#: Real counts compress to a thirtieth at most; a file a thousand times smaller is an attack.
 MEMORY_BYTES = 128 << 20
 MOST_COMPRESSION = 32
 _HEADER = "edge_vpr"
@@ -37,9 +37,9 @@ _LONGEST_HEADER = 1 << 20  # of ours: settings as JSON
 
 @contextmanager
 def damaged(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]:
-    """Turn whatever the contents of a file raise into a `MapError` that names the file.
+    """Convert any error that the contents of a file raise to a `MapError` that names the file.
 
-    A missing file and one that may not be read are said to be that.
+    A missing or unreadable file gets a message of its own.
 
     Parameters
     ----------
@@ -62,8 +62,9 @@ def damaged(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]
         raise MapError(f"{path}: {error}: {remedy}") from error
     except KeyError as error:
         raise MapError(f"{path} lacks {error}: {remedy}") from error
-    # libraries have errors of their own for broken contents, and their documentation lists few:
-    # zipfile, zlib and NumPy raise a dozen kinds, memory and recursion among them
+    # for broken contents, zipfile, zlib and NumPy raise a dozen kinds of error, also MemoryError
+    # and
+    # RecursionError, and document only a few of them
     except Exception as error:
         reason = printable(error, 200) or type(error).__name__
         raise MapError(f"{path} is damaged ({reason}): {remedy}") from error
@@ -99,7 +100,7 @@ def kind_of(path: str | Path) -> str | None:
             with archive.open(member) as stream:
                 header = _read_array(stream, _HEADER, member.file_size)
         return printable(dict(json.loads(str(header)))["kind"], 40)
-    # as in `damaged`: of a file that is none of ours, every kind of error may come
+    # as in `damaged`: a file that is not ours may raise any kind of error
     except Exception:
         return None
 
@@ -145,7 +146,7 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
 
 
 def _is_foreign(path: str | Path) -> bool:
-    """Return whether a file is no archive, or one without our header, as a recording is."""
+    """Return whether a file is not an archive of ours, for example a recording."""
     with Path(path).open("rb") as file:
         if file.read(2) != b"PK":
             return True
@@ -154,7 +155,7 @@ def _is_foreign(path: str | Path) -> bool:
 
 
 def read_members(path: str | Path) -> Arrays:
-    """Read the arrays of an ``.npz``; what they announce is checked before memory is taken.
+    """Read the arrays of an ``.npz``; announced sizes are checked before memory is allocated.
 
     Parameters
     ----------
@@ -194,7 +195,7 @@ def read_members(path: str | Path) -> Arrays:
 
 
 def read_npy(path: str | Path) -> npt.NDArray[Any]:
-    """Read an ``.npy`` as `read_members` reads each array, with the same errors."""
+    """Read an ``.npy`` with the checks and errors of `read_members`."""
     with Path(path).open("rb") as file:
         return _read_array(file, "in it", os.fstat(file.fileno()).st_size)
 
@@ -215,7 +216,7 @@ def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
     if read is None:
         raise MapError(f"array {name} is of the .npy version {version}: expected 1.0 or 2.0")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+        warnings.simplefilter("ignore")  # header that Python 2 wrote
         shape, fortran, dtype = read(stream, max_header_size=_HEADER_BYTES)
     if dtype.kind not in "biufU" or dtype.hasobject or dtype.itemsize == 0:
         raise MapError(f"array {name} is {dtype}: expected numbers or text")
@@ -231,6 +232,6 @@ def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
         if not read_bytes:
             raise MapError(f"array {name} ends {len(left)} bytes early")
         left = left[read_bytes:]
-    stream.read(1)  # the end, where the checksum is compared
+    stream.read(1)  # reading to the end makes zipfile check the checksum
     array = flat.reshape(shape, order="F" if fortran else "C")
     return np.ascontiguousarray(array, dtype=dtype.newbyteorder("=")).reshape(shape)

@@ -1,4 +1,4 @@
-"""Checks of arrays and numbers out of files, before anything is indexed or allocated with them."""
+"""Checks of arrays and numbers from files, before they are used as indices or sizes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edge_vpr.errors import MapError
 def check_array(
     array: object, name: str, dtypes: Sequence[npt.DTypeLike], shape: tuple[int | None, ...]
 ) -> None:
-    """Raise unless an array is of one of these dtypes, in native byte order, and of this shape.
+    """Check that an array has one of these dtypes, native byte order, and this shape.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def check_range(array: npt.NDArray[Any], name: str, least: int, most: int) -> No
 
 
 def whole_number(values: Mapping[str, Any], name: str, least: int, most: int) -> int:
-    """Take an integer out of a header.
+    """Read an integer from a header.
 
     Raises
     ------

@@ -1,7 +1,9 @@
-"""Many arrays as one argument of a kernel.
+"""A tuple of arrays as one argument of a kernel, which Numba unpacks only once.
 
-Numba takes a tuple of arrays apart at every call, for 0.2 to 0.3 us an array: longer than an event
-takes. A tuple in a box is taken apart once, and a call costs the same whatever is in it.
+Numba unpacks a tuple of arrays at every call, in 0.2 to 0.3 us per array, which is longer than the
+processing of an event. A tuple in a box is unpacked once, so that the time of a call does not
+depend
+on its size.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from numba import config, njit, types
 if config.DISABLE_JIT:
 
     class Boxed(NamedTuple):
-        """A box of plain Python; what follows below is its like for compiled code."""
+        """Box without the compiler; the classes below are the same for compiled code."""
 
         value: Any
 
@@ -25,16 +27,16 @@ else:
 
     @structref.register
     class BoxedType(types.StructRef):
-        """What a kernel knows of a box: the type of its tuple."""
+        """Numba type of a box, which holds the type of its tuple."""
 
     class Boxed(structref.StructRefProxy):  # type: ignore[no-redef]
-        """A box that compiled code holds by its address; `value` is for kernels alone."""
+        """Box that compiled code holds by its address; only kernels may read `value`."""
 
     structref.define_proxy(Boxed, BoxedType, ["value"])
 
     @njit(cache=True)  # type: ignore[no-redef]
     def boxed(value):
-        """Put a plain tuple into a box that keeps its arrays alive."""
+        """Put a tuple into a box, which keeps its arrays alive."""
         return Boxed(value)
 
 
@@ -42,9 +44,9 @@ Tuple = TypeVar("Tuple", bound=tuple[Any, ...])
 
 
 class Box(Generic[Tuple]):
-    """A tuple of arrays as Python has it, and as kernels do.
+    """A tuple of arrays in two forms: for Python and for kernels.
 
-    The arrays are shared: what one side writes, the other one reads.
+    Both forms share the same arrays.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""The probability that a match is right, from its trust: a monotone table, stored with a map.
+"""The probability that a match is right, as a monotone table over its trust.
 
-A table is applied here, and learnt from an evaluated drive in `evaluation.calibration`.
+Tables are stored with maps. `evaluation.calibration` learns them from evaluated drives.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 
-#: learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md
+#: table learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md
 DEFAULT_TABLE = "default_confidence.json"
-#: the same, of drives that are smoothed, whose trust has another scale
+#: the same for smoothed drives, whose trust has another scale
 SMOOTHED_TABLE = "smoothed_confidence.json"
 MOST_STEPS = 4_096
 
@@ -71,7 +71,7 @@ class Confidence:
 
     @property
     def precision(self) -> npt.NDArray[np.float64]:
-        """Share of right matches among all of a step and those above it, shape (m,)."""
+        """Share of right matches among those of a step and all steps above it, shape (m,)."""
         right = np.cumsum((self.probability * self.matches)[::-1])[::-1]
         return np.asarray(right / np.cumsum(self.matches[::-1])[::-1])
 
@@ -96,7 +96,7 @@ class Confidence:
         return np.asarray(self.probability[np.maximum(step, 0)])
 
     def least_trust(self, precision: float) -> int:
-        """Return the least trust so that all matches of at least that are this precise together.
+        """Return the lowest trust at which the matches of that trust or more reach a precision.
 
         Parameters
         ----------
@@ -118,12 +118,12 @@ class Confidence:
         return int(self.trust[enough[0]]) if enough[0] else -TIME_LIMIT_US
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Name the arrays, for an archive; `from_arrays` takes them back."""
+        """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
         return {f"confidence_{name}": getattr(self, name) for name in _NAMES}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Confidence | None:
-        """Build from named arrays, for example of a file; None if none of them is there.
+        """Build from named arrays, for example of a file; None if all are missing.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class Confidence:
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Gives matches their probability, and marks those that are not precise enough.
+    """Assigns probabilities to matches, and marks those below the required precision as lost.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Judge:
     def judge(
         self, trust: npt.NDArray[np.integer]
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-        """Return the probability of each match (NaN: not known), and whether it is lost.
+        """Return the probability of each match (NaN if not known), and whether it is lost.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ _NAMES = ("trust", "probability", "matches")
 
 @cache
 def default_confidence(smoothed: bool = False) -> Confidence:
-    """Return the shipped table, of the place filter on simulated streets.
+    """Return the shipped table of the place filter, which was learnt on simulated streets.
 
     Parameters
     ----------

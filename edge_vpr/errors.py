@@ -1,4 +1,4 @@
-"""The one family of errors: each message says the value, what was expected, and the remedy."""
+"""The family of errors; each message gives the value, what was expected, and the remedy."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from collections.abc import Iterable
 from pathlib import Path
 from urllib.parse import unquote
 
-#: longest message, in characters: what is wrong and the remedy fit; a file's whole text does not
+#: longest message, in characters: enough for the fault and the remedy, but not for a whole file
 LONGEST_MESSAGE = 1_000
 
 
 def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
-    r"""Return text as one line that a terminal, a log and a report show as it is.
+    r"""Return text as one printable line for terminals, logs and reports.
 
-    File names, device strings and texts out of files are written by others: an escape sequence in
-    one of them could clear the screen, or make a failure look like a success.
+    File names, names of devices and texts in files come from others. An escape sequence in one of
+    them
+    could clear the screen, or make a failure look like a success.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
     'a name\\x1b[2J of two lines'
     """
     whole = str(text)
-    if len(whole) > 64 * longest:  # no work in proportion to a text of megabytes
+    if len(whole) > 64 * longest:  # limits the work for a text of megabytes
         whole = whole[: 32 * longest] + whole[-32 * longest :]
     line = escaped(" ".join(whole.split()))
     if len(line) <= longest:
@@ -47,7 +48,7 @@ def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
 
 
 def escaped(text: object) -> str:
-    r"""Return text whose characters that are not printed are ``\x1b``, ``\n`` and alike.
+    r"""Return text with unprintable characters written as ``\x1b``, ``\n`` and so on.
 
     Examples
     --------
@@ -63,9 +64,9 @@ def escaped(text: object) -> str:
 
 
 class EdgeVprError(Exception):
-    """Base of every error that edge-vpr raises on purpose.
+    """Base class of all errors that edge-vpr raises on purpose.
 
-    Its text is one printable line of at most `LONGEST_MESSAGE` characters, see `printable`.
+    Its text is one printable line of at most `LONGEST_MESSAGE` characters (see `printable`).
     """
 
     exit_code = 1
@@ -75,7 +76,7 @@ class EdgeVprError(Exception):
 
 
 class UsageError(EdgeVprError):
-    """The request cannot be met as it was put: an argument, a setting or a combination is wrong."""
+    """An argument, a setting or a combination of them is wrong."""
 
     exit_code = 2
 
@@ -91,7 +92,7 @@ class MissingExtraError(UsageError):
 
 
 class EventError(EdgeVprError):
-    """An event array is not what it claims to be (dtype, order, coordinates)."""
+    """An event array has a wrong dtype, order or coordinates."""
 
 
 class RecordingError(EdgeVprError):
@@ -107,7 +108,7 @@ class GroundTruthError(EdgeVprError):
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """Return the end of an error message that suggests a name like the one given.
+    """Return the end of an error message that suggests a similar name.
 
     Parameters
     ----------
@@ -126,7 +127,7 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     >>> did_you_mean("varience", ["variance", "random"])
     ': did you mean variance?'
     """
-    from difflib import get_close_matches  # 10 ms, for errors alone
+    from difflib import get_close_matches  # takes 10 ms, needed for errors only
 
     names = list(known)
     longer = [name for name in names if name.startswith(given)]
@@ -135,9 +136,9 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs an extra, from where edge-vpr itself is from.
+    """Return the command that installs an extra, from the same source as edge-vpr itself.
 
-    A checkout, or what was installed from one, is not looked for on a package index.
+    An edge-vpr that was installed from a checkout is not on a package index.
 
     Parameters
     ----------
@@ -156,7 +157,7 @@ def install_command(extra: str) -> str:
 
 def _origin(extra: str) -> str:
     """Return the requirement that pip recorded when it installed edge-vpr, with an extra."""
-    from importlib.metadata import PackageNotFoundError, distribution  # 30 ms, for errors alone
+    from importlib.metadata import PackageNotFoundError, distribution  # 30 ms, for errors only
 
     try:
         recorded = json.loads(distribution("edge-vpr").read_text("direct_url.json") or "{}")

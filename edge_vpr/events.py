@@ -1,4 +1,4 @@
-"""The event array, its sensor, and the checks at the door."""
+"""The event array, its sensor, and the checks of events that come from outside."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from edge_vpr.errors import EventError, UsageError
 
 #: One event: time in microseconds from the recording's start, column, row, polarity (True = ON).
-#: The field names are tonic's, so that its transforms take these arrays as they are.
+#: The field names are those of tonic, so that its transforms accept these arrays.
 EVENT_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
 
 Events = npt.NDArray[Any]
@@ -38,7 +38,7 @@ class Sensor(NamedTuple):
 
     @property
     def possible(self) -> bool:
-        """Whether both sides are 1 to 65,536 pixels, which an event can address."""
+        """Whether both sides have 1 to 65,536 pixels, the range of coordinates of an event."""
         return 0 < self.width <= LONGEST_SIDE and 0 < self.height <= LONGEST_SIDE
 
     @classmethod
@@ -65,7 +65,7 @@ class Sensor(NamedTuple):
 def make_events(
     t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike | None = None
 ) -> Events:
-    """Join columns to one event array.
+    """Make an event array from columns.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def make_events(
 
 
 def check_events(events: Events, sensor: Sensor, *, after: int | None = None) -> None:
-    """Raise unless `events` is a time-ordered event array of this sensor.
+    """Check that `events` is a time-ordered event array of this sensor.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
 
 
 def join_events(parts: Sequence[Events]) -> Events:
-    """Join event arrays, one behind the other.
+    """Concatenate event arrays.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def join_events(parts: Sequence[Events]) -> Events:
         return parts[0]
     if not parts:
         return np.empty(0, dtype=EVENT_DTYPE)
-    # as plain bytes: field by field, as NumPy joins records, takes 17 times as long
+    # as bytes: NumPy concatenates records field by field, which takes 17 times as long
     return np.concatenate([part.view(_PLAIN) for part in parts]).view(EVENT_DTYPE)
 
 

@@ -1,4 +1,4 @@
-"""Prophesee's words: which kinds there are, and how an event becomes one of EVT 2.0."""
+"""Words of Prophesee's EVT formats: their kinds, and encoding in EVT 2.0."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import numpy.typing as npt
 
 from edge_vpr.events import Events
 
-#: Kinds of EVT 2.0 and 2.1: an event that is OFF or ON, the time's high bits, a trigger's edge,
-#: and two that say something else.
+#: Kinds in EVT 2.0 and 2.1: OFF event, ON event, high bits of the time, edge of a trigger, and two
+#: kinds without events.
 EVT2_KINDS = (0, 1, 8, 10, 14, 15)
-#: Kinds of EVT 3.0: the row; an event; vectors' first column, 12 and 8 of their columns, and those
-#: that go on; the time's low and high bits; a trigger's edge; and two that say something else.
+#: Kinds in EVT 3.0: row; single event; first column of a vector; 12 and 8 columns of a vector;
+#: continuations; low and high bits of the time; edge of a trigger; and two kinds without events.
 EVT3_KINDS = (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15)
 _TIME_HIGH = 8
-#: Of the time, the lowest six bits are in an event's word, and the others, 28, in a word before it.
+#: Six low bits of the time are in the word of an event, and 28 high bits in a word before it.
 EVT2_LOW_BITS, EVT2_HIGH_BITS = 6, 28
 
 
 def evt2_event_words(events: Events) -> npt.NDArray[np.uint32]:
-    """Make the words of events, without those of their times' high bits.
+    """Encode events as words, without the words for the high bits of their times.
 
     Parameters
     ----------
@@ -41,6 +41,6 @@ def evt2_event_words(events: Events) -> npt.NDArray[np.uint32]:
 
 
 def evt2_time_words(t: npt.NDArray[np.int64]) -> npt.NDArray[np.uint32]:
-    """Make the words of the high bits of times in microseconds, shape (n,)."""
+    """Encode the high bits of times in microseconds as words, shape (n,)."""
     high = t >> EVT2_LOW_BITS & ((1 << EVT2_HIGH_BITS) - 1)
     return (_TIME_HIGH << EVT2_HIGH_BITS | high).astype("<u4")

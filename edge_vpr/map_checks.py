@@ -1,4 +1,4 @@
-"""What a reference map must be: every array that a kernel indexes with fits every other."""
+"""Checks of a reference map: all arrays that kernels use as indices fit each other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from fixedpoint.errors import FixedPointError
 
-#: each is looked at after every window
+#: each is processed after every window
 MOST_JUMPS = 4_096
 
 
@@ -34,7 +34,7 @@ def check_map(
     jumps: npt.NDArray[Any] | None = None,
     odometer_mm: npt.NDArray[Any] | None = None,
 ) -> None:
-    """Raise unless the parts of a map fit each other.
+    """Check that the parts of a map fit each other.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def check_map(
 def _check_ways(
     places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
 ) -> None:
-    """Raise unless jumps lead from place to place, and the way driven does not fall."""
+    """Check that jumps lead from place to place, and that the distance driven never decreases."""
     if jumps is not None:
         check_array(jumps, "jumps", (np.int32,), (None, 2))
         check_range(jumps, "jumps", 0, places - 1)
@@ -95,9 +95,9 @@ def _check_ways(
 def _check_codes(
     settings: Settings, counts: npt.NDArray[Any], full_scale: npt.NDArray[Any] | None
 ) -> None:
-    """Raise unless every place holds codes that its counter's table has."""
+    """Check that all codes of the places occur in the tables of their counters."""
     if settings.learns_full_scale and full_scale is not None:
-        # of scales that no reference teaches, each could want a table of its own
+        # arbitrary scales, which no reference gives, could need one table for each counter
         scale = full_scale.astype(np.int64)
         wrong = (scale < 1) | (scale & (scale + 1) != 0)
         if wrong.any():

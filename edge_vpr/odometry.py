@@ -1,4 +1,4 @@
-"""Odometry: how far the robot has driven, from wheels or any other meter of its own."""
+"""Odometry: the distance that the robot has driven, from its wheels or another meter."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr.events import TIME_LIMIT_US
 
-#: longest way, in millimetres: a million kilometres
+#: longest distance, in millimetres: a million kilometres
 MOST_MM = 1 << 40
 
 
@@ -56,7 +56,7 @@ class Odometry:
             )
 
     def along(self, time_us: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return the way driven at some times of the reference drive, from 0, shape (K,).
+        """Return the distance driven at times of the reference drive, from 0, shape (K,).
 
         Parameters
         ----------
@@ -75,10 +75,11 @@ class Odometry:
     def of_windows(
         self, end_us: npt.NDArray[np.int64]
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-        """Return the way driven from each end of a window to the next.
+        """Return the distance driven between the ends of successive windows.
 
-        A reading belongs to the window that ends after it. The way of a window is known where it
-        has a reading and the window before has one; it lies between the newest of each.
+        A reading belongs to the window that ends after it. The distance of a window is known if it
+        and
+        the window before it have readings; it is the difference of the newest readings of both.
 
         Parameters
         ----------
@@ -107,7 +108,7 @@ class Odometry:
 
 
 class Odometer:
-    """The readings of the present window and of the one before.
+    """Readings of an odometer in the present window and in the one before it.
 
     Attributes
     ----------
@@ -127,7 +128,7 @@ class Odometer:
 
     @property
     def travelled_mm(self) -> int | None:
-        """Way since the end of the window before; None where it is not known."""
+        """Distance since the end of the window before; None if not known."""
         return self.latest - self.anchor if self.fresh and self.anchored else None
 
     def end_window(self) -> None:

@@ -1,4 +1,4 @@
-"""Files of plain values, TOML and JSON: whatever they hold ends in values or in one error."""
+"""Reading of TOML and JSON files; any fault in them raises one `UsageError`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from edge_vpr.errors import EdgeVprError, UsageError, printable
 
-#: longest file: the trace of a profile has a thousand points, and a manifest some megabytes
+#: longest file; a manifest has some megabytes
 MOST_BYTES = 64 << 20
 
 
@@ -36,7 +36,7 @@ def read_toml(path: str | Path, what: str, remedy: str, most: int = 1 << 20) -> 
 
 
 def read_json(path: str | Path, what: str, remedy: str, most: int = MOST_BYTES) -> dict[str, Any]:
-    """Read a JSON file that holds names and values; see `read_toml`.
+    """Read a JSON file with an object of names and values; see `read_toml`.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def _read(
         raise UsageError(f"{begin}: it has more than {most} bytes: {remedy}")
     try:
         values = parse(raw.decode("utf-8-sig"))
-    # besides their own errors, the parsers give up at deep nesting, long numbers and odd dates
+    # parsers also raise other errors for deep nesting, long numbers and invalid dates
     except Exception as error:
         raise UsageError(f"{begin}: {printable(error, 200)}: {remedy}") from error
     if not isinstance(values, dict):
@@ -72,7 +72,7 @@ def _read(
 
 @contextmanager
 def understood(path: str | Path, what: str, remedy: str) -> Iterator[None]:
-    """Turn what the values of a file raise into a `UsageError` that names the file.
+    """Convert errors that the values of a file raise to a `UsageError` that names the file.
 
     Parameters
     ----------

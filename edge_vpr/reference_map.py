@@ -1,4 +1,4 @@
-"""The reference map: selected pixels, a descriptor of each place, and how they came about."""
+"""The reference map: selected pixels, descriptors of the places, and the settings used."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ KIND = "reference map"
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMap:
-    """What a query is matched against.
+    """Map of a reference drive, which queries are matched against.
 
     Attributes
     ----------
@@ -92,9 +92,9 @@ class ReferenceMap:
 
     @property
     def codes(self) -> PixelCodes | None:
-        """What the places hold in place of event counts; None where they hold those.
+        """Counter codes of the places; None if the places hold event counts.
 
-        None also for own-mean codes, which have no fixed table: see `own_mean_code`.
+        Also None with own-mean codes, which have no fixed table (see `own_mean_code`).
         """
         if self.own_mean_code is not None:
             return None
@@ -102,20 +102,20 @@ class ReferenceMap:
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:
-        """The code against each counter's mean; None where places hold counts or other codes."""
+        """The own-mean code; None if the places hold counts or other codes."""
         return self.settings.own_mean_code
 
     @property
     def is_coded(self) -> bool:
-        """Whether the places hold codes in place of counts."""
+        """Whether the places hold codes instead of counts."""
         return self.settings.shared_code is not None
 
     @property
     def along_mm(self) -> npt.NDArray[np.int64] | None:
-        """Millimetres driven at each place, shape (K,), by odometry or else by the track.
+        """Millimetres driven at each place, shape (K,), from odometry or else from the track.
 
-        Between and beside places that the track did not cover, the way is interpolated. None where
-        the map has neither.
+        At places that the track did not cover, the distance is interpolated. None if the map has
+        neither.
         """
         if self.odometer_mm is not None or self.route is None:
             return self.odometer_mm
@@ -126,7 +126,7 @@ class ReferenceMap:
 
     @property
     def judge(self) -> Judge:
-        """The map's own table of probabilities, or of the filter the shipped one.
+        """The map's own table of probabilities; with the place filter, else the shipped one.
 
         Raises
         ------
@@ -141,13 +141,13 @@ class ReferenceMap:
     def matched_with(self, settings: Settings) -> ReferenceMap:
         """Return the map with other settings for matching.
 
-        Its own table of probabilities goes where the trust has another scale by them.
+        Its own table of probabilities is removed if the scale of the trust changes.
         """
         kept = settings.of_trust == self.settings.of_trust
         return replace(self, settings=settings, confidence=self.confidence if kept else None)
 
     def coded(self, counted: Descriptors) -> Descriptors:
-        """Put codes in place of a query's counts, to compare them with the places of this map."""
+        """Replace the counts of a query by the codes of this map."""
         code = self.own_mean_code
         if code is not None and self.mean is not None:
             activity = mean_activity(self.places.activity)
@@ -159,7 +159,7 @@ class ReferenceMap:
         return replace(counted, counts=narrow(self.codes.encode(counted.counts)))
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
-        """Put counts back in place of codes, each in the middle of its code's, for plots."""
+        """Replace codes by counts for plots, each by the middle of the counts with that code."""
         code = self.own_mean_code
         if code is not None and self.mean is not None:
             return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
@@ -169,18 +169,18 @@ class ReferenceMap:
 
     @property
     def bytes_per_place(self) -> int:
-        """Size of one descriptor as it is stored and compared here, in bytes."""
+        """Size of a descriptor as stored and compared here, in bytes."""
         return self.places.counts.shape[1] * self.places.counts.itemsize
 
     @property
     def counter_bits(self) -> int:
-        """Bits of each counter of a descriptor: of its code, or of the count as stored."""
+        """Number of bits of the code of a counter, or of its stored count."""
         code = self.settings.shared_code
         return 8 * self.places.counts.itemsize if code is None else code.bits
 
     @property
     def packed_bytes_per_place(self) -> int:
-        """Size of one descriptor where codes are packed without gaps, in bytes."""
+        """Size of a descriptor with codes packed without gaps, in bytes."""
         return packed_bytes(self.places.counts.shape[1], self.counter_bits)
 
     def save(self, path: str | Path) -> None:

@@ -1,4 +1,4 @@
-"""Where the places of a map are: positions along the route that the reference drove."""
+"""Positions of the places of a map along the route of the reference drive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from edge_vpr.array_checks import check_array
 from edge_vpr.errors import MapError
 
 RouteKind = Literal["metric", "geographic"]
-#: names of the coordinates by kind and their number
+#: names of the coordinates, by their kind and number
 _COORDINATES = {
     ("geographic", 2): ("latitude", "longitude"),
     ("metric", 1): ("x_m",),
@@ -24,7 +24,7 @@ _FARTHEST_M = 1e12
 
 
 class Located(NamedTuple):
-    """Where n matches are.
+    """Positions of n matches.
 
     Attributes
     ----------
@@ -88,11 +88,11 @@ class Route:
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the columns of `position`, with their unit where it is metres."""
+        """Names of the columns of `position`, with the unit if it is metres."""
         return _COORDINATES[self.kind, self.position.shape[1]]
 
     def locate(self, place: npt.NDArray[np.integer], within: int) -> Located:
-        """Return where matched places are, and the interval of the places around each.
+        """Return the positions of matched places, and the interval around each.
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class Route:
         -------
         Located
         """
-        before = np.fmin.accumulate(self.along_m[::-1])[::-1]  # of this place, or the next known
+        before = np.fmin.accumulate(self.along_m[::-1])[::-1]  # at or after each place
         after = np.fmax.accumulate(self.along_m)
         first = np.maximum(place - within, 0)
         last = np.minimum(place + within, len(self.along_m) - 1)
@@ -121,14 +121,14 @@ class Route:
         )
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Name the arrays, for an archive; `from_arrays` takes them back."""
+        """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
         return {"position": self.position, "along_m": self.along_m}
 
     @classmethod
     def from_arrays(
         cls, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
     ) -> Route | None:
-        """Build from named arrays and the kind in the header; None if there are none.
+        """Build from named arrays and the kind in the header; None without arrays.
 
         Raises
         ------

@@ -1,8 +1,8 @@
-"""Files and folders that are written whole or not at all, whatever ends the run.
+"""Writing of files and folders whole or not at all, whatever ends the run.
 
-What is being written lies in a hidden folder beside the result, ``.edge-vpr-*.part``, which its run
-keeps locked. A crash, a kill or a power cut leaves that folder, and the next run that writes beside
-it finds it without a lock and clears it.
+Unfinished results are in a hidden folder next to the result, ``.edge-vpr-*.part``, which the run
+keeps locked. After a crash, a kill or a power cut this folder remains. The next run that writes to
+the same place finds it unlocked and removes it.
 """
 
 from __future__ import annotations
@@ -22,21 +22,23 @@ from pathlib import Path
 from edge_vpr.errors import UsageError
 
 _WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
-# of <linux/fs.h> and <fcntl.h>
+# from <linux/fs.h> and <fcntl.h>
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
 _NEW, _OLD = "new", "old"
-#: what only writing raises, and often without the name of a file
+#: errors that only writing raises, often without the name of a file
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Give a path for a new file that takes the place of `path` when the block ends well.
+    """Yield the path of a temporary file that replaces `path` if the block succeeds.
 
-    After an error or an interrupt `path` is as it was. A link is followed: what it points to is
-    replaced. The file has the permissions of the one before, or those that the umask leaves; file
-    and folder have reached the disk (fsync) when this returns.
+    After an error or an interrupt, `path` is unchanged. If it is a link, its target is replaced.
+    The
+    file keeps the permissions of the old one, or gets those of the umask. File and folder are on
+    the
+    disk (fsync) when this returns.
 
     Parameters
     ----------
@@ -67,11 +69,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def replacing_folder(path: str | Path) -> Iterator[Path]:
-    """Give an empty folder that takes the place of `path` when the block ends well.
+    """Yield an empty temporary folder that replaces `path` if the block succeeds.
 
-    After an error or an interrupt `path` is as it was. Old and new are exchanged in one step where
-    the file system can do that. Where it cannot, a power cut between two steps may leave neither;
-    the new one is then put in place by `clear_dead_runs`.
+    After an error or an interrupt, `path` is unchanged. Old and new folder are exchanged in one
+    step if the file system can do that. If not, a power cut between two steps can leave neither in
+    place; `clear_dead_runs` then puts the new one in place.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
 
 
 def check_output(output: str | Path, inputs: Iterable[str | Path]) -> None:
-    """Refuse an output whose writing would destroy or change an input of the same run.
+    """Raise if writing an output would destroy or change an input of the same run.
 
     Parameters
     ----------
@@ -141,9 +143,10 @@ def check_output(output: str | Path, inputs: Iterable[str | Path]) -> None:
 
 
 def clear_dead_runs(folder: str | Path) -> None:
-    """Remove what killed runs left in a folder, and put in place what one was about to.
+    """Remove what killed runs left in a folder, and finish replacements that they had begun.
 
-    Runs that live hold a lock and are left alone, as is all that cannot be locked or removed.
+    Folders of running processes are locked and left alone, and so are folders that cannot be locked
+    or removed.
 
     Parameters
     ----------
@@ -162,8 +165,7 @@ def _clear(work: Path) -> None:
         return
     try:
         if (work / _OLD).is_dir():
-            # stopped between the two renames of a folder: the new one was complete, the old one
-            # is as it was
+            # stopped between the two renames of a folder: the new folder is complete
             for kept in (_NEW, _OLD):
                 for folder in (work / kept).iterdir():
                     target = work.parent / folder.name
@@ -177,7 +179,7 @@ def _clear(work: Path) -> None:
 
 @contextmanager
 def work_folder(target: Path) -> Iterator[Path]:
-    """Give a hidden folder beside the target, removed at the end or, after a kill, by another run.
+    """Yield a hidden folder next to the target, which is removed at the end or by a later run.
 
     Parameters
     ----------
@@ -219,15 +221,15 @@ def _made_and_locked(parent: Path) -> tuple[Path, int | None]:
         try:
             lock = _locked(work)
         except FileNotFoundError:
-            continue  # another run took it for a dead one's before it was locked
+            continue  # another run removed it before it was locked
         except OSError:
-            return work, None  # a file system without locks: no other run clears anything there
+            return work, None  # on a file system without locks, no other run removes anything
         if lock is not None and work.exists():
             return work, lock
 
 
 def _locked(work: Path) -> int | None:
-    """Lock a folder; None if another process has."""
+    """Lock a folder; None if another process has locked it."""
     handle = os.open(work, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -241,7 +243,7 @@ def _locked(work: Path) -> int | None:
 
 
 def _followed(path: Path) -> Path:
-    """Follow links to the file itself, which need not exist."""
+    """Follow links to the final path, which need not exist."""
     try:
         return path.resolve()
     except (OSError, RuntimeError) as error:
@@ -249,7 +251,7 @@ def _followed(path: Path) -> Path:
 
 
 def _mode_of_file(target: Path) -> int | None:
-    """Permissions of a file that is there; None if there is none."""
+    """Return the permissions of a file; None if it does not exist."""
     try:
         found = target.stat()
     except FileNotFoundError:
@@ -264,7 +266,7 @@ def _mode_of_file(target: Path) -> int | None:
 
 
 def _exchanged(new: Path, target: Path) -> bool:
-    """Exchange two folders in one step; False where kernel or file system cannot."""
+    """Exchange two folders in one step; False if the kernel or the file system cannot."""
     try:
         renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
     except (OSError, AttributeError):
@@ -279,12 +281,12 @@ def _exchanged(new: Path, target: Path) -> bool:
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file or a folder's entries are on the disk."""
+    """Wait until a file, or the entries of a folder, are on the disk."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(handle)
     except OSError as error:
-        # some file systems do not sync folders; a full or broken disk is an error
+        # some file systems cannot sync folders; other errors are raised
         if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
             raise
     finally:

@@ -1,4 +1,4 @@
-"""What the device computes, bit for bit: a plain, slow and readable statement, and its vectors."""
+"""Bit-exact model of the device, in plain and slow Python, and the golden vectors made from it."""
 
 from firmware_model.comparator import ComparatorModel, MatchResult, SearchModel
 from firmware_model.descriptor import DescriptorModel, Event, EventResult, WindowResult

@@ -1,4 +1,4 @@
-"""Compile the reference firmware, for this computer and for microcontrollers, by Zig's C compiler.
+"""Compile the reference firmware for this computer and for microcontrollers with Zig.
 
 Zig comes as a Python package (extra ``firmware``), with everything that it needs for all targets.
 """
@@ -101,7 +101,7 @@ def build(
     if target.triple:
         freestanding = ["-ffreestanding", "-fno-builtin", "-nostdlib", "-Wl,--no-gc-sections"]
         chosen = ["-target", target.triple, f"-mcpu={target.cpu}", *freestanding]
-        chosen.append("-Wl,--entry,0")  # none: functions are called by address
+        chosen.append("-Wl,--entry,0")  # no entry point: functions are called by address
     else:
         chosen, files = [], [*files, program]
     command = [
@@ -126,8 +126,9 @@ def build(
 def build_sanitized(folder: str | Path, files: Sequence[str], name: str) -> Path:
     """Compile a program for this computer under AddressSanitizer and UndefinedBehaviorSanitizer.
 
-    Zig's compiler has no AddressSanitizer: that of the system is taken (gcc or clang, with its
-    sanitizer libraries).
+    Zig's compiler has no AddressSanitizer, so that the compiler of the system is used (gcc or
+    clang,
+    with its sanitizer libraries).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Distances to every place, the best of them, the second best outside its zone, and acceptance."""
+"""Model of the comparator: distances to all places, best and second best place, acceptance."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from firmware_model.memories import Memories
 class MatchResult(NamedTuple):
     """One match; second and second_sum are None if every place lies in the exclusion zone.
 
-    Of the place filter the two sums are metrics, and there is a trust: the margin of this window
-    and those before, with weights that fall by 3/4 a window, in units of 1/16 of a metric.
+    With the place filter, the two sums are metrics, and there is a trust: the mean margin of this
+    window and those before, each with 3/4 of the weight of the next, in units of 1/16 of a metric.
     """
 
     window: int
@@ -35,14 +35,14 @@ class Candidate(NamedTuple):
 
 
 class ComparatorModel:
-    """Compares a descriptor with every place, P codes a cycle."""
+    """Compares a descriptor with every place, P codes in each cycle."""
 
     def __init__(self, memories: Memories) -> None:
         self.design = memories.design
         self._places = memories.places
 
     def steps(self, place: int, query: Sequence[int]) -> Iterator[int]:
-        """Sum of absolute differences, one memory word after another.
+        """Yield the partial sums of absolute differences, one memory word after another.
 
         Yields
         ------
@@ -63,12 +63,12 @@ class ComparatorModel:
 
 
 class SearchModel:
-    """Takes sums in ascending order of places, and knows best and second best in one pass.
+    """Finds the best and the second best of sums that come in ascending order of places.
 
-    The best is a running minimum, and a place that is only as near does not replace it: the lowest
-    wins. The second best is the best of those more than r from the best. Those left of a new best's
-    zone have left a delay line of r + 1 sums by then, and the best of them is `left`; those right
-    of it come later.
+    The best is a running minimum; an equal sum does not replace it, so that the lowest place wins.
+    The second best is the best place more than r away from the best. When a new best is found, the
+    places left of its zone have left a delay line of r + 1 sums, and `left` is the best of them.
+    The places right of the zone come later.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class SearchModel:
         self.ties = 0
 
     def take(self, place: int, total: int) -> None:
-        """Take the next place's sum."""
+        """Process the sum of the next place."""
         taken = Candidate(place, total)
         if len(self.delay) > self.design.exclusion:
             self.left = _nearer(self.left, self.delay.popleft())
@@ -101,13 +101,13 @@ class SearchModel:
 
     @property
     def accepted(self) -> bool:
-        """Whether there is a second best, far enough behind the best."""
+        """Whether there is a second best, and it is far enough behind the best."""
         if self.best is None or self.second is None:
             return False
         return accepts(self.design, self.best.sum, self.second.sum)
 
     def result(self, window: int) -> MatchResult | None:
-        """Give the match; None if no sum was taken."""
+        """Return the match; None if there were no sums."""
         if self.best is None:
             return None
         second, second_sum = self.second or (None, None)
@@ -115,7 +115,7 @@ class SearchModel:
 
 
 def accepts(design: Design, best: int, second: int) -> bool:
-    """Whether the second best sum is far enough behind the best, in integers."""
+    """Return whether the second best sum is far enough behind the best, in integers."""
     if design.accept == "margin":
         return second - best >= design.margin
     numerator, denominator = design.ratio

@@ -1,4 +1,4 @@
-"""What a design costs, from its parameters alone: memories, clock cycles, operations."""
+"""Cost of a design, computed from its parameters: memories, clock cycles, operations."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ class Memory(NamedTuple):
 
     @property
     def bits(self) -> int:
-        """Bits that are used."""
+        """Number of used bits."""
         return self.depth * self.width
 
     def tiles(self, depth: int, width: int) -> int:
-        """Block memories of this shape that it takes: they cannot be cut."""
+        """Return the number of block memories of a shape that it takes; they cannot be divided."""
         return -(-self.depth // depth) * -(-self.width // width)
 
 
 def memories(design: Design) -> dict[str, Memory]:
-    """Size every memory of the device.
+    """Return the sizes of all memories of the device.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def memories(design: Design) -> dict[str, Memory]:
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
         "counts": Memory(design.slots, bits["count"]),
         "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["entry"]),
-        # a single table need not be told
+        # a single table needs no number
         "table": Memory(design.slots if len(design.full_scales) > 1 else 0, bits["table"]),
         "query": Memory(design.words, lanes),
         "places": Memory(design.places * design.words, lanes),
@@ -64,7 +64,7 @@ def memories(design: Design) -> dict[str, Memory]:
 
 
 class Cycles(NamedTuple):
-    """Clock cycles: of an event (a new one can begin in each), and of a window's end and match."""
+    """Clock cycles of an event (one can begin in each cycle), a window's end, and a match."""
 
     event: int
     encode: int
@@ -80,10 +80,11 @@ class Cycles(NamedTuple):
 def cycles(design: Design) -> Cycles:
     """Count the clock cycles that `Machine` steps through.
 
-    Of sequences, a place takes ``ceil(slots / P)`` cycles in the distance unit and L in the
-    sequence unit, which work at once: the longer of the two decides. After the last distance follow
-    its L terms, the search, and the acceptance test. Of the filter, a window that is not the first
-    and does not pause.
+    With sequences, a place takes ``ceil(slots / P)`` cycles in the distance unit and L in the
+    sequence unit. The units work in parallel, so that the longer time counts. After the last
+    distance come its L terms, the search, and the acceptance test. With the filter, the count is
+    for
+    a window that is neither the first nor a pause.
 
     Parameters
     ----------
@@ -113,8 +114,8 @@ class FilterCycles(NamedTuple):
 def filter_cycles(design: Design) -> FilterCycles:
     """Count the clock cycles of the filter's parts.
 
-    A restoring divider takes a cycle for each bit of the quotient at most: the mean and the spread
-    as many as the sum of all distances has, the reciprocal 17.
+    A restoring divider takes at most a cycle for each bit of the quotient: for the mean and the
+    spread as many as the sum of all distances has bits, for the reciprocal 17.
     """
     form = design.formats
     total, compare = form["distance_total"].width, design.places * design.words
@@ -134,10 +135,12 @@ class Operations(NamedTuple):
 def operations(design: Design) -> Operations:
     """Count the operations of one match with L windows seen.
 
-    Of the filter, in a window after the first that does not pause: for each place, a term of two
-    sums (all distances, and their deviations from the mean), the difference to the least distance
-    and its product, the price of each step and their least, the evidence and its limits, and the
-    search by a delay line. Two products of the acceptance, and three divisions, are for all places.
+    With the filter, the count is for a window that is neither the first nor a pause. For each place
+    it has a term of two sums (all distances, and their deviations from the mean), the difference to
+    the smallest distance and its product, the price of each step and their minimum, the evidence
+    and
+    its limits, and the search by a delay line. In addition there are two products of the acceptance
+    and three divisions.
 
     Parameters
     ----------

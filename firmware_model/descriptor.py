@@ -1,4 +1,4 @@
-"""From events to descriptors: look-up, saturating counter, window end, code, clear."""
+"""Model of the descriptor unit: look-up, saturating counters, end of window, codes, clearing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Event(NamedTuple):
 
 
 class EventResult(NamedTuple):
-    """What one event did; slot None and count 0 if its pixel is not selected."""
+    """Result of one event; slot None and count 0 if its pixel is not selected."""
 
     number: int
     slot: int | None
@@ -27,9 +27,9 @@ class EventResult(NamedTuple):
 
 
 class WindowResult(NamedTuple):
-    """A window that ended, and how many events had been taken by then.
+    """A window that ended, and the number of events processed before its end.
 
-    It pauses if it has so few events at selected pixels that the camera must be standing.
+    It is a pause if it has so few events at selected pixels that the camera must be standing.
     """
 
     number: int
@@ -81,7 +81,7 @@ class DescriptorModel:
 
     @property
     def codes(self) -> Codes:
-        """Codes of the counts as they are now."""
+        """Codes of the present counts."""
         return tuple(
             self.mean.code(slot, entry) if self.design.own_mean else entry
             for slot, entry in enumerate(self._entries())
@@ -91,17 +91,17 @@ class DescriptorModel:
         return [self.memories.entry(slot, count) for slot, count in enumerate(self.counts)]
 
     def elapsed(self, t: int) -> int:
-        """Time since the open window's start; negative for an event from before it.
+        """Return the time since the start of the open window; negative for an earlier event.
 
-        What is left of the window is taken as a signed number of the clock's width: any time is
-        within half of the clock's period of the window's end, before it or after.
+        The rest of the window is a signed number of the width of the clock: any time is taken as at
+        most half a period of the clock before or after the end of the window.
         """
         end, half = self.start + self.design.tau_us, self._period // 2
         left = (end - t + half) % self._period - half
         return self.design.tau_us - left
 
     def take(self, event: Event) -> Iterator[EventResult | WindowResult]:
-        """Take an event: first end the windows it lies behind, then count it.
+        """Process an event: first close all windows that end before it, then count it.
 
         Yields
         ------
@@ -124,7 +124,7 @@ class DescriptorModel:
             yield from self._end_window()
 
     def slot(self, event: Event) -> int | None:
-        """Which counter an event belongs to, if any; events from off the sensor have none."""
+        """Return the counter of an event; None if not selected or off the sensor."""
         design = self.design
         if event.x >= design.width or event.y >= design.height:
             return None

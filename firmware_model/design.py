@@ -1,4 +1,4 @@
-"""One frozen design: the parameters of a device."""
+"""The design of a device: all its parameters."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import UnsignedFormat
 from fixedpoint.own_mean import OwnMeanCode
 
-#: sequence length that 0 stands for
+#: sequence length if 0 is given
 LENGTH = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Design(DesignFile):
-    """Everything that decides what a device computes, but for the contents of its tables.
+    """All parameters of what a device computes, without the contents of its tables.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class Design(DesignFile):
             scales = tuple(self._code(scale).full_scale for scale in self.full_scales)
         except FixedPointError as error:
             raise DesignError(f"design: {error}") from error
-        # what 0 stood for, so that the file of a design says all
+        # replace 0 by the value it means, so that the file of a design is complete
         object.__setattr__(self, "full_scales", scales)
         self._check_matching()
         if self.tau_us >= 1 << (self.timestamp_bits - 1):
@@ -199,7 +199,7 @@ class Design(DesignFile):
 
     @property
     def filters(self) -> bool:
-        """Whether matches are the place filter's."""
+        """Whether matches are made by the place filter."""
         return self.matching == "filter"
 
     @property
@@ -209,19 +209,19 @@ class Design(DesignFile):
 
     @property
     def slots(self) -> int:
-        """Counters, and codes of a descriptor: J, or 2 J with polarities apart."""
+        """Number of counters, and of codes in a descriptor: J, or 2 J with separate polarities."""
         return self.pixels * (2 if self.polarity else 1)
 
     @property
     def count_max(self) -> int:
-        """Where a counter saturates."""
+        """Count at which a counter saturates."""
         return max(self.full_scales)
 
     @cached_property
     def tables(self) -> tuple[tuple[int, ...], ...]:
-        """Code of each count, for each full scale; all of them of ``count_max + 1`` entries.
+        """Code of each count for each full scale, in tables of ``count_max + 1`` entries.
 
-        Of own-mean codes, the logarithm of each count in units of 1/256 octave.
+        With own-mean codes, the logarithm of each count in units of 1/256 octave.
         """
         counts, found = np.arange(self.count_max + 1), []
         for code in map(self._code, self.full_scales):
@@ -243,7 +243,7 @@ class Design(DesignFile):
 
     @property
     def words(self) -> int:
-        """Memory words of one descriptor, P codes in each; the last is filled up with zeros."""
+        """Memory words of a descriptor, with P codes in each; the last one is filled with zeros."""
         return -(-self.slots // self.lanes)
 
     @property

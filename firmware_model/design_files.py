@@ -1,4 +1,4 @@
-"""A design as plain values, and as a TOML file."""
+"""Conversion of a design to and from plain values and TOML files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MOST_BYTES = 1 << 20
 
 
 class DesignFile:
-    """What a dataclass of plain values and tuples of them needs to be written and read."""
+    """Base class that writes and reads a dataclass of plain values and tuples."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON and TOML."""
@@ -44,7 +44,7 @@ class DesignFile:
             return cls(**values)
         except DesignError:
             raise
-        except Exception as error:  # of a type that no check expected
+        except Exception as error:  # a value of an unexpected type
             raise DesignError(f"{source} is no design ({error}): check its values") from error
 
     def to_toml(self) -> str:
@@ -67,9 +67,9 @@ class DesignFile:
         """
         try:
             with Path(path).open("rb") as file:
-                raw = file.read(_MOST_BYTES)  # the rest of a longer one is no design
+                raw = file.read(_MOST_BYTES)  # a longer file is not a design
             values = tomllib.loads(raw.decode("utf-8-sig"))
-        # besides its own error, the parser gives up at deep nesting, long numbers and odd dates
+        # the parser also raises other errors for deep nesting, long numbers and invalid dates
         except Exception as error:
             raise DesignError(
                 f"cannot read a design from {path}: {str(error)[:200]}: name a TOML file"

@@ -1,4 +1,4 @@
-"""What each parameter of a design may be, by itself."""
+"""Ranges of the parameters of a design."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ WindowKind = Literal["time", "count"]
 Matching = Literal["sequence", "filter"]
 AcceptKind = Literal["margin", "ratio"]
 
-#: code tables of one design
+#: largest number of code tables in a design
 MAX_TABLES = 16
-#: steps of each direction that have a price
+#: largest number of priced steps in each direction
 MAX_STEPS = 16
 #: largest price: with its fraction bits, it is below the largest metric
 MAX_PRICE = (METRIC_TOP >> FRACTION_BITS) - 1
-#: rows are told by 15 bits in an event, beside its polarity
+#: an event has 15 bits for the row, and one for the polarity
 MAX_SIDE = 1 << 15
-#: most numbers of a list, before it is looked at
+#: largest length of a list, checked first
 MOST_PARTS = 4_096
 
 _TUPLES = ("full_scales", "steps", "back", "ratio")
@@ -47,7 +47,7 @@ _RANGES = {
 
 
 def check_parameters(design: Any) -> None:
-    """Check each parameter by itself, and turn its lists into tuples of plain integers.
+    """Check the range of each parameter, and convert lists to tuples of plain integers.
 
     Raises
     ------

@@ -1,6 +1,7 @@
 """Run the compiled firmware on an emulated processor, and count its instructions.
 
-Unicorn executes instructions; it knows no clock, caches or buses. What is counted is exact, and is
+Unicorn executes instructions, and knows no clock, caches or buses. The counts are exact, but they
+are
 instructions, not cycles.
 """
 
@@ -14,15 +15,15 @@ from typing import Any
 from firmware_model.build import Target
 from firmware_model.errors import ToolError
 
-# where things are put, beyond the firmware's own addresses: in what Cortex-M takes for memory, not
-# for devices
+# addresses of data, outside those of the firmware, in the regions that Cortex-M uses for memory and
+# not for devices
 _STACK = 0x2000_0000
 _STACK_BYTES = 0x1_0000
 _RETURN = 0x3000_0000
 _HEAP = 0x6000_0000
 _PAGE = 0x1_0000
 
-#: words of results that a run may return
+#: largest number of words of results
 OUT_WORDS = 1 << 22
 
 
@@ -93,7 +94,7 @@ class Emulator:
         self._uc.mem_write(address, data)
 
     def put(self, data: bytes) -> int:
-        """Copy data to fresh memory, aligned to 16 bytes; give its address."""
+        """Copy data to new memory, aligned to 16 bytes; return its address."""
         address = self._free
         self._free += -(-max(len(data), 1) // 16) * 16
         if self._free > self._mapped:
@@ -104,7 +105,7 @@ class Emulator:
         return address
 
     def release(self) -> None:
-        """Forget all that was put."""
+        """Release all memory of `put`."""
         self._free = _HEAP
 
     def get(self, address: int, size: int) -> bytes:
@@ -140,7 +141,7 @@ class Emulator:
         hook = None
         if count:
             self.instructions = self.stack = 0
-            # code that has run uncounted is kept translated, and would go on uncounted
+            # code that was translated without counting would not be counted later
             self._uc.ctl_flush_tb()
             hook = self._uc.hook_add(unicorn.UC_HOOK_CODE, self._step, stack)
         try:
@@ -183,7 +184,7 @@ class Emulator:
         return int(arm64_const.UC_ARM64_REG_PC if self._wide else arm_const.UC_ARM_REG_PC)
 
     def _pass(self, arguments: Sequence[int]) -> int:
-        """Set registers and stack as the procedure call standard says; give the stack pointer."""
+        """Set registers and stack by the procedure call standard; return the stack pointer."""
         registers = self._registers()
         for register, value in zip(registers, arguments, strict=False):
             self._uc.reg_write(register, value)
@@ -226,7 +227,7 @@ class Emulator:
             If the firmware refuses the image, or faults.
         """
         self.release()
-        # not zeros: what the firmware reads, it must have written
+        # not zeros, to detect reads of memory that the firmware has not written
         ram = self.put(b"\xa5" * ram_bytes)
         image_at, events_at = self.put(image), self.put(events)
         out = self.put(bytes(OUT_WORDS * 4))

@@ -1,7 +1,7 @@
-"""Count what the frames' encoder takes on each processor: instructions, code, RAM and stack.
+"""Measure the cost of the encoder of frames on each processor: instructions, code, RAM, stack.
 
-``python -m firmware_model.evpr_instructions`` writes the table that stands beside the C sources,
-and that a test holds to be true.
+``python -m firmware_model.evpr_instructions`` writes the table next to the C sources, which a test
+compares with a new count.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TABLE = SOURCES / "evpr_instructions.csv"
 FRAME_BYTES, BUFFER_BYTES = 512, 2_048
 #: bits of x and y by bytes of an event: 128 x 128, and 346 x 260
 BITS = {3: (7, 7), 4: (9, 9)}
-#: what is averaged over: steps of 0 to 7 us, pixels and polarities at random
+#: number of events for averages: steps of 0 to 7 us, random pixels and polarities
 EVENTS = 175
 
 
@@ -78,7 +78,7 @@ class EvprInstructions:
 
 
 class _Run:
-    """An encoder, and what its calls took."""
+    """An encoder, and the instructions of its calls."""
 
     def __init__(self, emulator: Emulator, event_bytes: int) -> None:
         self.emulator, self.stack, self.now = emulator, 0, 0
@@ -95,7 +95,7 @@ class _Run:
         self.send()
 
     def count(self, function: str, *arguments: int) -> int:
-        """Call a function; keep its instructions."""
+        """Call a function, and store its number of instructions."""
         result = self.emulator.call(function, self.state, *arguments, count=True)
         self.stack = max(self.stack, self.emulator.stack)
         self.instructions = self.emulator.instructions
@@ -107,17 +107,17 @@ class _Run:
         return bool(self.count("evpr_push", self.now, x, y, on) & 1)
 
     def poll(self, step: int) -> int:
-        """Poll, and give its instructions."""
+        """Poll, and return the number of instructions."""
         self.now += step
         self.count("evpr_poll", self.now)
         return self.instructions
 
     def ready(self) -> int:
-        """Give the bytes that can be sent, uncounted."""
+        """Return the bytes that can be sent, without counting."""
         return self.emulator.call("evpr_out", self.state, self._first)
 
     def send(self) -> tuple[int, int]:
-        """Send what there is; give its bytes and instructions."""
+        """Send all waiting bytes; return the bytes and the number of instructions."""
         ready = self.count("evpr_out", self._first)
         instructions = self.instructions
         self.count("evpr_sent", ready)
@@ -125,7 +125,7 @@ class _Run:
 
 
 def _events(event_bytes: int) -> list[tuple[int, int, int, int]]:
-    """Make steps, columns, rows and polarities; the same ones ever."""
+    """Return steps, columns, rows and polarities, always the same ones."""
     rng = random.Random(event_bytes)
     x_bits, y_bits = BITS[event_bytes]
     draws = (3, x_bits, y_bits, 1)
@@ -133,7 +133,7 @@ def _events(event_bytes: int) -> list[tuple[int, int, int, int]]:
 
 
 def _stream(run: _Run, event_bytes: int) -> tuple[list[int], list[int]]:
-    """Instructions of each event within a frame, and of first and last event of each frame."""
+    """Return the instructions of events within frames, and of the first and last ones of frames."""
     within: list[int] = []
     first: list[int] = []
     last: list[int] = []

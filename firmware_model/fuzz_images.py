@@ -1,8 +1,8 @@
 """Damage images of the reference firmware at random, open them, and run those that open.
 
 ``python -m firmware_model.fuzz_images --images 1_000_000`` does so under AddressSanitizer and
-UndefinedBehaviorSanitizer. What opens must give, on random events, what ``c/plain.c`` computes from
-the image in the plainest way.
+UndefinedBehaviorSanitizer. Images that open run on random events, and the results must equal those
+that ``c/plain.c`` computes from the image in a plain way.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from firmware_model.vectors.random_designs import (
 )
 
 FILES = ("vpr.c", "plain.c", "fuzz_main.c")
-#: undamaged images of random designs, beside those of `image_cases`
+#: number of undamaged images of random designs, in addition to those of `image_cases`
 DESIGNS = 96
-#: larger ones would make the run slow, and are no other
+#: larger images would make the run slow without testing anything else
 _LARGEST = 4096
-#: images of one call of the program
+#: number of images in one call of the program
 _CHUNK = 50_000
 
 
 @dataclass(frozen=True)
 class FuzzResult:
-    """What became of damaged images.
+    """Outcome of damaged images.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class FuzzResult:
 
 
 def undamaged(seed: int) -> list[bytes]:
-    """Make the images that are damaged.
+    """Return the images that will be damaged.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class Fuzzer:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run as many images as asked for, and say what became of them."""
+    """Run the requested number of images, and print the outcome."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--images", type=int, default=1_000_000, help="default %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="default %(default)s")

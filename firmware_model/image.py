@@ -16,7 +16,7 @@ HEADER_WORDS = 36
 
 
 class Word(IntEnum):
-    """Words of the header, as the enumeration at the head of ``c/vpr.c`` has them."""
+    """Words of the header, as in the enumeration at the beginning of ``c/vpr.c``."""
 
     MAGIC = 0
     VERSION = 1
@@ -64,17 +64,17 @@ TABLES = (
     Word.PRICE_TABLE,
     Word.MEAN_TABLE,
 )
-#: rows of codes, and tables, begin at multiples of so many bytes
+#: rows of codes, and tables, begin at multiples of this number of bytes
 ALIGNMENT = 16
 
 
 def stride(design: Design) -> int:
-    """Bytes of a row of codes, a byte each, with its padding."""
+    """Return the bytes of a row of codes with its padding; a code takes one byte."""
     return _aligned(design.slots)
 
 
 def image(memories: Memories) -> bytes:
-    """Lay a design and its tables out for the reference firmware.
+    """Return the image of a design and its tables for the reference firmware.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def image(memories: Memories) -> bytes:
 
 
 def prices(design: Design) -> list[int]:
-    """Prices of the filter's steps with fraction bits, forward and then back; none of sequences."""
+    """Return the prices of steps with fraction bits, forward, then back; none for sequences."""
     found = (*design.steps, *design.back) if design.filters else ()
     return [price << FRACTION_BITS for price in found]
 
@@ -161,7 +161,7 @@ def _words(values: Sequence[int]) -> bytes:
 
 
 def ram_bytes(design: Design) -> int:
-    """RAM that the firmware's arrays take, as `vpr_ram_bytes` in ``c/vpr.c`` counts it."""
+    """Return the RAM of the firmware's arrays in bytes, as `vpr_ram_bytes` in ``c/vpr.c``."""
     return (
         stride(design)
         + _aligned(2 * design.slots)
@@ -173,7 +173,7 @@ def ram_bytes(design: Design) -> int:
 
 
 def check_limits(design: Design) -> None:
-    """Raise DesignError unless the reference firmware can hold the design's numbers."""
+    """Raise DesignError if the numbers of the design exceed limits of the reference firmware."""
     formats = design.formats
     distance = design.slots * design.code_max
     product = distance * design.length * (design.ratio[1] if design.accept == "ratio" else 1)

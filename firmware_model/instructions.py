@@ -1,7 +1,8 @@
-"""Count what the reference firmware takes on each processor: instructions, code, RAM and stack.
+"""Measure the cost of the firmware on each processor: instructions, code, RAM and stack.
 
-``python -m firmware_model.instructions`` writes the table that stands beside the C sources, and
-that a test holds to be true.
+``python -m firmware_model.instructions`` writes the table next to the C sources, which a test
+compares
+with a new count.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from firmware_model.vectors.stimulus import choose_pixels
 
 TABLE = SOURCES / "instructions.csv"
 
-#: what is measured: 150 pixels of a DAVIS346, codes of 4 bits, sequences of 5
+#: the measured design: 150 pixels of a DAVIS346, codes of 4 bits, sequences of 5
 DESIGN = Design(width=346, height=260, pixels=150, places=40, length=5, code_bits=4)
-#: and the same with own-mean codes and the place filter, distances computed twice
+#: the same with own-mean codes and the place filter, distances computed twice
 FILTER = Design(
     width=346, height=260, pixels=150, places=40, code="own-mean", code_bits=4, matching="filter"
 )
@@ -34,7 +35,7 @@ FILTER = Design(
 # addresses are not needed inside: the structures are opaque here
 _STRUCT_BYTES = 512
 
-#: of a filter, before it is counted: the first one takes longer
+#: windows of a filter before the counted one, because the first one takes longer
 _WINDOWS = 3
 
 _Event = tuple[int, int, int, bool]
@@ -101,7 +102,7 @@ class Instructions:
 
 
 class _Run:
-    """The firmware with a design opened, and what its calls took so far."""
+    """The firmware with an opened design, and the instructions of its calls so far."""
 
     def __init__(self, emulator: Emulator, memories: Memories) -> None:
         self.emulator, self.stack, self.pixels = emulator, 0, memories.pixels
@@ -115,11 +116,11 @@ class _Run:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, uncounted."""
+        """Start again, without counting."""
         self.emulator.call("vpr_reset", self.design, self.state, self.ram, 0)
 
     def count(self, function: str, *arguments: int) -> tuple[int, int]:
-        """Call a function; give its result and instructions."""
+        """Call a function; return its result and number of instructions."""
         result = self.emulator.call(function, *arguments, count=True)
         self.stack = max(self.stack, self.emulator.stack)
         return result, self.emulator.instructions
@@ -133,18 +134,18 @@ class _Run:
         return self.count("vpr_events", self.design, self.state, *self._put(events))[1]
 
     def _put(self, events: Sequence[_Event]) -> tuple[int, int]:
-        """Address of a pointer to the first event, and of what is behind the last one."""
+        """Return the addresses of a pointer to the first event and after the last event."""
         packed = b"".join(struct.pack("<IHH", t, x, y | on << 15) for t, x, y, on in events)
         first = self.emulator.put(packed)
         return self.emulator.put(first.to_bytes(8, "little")), first + len(packed)
 
     def see(self) -> None:
-        """Take an event at a selected pixel, uncounted."""
+        """Process an event at a selected pixel, without counting."""
         x, y = self.pixels[0]
         self.emulator.call("vpr_events", self.design, self.state, *self._put([(1, x, y, True)]))
 
     def each(self, events: Sequence[_Event], before: int = 0) -> int:
-        """Count what one more of some events adds to a batch: the most of all of them."""
+        """Return the largest number of instructions that one more event adds to a batch."""
         return max(self.take([e] * 2, before) - self.take([e], before) for e in events)
 
     def match(self, length: int) -> tuple[int, int]:
@@ -242,7 +243,7 @@ def _per_place(emulator: Emulator, design: Design, windows: int, whole: int) -> 
 
 
 def _memories(design: Design) -> Memories:
-    """Places in which the best one is replaced now and then, as a search does at its dearest."""
+    """Return places for which the search replaces the best one several times, its worst case."""
     top = design.code_max
     places = [[(k * 7 + slot) % (top + 1) for slot in range(design.slots)] for k in range(97)]
     return Memories(design, choose_pixels(design), [places[k % 97] for k in range(design.places)])

@@ -1,4 +1,4 @@
-"""The whole device: event by event, and within a match cycle by cycle."""
+"""Model of the whole device, event by event, and within a match cycle by cycle."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Phase = Literal["encode", "compare", "drain", "divide", "filter", "accept"]
 
 @dataclass
 class Trace:
-    """All that a device did, each kind in its order."""
+    """All results of a device, by kind and in order."""
 
     events: list[EventResult] = field(default_factory=list)
     windows: list[WindowResult] = field(default_factory=list)
@@ -36,7 +36,7 @@ class Trace:
 
 
 class Cycle(NamedTuple):
-    """What the comparing units hold after one clock cycle of a match.
+    """State of the comparing units after one clock cycle of a match.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Cycle(NamedTuple):
 
 
 class Machine:
-    """A device of some design with its tables.
+    """A device with its design and tables.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Machine:
         self.place_filter = PlaceFilterModel(self.design)
 
     def take(self, event: Event) -> Iterator[Result]:
-        """Take an event; a match follows each window that ends, once L windows were seen.
+        """Process an event; each window that ends gives a match, once there were L windows.
 
         Yields
         ------

@@ -1,4 +1,4 @@
-"""What a design's tables hold: where the selected pixels are, and the codes of each place."""
+"""Contents of the tables of a device: selected pixels, and the codes of each place."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Codes = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Lookup:
-    """From pixel to slot by row displacement: a row's pixels lie between those of other rows.
+    """Look-up from pixel to slot by row displacement: rows are interleaved in one table.
 
-    The entry of pixel (x, y) is at ``(x + displacement[y]) % depth``, and is its own only where
-    ``owner`` there is y.
+    The entry of pixel (x, y) is at ``(x + displacement[y]) % depth``, and belongs to it only if
+    ``owner`` at this entry is y.
 
     Attributes
     ----------
@@ -33,12 +33,12 @@ class Lookup:
     slot: tuple[int, ...]
 
     def __call__(self, x: int, y: int) -> int | None:
-        """Slot of a pixel on the sensor; None if it is not selected."""
+        """Return the slot of a pixel on the sensor; None if it is not selected."""
         at = (x + self.displacement[y]) % len(self.owner)
         return self.slot[at] if self.owner[at] == y else None
 
     def taken(self, x: int, y: int) -> bool:
-        """Whether a pixel's entry holds a selected pixel, be it this one or another row's."""
+        """Return whether the entry of a pixel is used, by this pixel or by one of another row."""
         return self.owner[(x + self.displacement[y]) % len(self.owner)] < len(self.displacement)
 
 
@@ -152,13 +152,14 @@ class Memories:
             raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
 
     def entry(self, slot: int, count: int) -> int:
-        """Entry of a count in the counter's table: its code, or its logarithm."""
+        """Return the entry of a count in the table of a counter: its code, or its logarithm."""
         return self.codes[self.tables[slot]][count]
 
     def lookup(self) -> Lookup:
-        """Lay the rows into the look-up: fullest row first, each at the last place that fits.
+        """Build the look-up: the fullest row first, each at the last position that fits.
 
-        The last one, so that most addresses wrap: a device that does not let them is found out.
+        With the last position most addresses wrap, so that a device that cannot wrap fails the
+        vectors.
 
         Raises
         ------

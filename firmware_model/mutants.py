@@ -1,4 +1,4 @@
-"""Generate faults of the firmware, and list those that no vector finds.
+"""Generate mutants of the firmware, and list those that no vector finds.
 
 ``python -m firmware_model.mutants`` compiles every mutant of ``vpr.c`` and its headers for this
 computer and runs the images and the suite ``corners`` on it. A mutant that passes them all must be
@@ -33,10 +33,10 @@ PROOFS = SOURCES / "mutants.toml"
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
 #: of the suite `filter`
 FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
-#: seconds after which a mutant loops for ever: the firmware takes some hundredths of one
+#: seconds after which a mutant is taken to loop for ever; the firmware takes some hundredths
 PATIENCE_S = 3.0
 
-#: what a microcontroller would fault at, or would write over: an unaligned access, an index beyond
+#: faults on a microcontroller: an unaligned access, an index beyond
 SANITISED = (
     "-fsanitize=alignment,array-bounds",
     "-fsanitize-trap=alignment,array-bounds",
@@ -48,7 +48,7 @@ Key = tuple[str, str, str]
 
 @dataclass
 class Survey:
-    """What became of the mutants.
+    """Outcome of the mutants.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ def proofs(path: Path = PROOFS) -> dict[Key, str]:
 
 
 def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Survey:
-    """Run mutants, and hold those that survive against the proofs.
+    """Run mutants, and look up the proofs of those that survive.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Sur
 
 
 def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:
-    """Select mutants by where they are.
+    """Select mutants by line or function.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     keys = {mutant.key for mutant in every}
     known = proofs()
-    # of a part, only its own proofs can be stale
+    # if only a part is run, only its own proofs can be stale
     proved = {k: why for k, why in known.items() if not options.only or k in keys}
     with tempfile.TemporaryDirectory() as folder:
         result = survey(Bench(folder), _counted(every), proved)
@@ -238,7 +238,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _counted(every: Sequence[Mutant]) -> Iterator[Mutant]:
-    """Yield the mutants, and tell on the way how many have been run: all of them take an hour."""
+    """Yield the mutants, and print how many have been run, because all of them take an hour."""
     for i, mutant in enumerate(every):
         if i and i % 50 == 0:
             sys.stderr.write(f"{i:,} of {len(every):,} mutants\n")

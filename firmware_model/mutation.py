@@ -1,4 +1,4 @@
-"""Faults of the C sources, generated: one operator, constant, type or statement changed in each."""
+"""Mutants of the C sources: one operator, constant, type or statement is changed in each."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-#: what stands in the place of a statement that is deleted
+#: replacement of a deleted statement
 DELETED = "(deleted)"
 
 _TOKEN = re.compile(
@@ -84,16 +84,17 @@ class Mutant:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """Function, line, and what the line becomes."""
+        """Function, line, and the changed line."""
         return self.function, self.line, self.becomes
 
 
 def mutants(file: str, text: str) -> Iterator[Mutant]:
     """Generate the mutants of a C source.
 
-    Enumerations, declarations of types and preprocessor lines are left as they are, but for the
-    numbers of ``#define``; so is all of a header before its last ``#else``, which is of other
-    processors.
+    Enumerations, declarations of types and preprocessor lines are not changed, except the numbers
+    of
+    ``#define``. The part of a header before its last ``#else`` is for other processors and is not
+    changed either.
 
     Parameters
     ----------
@@ -156,7 +157,7 @@ def _numbers(word: str) -> Iterator[str]:
 
 
 def _is_of_a_type(sign: str, before: str, behind: str) -> bool:
-    """Whether a star or an ampersand is of a pointer, or a minus of a negative number."""
+    """Return whether a star or ampersand belongs to a pointer, or a minus to a negative number."""
     if sign not in ("*", "&", "-"):
         return False
     operand = re.fullmatch(r"\w+|[\])]", before) is not None
@@ -166,7 +167,7 @@ def _is_of_a_type(sign: str, before: str, behind: str) -> bool:
 
 
 def _statements(text: str, first: int) -> Iterator[tuple[int, int, str]]:
-    """Statements that can be left out, and conditions that can be either."""
+    """Return the mutants that delete a statement or fix a condition."""
     for statement in _STATEMENT.finditer(text):
         if statement.start() > first and _function(text, statement.start()):
             yield statement.start(), statement.end(), ""

@@ -1,4 +1,4 @@
-"""The place filter: one metric a place, advanced window by window in integers."""
+"""Model of the place filter: one metric for each place, advanced by each window in integers."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from firmware_model.widths import (
     TRUST_BITS,
 )
 
-#: prices of a step of 0, 1 and 2 places while the camera stands
+#: prices of a step of 0, 1 and 2 places in a pause
 PAUSE_STEPS = (0, 0, 1)
-#: the trust moves by 1/4 of its difference to the margin in a window
+#: the trust moves by 1/4 of the difference to the margin in each window
 TRUST_SHIFT = 2
-#: where the place stays the same, the trust falls by 1/16 a window
+#: while the place stays the same, the trust falls by 1/16 in each window
 STANDING_SHIFT = 4
 
 
@@ -45,14 +45,14 @@ class PlaceFilterModel:
         self.place, self.trust = -1, 0
 
     def predictions(self, paused: bool) -> list[int]:
-        """Price of being at each place one window after the latest, without evidence."""
+        """Return the price of being at each place one window later, without evidence."""
         if self.place < 0:
             return [0] * self.design.places
         least = min(self.metrics)
         return [self.prediction(place, paused, least) for place in range(self.design.places)]
 
     def prediction(self, place: int, paused: bool, least: int) -> int:
-        """Price of being at one place; `least` is the least metric."""
+        """Return the price of being at one place one window later; `least` is the lowest metric."""
         steps, back = (PAUSE_STEPS, ()) if paused else (self.design.steps, self.design.back)
         cheapest = self.design.restart << FRACTION_BITS
         for origin, price in (
@@ -66,7 +66,7 @@ class PlaceFilterModel:
     def match(
         self, number: int, paused: bool, distances: Callable[[], Iterable[int]]
     ) -> MatchResult:
-        """Advance by a window, and search it.
+        """Advance by a window, and return its match.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class PlaceFilterModel:
                 min(prediction + evidence(distance - least, reciprocal), METRIC_TOP)
                 for prediction, distance in zip(predictions, found, strict=True)
             ]
-            # of this window, for the next one
+            # spread of this window, for the next one
             self.reciprocal = reciprocal_of_spread(found)
         return self._answer(number)
 
@@ -103,19 +103,19 @@ class PlaceFilterModel:
         follows = self.place >= 0 and -len(design.back) <= result.place - self.place <= last
         kept = self.trust if follows else 0
         trust = moved(kept, margin << TRUST_BITS, TRUST_SHIFT)
-        if result.place == self.place:  # the same view again says nothing new
+        if result.place == self.place:  # the same view gives no new information
             trust = min(trust, kept - (kept >> STANDING_SHIFT))
         self.place, self.trust = result.place, trust
         return result._replace(trust=trust, accepted=result.accepted and trust >= design.trust)
 
 
 def evidence(difference: int, reciprocal: int) -> int:
-    """Evidence against a place whose distance is so much above the least, saturated."""
+    """Return the evidence against a place, from its distance less the smallest one, saturated."""
     return min((difference * reciprocal) >> (RECIPROCAL_BITS - FRACTION_BITS), EVIDENCE_TOP)
 
 
 def reciprocal_of_spread(distances: list[int]) -> int:
-    """Return ``floor(2**16 / s)``: s is the mean absolute deviation, rounded down, at least 1."""
+    """Return ``floor(2**16 / s)`` with s the mean absolute deviation, rounded down, at least 1."""
     mean = sum(distances) // len(distances)
     spread = sum(abs(distance - mean) for distance in distances) // len(distances)
     return (1 << RECIPROCAL_BITS) // max(spread, 1)

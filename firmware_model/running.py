@@ -1,4 +1,4 @@
-"""What a device learns while it runs: usual events of a window, usual logarithm of each counter."""
+"""Running means of a device: events of a window, and the logarithm of each counter."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from firmware_model.design import Design
 from firmware_model.widths import ACTIVITY_BITS, EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
-#: a window pauses if it has no events, or less than 1/16 of the usual number
+#: a window is a pause if it has no events, or less than 1/16 of the usual number
 PAUSE_SHIFT = 4
 #: the usual number moves by 1/64 of the difference in a window
 ACTIVITY_SHIFT = 6
@@ -17,7 +17,7 @@ ACTIVITY_SHIFT = 6
 def moved(value: int, target: int, shift: int) -> int:
     """Move a value by ``1 / 2**shift`` of its difference to a target, rounded down.
 
-    Between 0 and some limit it stays if the target is there. Downwards it moves by 1 at least.
+    It stays between 0 and a limit if the target does. Downwards it moves by at least 1.
     """
     return value + ((target - value) >> shift)
 
@@ -35,11 +35,11 @@ class ActivityModel:
         self.usual = usual
 
     def pauses(self, events: int) -> bool:
-        """Whether a window with this many events at selected pixels pauses."""
+        """Return whether a window with this many events at selected pixels is a pause."""
         return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < self.usual
 
     def update(self, events: int) -> None:
-        """Take the events of a window; their number saturates at 23 bits."""
+        """Update by the number of events of a window, which saturates at 23 bits."""
         self.usual = moved(self.usual, min(events, EVENTS_TOP) << ACTIVITY_BITS, ACTIVITY_SHIFT)
 
 
@@ -67,17 +67,17 @@ class MeanModel:
 
     @property
     def shift(self) -> int:
-        """By how much the next window's difference is shifted: 4 at first, 8 in the end."""
+        """Shift of the difference in the next window: 4 at first, 8 in the end."""
         return ((1 << FIRST_SHIFT) + self.windows).bit_length() - 1
 
     def code(self, slot: int, level: int) -> int:
-        """Code of a logarithm: octaves above the mean, rounded, saturated, and without sign."""
+        """Return the code of a logarithm: octaves above the mean, rounded and saturated."""
         mean = (self.total[slot] + (1 << (MEAN_BITS - 1))) >> MEAN_BITS
         octaves = (level - mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
         return min(max(octaves, -self._half), self._half - 1) + self._half
 
     def update(self, levels: Sequence[int]) -> None:
-        """Take the logarithms of a window."""
+        """Update by the logarithms of a window."""
         shift = self.shift
         self.total = [
             moved(total, level << MEAN_BITS, shift)

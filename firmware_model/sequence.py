@@ -1,4 +1,4 @@
-"""Sequences: the distances of the last L windows added along the diagonal."""
+"""Model of sequences: the distances of the last L windows are added along diagonals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class SequenceModel:
     """Keeps the distances of the last L windows to every place, and adds them up.
 
     ``sum[k] = distance[k] + distance one window ago[k - 1] + ...``, L terms. There is no sum before
-    L windows were seen, nor for places below L - 1, whose diagonal leaves the map.
+    L windows are complete, nor for places below L - 1, whose diagonal leaves the map.
 
     Attributes
     ----------
@@ -32,12 +32,12 @@ class SequenceModel:
         self.seen = 0
 
     def next_window(self) -> None:
-        """Begin the distances of another window, over those of L windows ago."""
+        """Begin another window, whose distances overwrite those of L windows ago."""
         self.newest = (self.newest + 1) % self.design.length
         self.seen = min(self.seen + 1, self.design.length)
 
     def steps(self, place: int, distance: int) -> Iterator[int | None]:
-        """Store a distance and add those before it.
+        """Store a distance, and yield the partial sums with those before it.
 
         Yields
         ------
@@ -56,6 +56,6 @@ class SequenceModel:
             yield total if complete else None
 
     def sum(self, place: int, distance: int) -> int | None:
-        """Store a distance; give the sum of the sequence that ends at this place."""
+        """Store a distance; return the sum of the sequence that ends at this place."""
         *_, last = self.steps(place, distance)
         return last

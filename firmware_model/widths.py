@@ -1,4 +1,4 @@
-"""The width of everything in a device, each from the largest value that can occur."""
+"""Widths of all quantities of a device, computed from the largest values that can occur."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRUST_BITS = 4
 TRUST_TOP = METRIC_TOP << TRUST_BITS
 #: fraction bits of the usual number of events in a window
 ACTIVITY_BITS = 8
-#: where the number of a window's events saturates
+#: largest number of events of a window; larger ones saturate
 EVENTS_TOP = (1 << 23) - 1
 
 
@@ -49,7 +49,7 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         "column": holding(design.width - 1),
         "row": holding(design.height - 1),
         "address": holding(design.lookup_depth - 1),
-        # one value more than there are rows marks an entry without an owner
+        # one value more than the number of rows marks an entry without an owner
         "owner": holding(design.height),
         "slot": holding(design.slots - 1),
         "count": holding(design.count_max),

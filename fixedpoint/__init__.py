@@ -1,4 +1,4 @@
-"""Exact integers: how wide a counter, a code and a sum are, and the codes of event counts.
+"""Exact integer arithmetic: widths of counters, codes and sums, and codes of event counts.
 
 Modules that use this package import from its modules, so that another library of the same name
 cannot take its place (see docs/fixedpoint.md).
@@ -17,7 +17,7 @@ __all__ = ["FixedPointError", "UnsignedFormat"]
 
 
 def __getattr__(name: str) -> Any:
-    # loads NumPy, which the settings do not need
+    # imported on demand, as it loads NumPy, which the settings do not need
     if name != "UnsignedFormat":
         raise AttributeError(f"module 'fixedpoint' has no attribute {name!r}")
     from fixedpoint.formats import UnsignedFormat

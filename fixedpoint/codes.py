@@ -1,7 +1,9 @@
-"""Codes of event counts: a table from count to a few bits, for pipeline and hardware alike.
+"""Codes of event counts: tables from counts to a few bits, for the pipeline and the hardware.
 
-The SAD of two descriptors is taken on their codes. A code that grows ever more slowly weighs the
-difference between 2 and 4 events as the one between 20 and 40, and needs fewer bits than the count.
+The SAD of two descriptors is computed from their codes. If the steps of a code grow with the count,
+the difference between 2 and 4 events has the same weight as that between 20 and 40, and the code
+needs
+fewer bits than the count.
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE
 CodeKind = Literal["linear", "sqrt", "log"]
 KINDS: tuple[str, ...] = get_args(CodeKind)
 
-#: different codes that the counters of a descriptor may have
+#: largest number of different codes in a descriptor
 MAX_CODES = 256
-#: where a code ends that is told no full scale; chosen by experiment (docs/codes.md)
+#: default full scale of a code; chosen by experiment (docs/codes.md)
 FULL_SCALE = {"sqrt": 63, "log": 127}
 
 Counts = npt.NDArray[np.integer]
@@ -35,10 +37,10 @@ Counts = npt.NDArray[np.integer]
 class CounterCode:
     """A table from event count to code, not decreasing.
 
-    With ``top = min(2**bits - 1, full_scale)`` the largest code, a count c up to the full scale F
-    has the code, rounded to the nearest, from the middle up,
+    The largest code is ``top = min(2**bits - 1, full_scale)``. A count c up to the full scale F has
+    the following code, rounded to the nearest (halves up),
 
-    - linear: ``top c / F``, which is c itself where F fits the bits: a saturating counter
+    - linear: ``top c / F``, which is c itself if F fits into the bits (a saturating counter)
     - sqrt: ``top sqrt(c / F)``
     - log: ``top log(1 + c) / log(1 + F)``
 
@@ -85,7 +87,7 @@ class CounterCode:
 
     @classmethod
     def saturating(cls, limit: int) -> CounterCode:
-        """Count as it is, up to a limit: the linear code of as many bits as the limit has."""
+        """Return the code of plain counts up to a limit: linear, with as many bits as the limit."""
         return cls("linear", min(index(limit).bit_length(), MAX_BITS), limit)
 
     def __str__(self) -> str:
@@ -103,7 +105,7 @@ class CounterCode:
 
     @cached_property
     def table(self) -> npt.NDArray[np.uint16]:
-        """Code of each count, shape (full_scale + 1,); the last stands for all larger counts."""
+        """Code of each count, shape (full_scale + 1,); the last is also that of larger counts."""
         entry = {"linear": _linear, "sqrt": _square_root, "log": _logarithm}[self.kind]
         codes = [entry(count, self.top, self.full_scale) for count in range(self.full_scale + 1)]
         table = np.array(codes, dtype=np.uint16)
@@ -122,14 +124,14 @@ class CounterCode:
         -------
         ndarray of uint8 (uint16 from 9 bits on), of the same shape
         """
-        # the limit as uint16: a plain integer would have to fit the dtype of the counts
+        # limit as uint16, since NumPy would convert a plain integer to the dtype of the counts
         known = np.minimum(counts, np.uint16(self.full_scale))
         return self.table[known].astype(self.format.numpy_dtype())
 
     def decode(self, codes: Counts) -> npt.NDArray[np.int64]:
         """Give a count in the middle of those with each code, for plots.
 
-        A code that no count has is given the count of the next lower one; `top`, the full scale.
+        A code that no count has gets the count of the next lower code, and `top` the full scale.
         """
         every = np.arange(self.top + 1)
         first = np.searchsorted(self.table, every, side="left")
@@ -141,10 +143,10 @@ class CounterCode:
 
 @dataclass(frozen=True, eq=False)
 class PixelCodes:
-    """A code for each counter: of one kind and width, with a full scale of its own.
+    """A code for each counter: all of one kind and width, each with its own full scale.
 
-    Full scales are ``2**n - 1``, so that hardware holds at most sixteen tables and, for each
-    counter, which of them is its own.
+    Full scales are ``2**n - 1``, so that hardware needs at most sixteen tables and, for each
+    counter, the number of its table.
 
     Parameters
     ----------
@@ -186,7 +188,7 @@ class PixelCodes:
 
     @classmethod
     def scaled(cls, kind: CodeKind, bits: int, full_scale: Iterable[int]) -> PixelCodes:
-        """Give each counter the code of its full scale, for example those of `learn_full_scale`.
+        """Return codes with a full scale for each counter, for example from `learn_full_scale`.
 
         Raises
         ------
@@ -242,9 +244,9 @@ class PixelCodes:
 
 
 def learn_full_scale(counts: Counts) -> npt.NDArray[np.uint16]:
-    """Choose a full scale for each counter by what it counted in a reference traverse.
+    """Return the full scale of each counter for its counts in a reference traverse.
 
-    It is the least ``2**n - 1``, n from 1 to 16, that nine of ten counts do not exceed.
+    It is the smallest ``2**n - 1``, n from 1 to 16, that at least nine of ten counts do not exceed.
 
     Parameters
     ----------
@@ -277,7 +279,7 @@ def _square_root(count: int, top: int, full_scale: int) -> int:
 def _logarithm(count: int, top: int, full_scale: int) -> int:
     code = top * math.log(1 + count) / math.log(1 + full_scale) + 0.5
     nearest = round(code)
-    if abs(code - nearest) > 1e-6:  # doubles and logarithms of any machine are better than this
+    if abs(code - nearest) > 1e-6:  # larger than the error of any machine
         return math.floor(code)
     # code >= n holds where (1 + count)**(2 top) >= (1 + full_scale)**(2 n - 1), in integers
     reached = nearest > 0 and (1 + count) ** (2 * top) >= (1 + full_scale) ** (2 * nearest - 1)

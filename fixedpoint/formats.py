@@ -1,4 +1,4 @@
-"""Unsigned integers of a stated width: counters, codes, distances, metrics."""
+"""Formats of unsigned integers: counters, codes, distances, metrics."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ class UnsignedFormat:
         """Return the narrowest format that holds the sum of any `n` integers of this one.
 
         An absolute difference is no wider than its operands, so that this is also the format of a
-        SAD of n counters. It is taken from the largest sum. Adding a logarithm rounded up would
-        waste bits: three numbers of one bit sum to 3, which has 2 bits and not 3.
+        SAD of n counters. The width is that of the largest sum. Adding the logarithm of n, rounded
+        up, would waste bits: the sum of three numbers of one bit is at most 3, which needs 2 bits.
 
         Raises
         ------

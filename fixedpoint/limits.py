@@ -1,8 +1,8 @@
-"""How wide codes may be; without NumPy, so that the help of a command need not load it."""
+"""Limits of codes, in a module without NumPy, which --help therefore does not load."""
 
 from __future__ import annotations
 
-#: bits of a counter code, and of an own-mean code
+#: largest number of bits of a counter code, and of an own-mean code
 MAX_BITS, OWN_MEAN_BITS = 16, 8
-#: largest count that a code tells apart: a 16-bit counter's
+#: largest full scale of a code: the largest count of 16 bits
 MAX_FULL_SCALE = 65_535

@@ -1,9 +1,10 @@
-"""The own-mean code: how far a count lies above its counter's usual count, in octaves.
+"""The own-mean code: logarithm of a count less the mean of its counter, in octaves.
 
-A change of light multiplies the counts of a pixel, which shifts their logarithms by about the same
-amount. The difference between a logarithm and its own mean over the drive does not shift. All of it
-is integer arithmetic: logarithms are a table in units of 1/256 octave, and a shift updates the
-running mean.
+Other light multiplies all counts of a pixel by a factor, which adds a constant to their logarithms.
+The difference between a logarithm and the mean of the drive does not change. All arithmetic is in
+integers: logarithms come from a table in units of 1/256 octave, and the running mean is updated by
+a
+shift.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from fixedpoint.limits import MAX_FULL_SCALE, OWN_MEAN_BITS
 
 #: fraction bits of a logarithm: units of 1/256 octave
 LEVEL_BITS = 8
-#: fraction bits of a running mean beyond those of a logarithm
+#: additional fraction bits of a running mean over those of a logarithm
 MEAN_BITS = 8
 #: the running mean moves by 1 / 2**shift of the difference: 1/16 at first, 1/256 in the end
 FIRST_SHIFT, LAST_SHIFT = 4, 8
-#: largest count that is told apart, unless another is asked for
+#: default full scale: the count at which the code saturates
 FULL_SCALE = 1023
 
 Integers = npt.NDArray[np.integer]
@@ -98,7 +99,7 @@ class OwnMeanCode:
         return self._of_levels(self.level(counts), mean)
 
     def decode(self, codes: Integers, mean: Integers) -> npt.NDArray[np.int64]:
-        """Return a count of each code, for plots, of the same shape."""
+        """Return a typical count for each code, for plots, of the same shape."""
         octaves = codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_BITS)
         counts = np.rint(np.exp2(octaves) - 1)
         return np.clip(counts, 0, self.full_scale).astype(np.int64)
@@ -130,7 +131,7 @@ def mean_level(levels: Integers) -> npt.NDArray[np.int32]:
 
 
 class RunningMean:
-    """Mean of each counter's logarithms, updated window by window from the reference's mean.
+    """Running mean of the logarithms of each counter, starting from the mean of the reference.
 
     Window number w (from 0) moves the mean by ``1 / 2**shift`` of its difference, rounded down,
     with ``shift = min(floor(log2(16 + w)), 8)``: quickly at first, then slowly.
@@ -158,7 +159,7 @@ class RunningMean:
         return (self.total + (1 << (MEAN_BITS - 1))) >> MEAN_BITS
 
     def update(self, levels: Integers) -> None:
-        """Take the logarithms of one window, shape (J,), in units of 1/256 octave."""
+        """Update by the logarithms of one window, shape (J,), in units of 1/256 octave."""
         shift = min(((1 << FIRST_SHIFT) + self.windows).bit_length() - 1, LAST_SHIFT)
         self.total = self.total + (((levels.astype(np.int32) << MEAN_BITS) - self.total) >> shift)
         self.windows += 1

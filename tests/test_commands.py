@@ -275,7 +275,9 @@ def test_a_user_without_a_home_is_told_where_compiled_code_can_go(
 
     monkeypatch.setattr("edge_vpr.matching.matches.Matches.save_csv", fail)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, code=1, says="set NUMBA_CACHE_DIR to one that can be written to")
+    refused(
+        capsys, *arguments, code=1, says="set NUMBA_CACHE_DIR to a folder that can be written to"
+    )
 
 
 def test_a_fault_of_ours_is_one_line_and_debug_shows_the_trace(

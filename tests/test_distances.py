@@ -55,6 +55,9 @@ def test_distances_equal_the_oracle_for_any_integers(seed, K, Q, J, dtypes, limi
     assert matrix.tolist() == naive.distance_matrix(reference.tolist(), queries.tolist())
     assert matrix.dtype in (np.int32, np.int64)
     assert np.array_equal(distance_matrix(reference, queries), matrix)
+    rows = index.rows(queries)
+    assert np.array_equal(rows, matrix.T) and rows.flags.c_contiguous
+    assert rows.dtype == matrix.dtype
     for j, query in enumerate(queries):
         assert np.array_equal(index.distances(query), matrix[:, j])
 

@@ -108,6 +108,7 @@ RUNS = [
      0),
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
      "--exclusion 1", 0),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once --odometry udp://127.0.0.1:0 --busy-wait", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
     (f"{STREAM} --map {{f}}/map.npz --once --serve 0", 0),
     # a broker that is not there: the run goes on; 2: the library is an extra
@@ -140,7 +141,7 @@ RUNS = [
     ("golden --map {f}/map.npz --recording {f}/query.npz --max-events 500 --lanes 2 "
      "-o {f}/vectors --overwrite", 0),
     (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-events 100 "
-     "-o {f}/vectors2", 0),
+     "--suite recording -o {f}/vectors2", 0),
     ("golden --map {f}/map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "
      "--max-events 100 -o {f}/vectors3", 0),
     ("golden --map {f}/map.npz --recording {f}/frames.npz --frame-period 1/10 --max-events 100 "

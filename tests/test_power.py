@@ -85,7 +85,7 @@ def test_a_confirmed_shunt_corrects_what_the_driver_took(tmp_path):
     assert confirmed.about.resolution == pytest.approx(0.002)
     assert "as confirmed" in confirmed.about.detail and "confirm that" not in confirmed.about.detail
     write(tmp_path / HWMON / "hwmon0", name="ina260", power1_input=1)
-    with pytest.raises(UsageError, match="does not tell the shunt"):
+    with pytest.raises(UsageError, match="does not report the shunt"):
         with_shunt(only(tmp_path), 100.0)
 
 
@@ -652,7 +652,7 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
             running.send_signal(number)
             rest = running.stderr.read()
             assert running.wait(20) == 130
-        assert rest.splitlines()[-1] == "edge-vpr: interrupted; nothing half written was left"
+        assert rest.splitlines()[-1] == "edge-vpr: interrupted; no incomplete file was left"
         assert "Traceback" not in rest
         assert list((tmp_path / str(number)).iterdir()) == []
 
@@ -797,7 +797,7 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         (["--pairs", "2"], "5 pairs"),
         (["--window-s", "3"], "--quick"),
         (["--window-s", "0"], "0 s"),
-        (["--ground-truth", "t.csv"], "name --map"),
+        (["--ground-truth", "t.csv"], "give --map"),
         (["--meter", "--meter-port", "x"], "name one"),
         (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),
         (["compare", "a.json"], "required: B.json"),

@@ -186,11 +186,11 @@ def test_a_missing_or_empty_file_is_one_line(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.xyz", b"what is this?", "is of no known format"),
+        ("a.xyz", b"what is this?", "has no known format"),
         ("a.raw", b"\x00\x01\x02\x03", "--format evt2, evt21 or evt3"),
         ("a.npz", b"PK\x03\x04 cut", "damaged or cut-off .npz"),
         ("a.npy", b"\x93NUMPY\x01\x00", "no readable NumPy array"),
-        ("a.csv", b"\x00\x01\x02\x03" * 9, "is of no known format"),
+        ("a.csv", b"\x00\x01\x02\x03" * 9, "has no known format"),
         ("a.csv", b"when,where\n1,2\n", "names no columns"),
         ("a.csv", b"# only a comment\n", "holds no events"),
         ("a.csv", b"t,x,y,p\n", "holds no events"),

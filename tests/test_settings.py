@@ -51,10 +51,10 @@ def test_settings_come_back_from_plain_values():
         ({"counter_bits": 0}, "counter_bits = 0: expected 1 to 16"),
         ({"counter_code": "log", "counter_full_scale": 65536}, "expected 1 to 65535"),
         ({"clip": 65536}, "expected 1 to 65535"),
-        ({"clip": 10, "counter_code": "log"}, "set clip to none"),
+        ({"clip": 10, "counter_code": "log"}, "set clip or counter_code to none"),
         (
             {"counter_code": "log", "counter_scaling": "per-pixel", "counter_full_scale": 9},
-            "set it to auto",
+            "set counter_full_scale to auto",
         ),
         ({"events_per_pixel": 0.001}, "windows without events"),
     ],

@@ -174,7 +174,7 @@ def _between(recording: Iterable[Events], zero: int, end: int, path: Path) -> It
     if not found:
         raise RecordingError(
             f"{path} has no event in the {end / 1e6:g} s of the traverse, which begins "
-            f"{zero / 1e6:g} s after the recording: download both anew, and do not rename files"
+            f"{zero / 1e6:g} s after the recording: download both again, and do not rename files"
         )
 
 

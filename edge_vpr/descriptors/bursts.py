@@ -1,4 +1,4 @@
-"""Bursts, moments at which most pixels fire at once, left out of a stream of events."""
+"""Removal of bursts, moments at which most pixels fire at once, from a stream of events."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BURST_SHARE = (1, 2)
 class BurstFilter:
     """Removes bursts from a stream: moments at which most pixels fire within a few milliseconds.
 
-    Time is cut into slots of 2 ms. Where more than half of all pixels fire in two neighbouring
+    Time is divided into slots of 2 ms. If more than half of all pixels fire in two neighbouring
     slots together, the events of both are removed. Events leave the filter up to two slots late;
     `finish` returns the rest.
 
@@ -39,11 +39,12 @@ class BurstFilter:
         self._hold_nothing()
 
     def _hold_nothing(self) -> None:
-        # The newest two slots that have events: the last may still grow, and the one before it may
-        # still turn out to be the first half of a burst. Rows: number and size; size 0: none yet.
+        # The newest two slots with events: the last may get more, and the one before it may still
+        # become the first half of a burst. Rows: number and size; size 0 means none yet.
         self._events = np.empty(0, dtype=EVENT_DTYPE)
         self._newest = np.array([[-4, 0], [-2, 0]], dtype=np.int64)
-        self._first_is_burst = False  # the first of the two, with the slot before it
+        # whether the first of the two slots is a burst together with the slot before it
+        self._first_is_burst = False
 
     def update(self, events: Events) -> Events:
         """Feed the next events.
@@ -61,7 +62,7 @@ class BurstFilter:
         return np.concatenate([*self.pieces(events), self._events[:0]])
 
     def pieces(self, events: Events) -> list[Events]:
-        """Feed the next events as `update` does, and take them without copying.
+        """Feed the next events as `update` does, and yield the kept ones without copying.
 
         Returns
         -------
@@ -94,7 +95,7 @@ class BurstFilter:
         return _Slots(known[:, 0], known[:, 1])
 
     def advance(self, until_us: int) -> Events:
-        """Let time pass without events, to T = `until_us`.
+        """Advance the time without events, to T = `until_us`.
 
         Returns
         -------
@@ -108,7 +109,7 @@ class BurstFilter:
 
     @property
     def known_us(self) -> int:
-        """Time before which every event has left the filter; without events, no bound."""
+        """Time before which all events have left the filter; the largest time if none is held."""
         if self._events.size == 0:
             return np.iinfo(np.int64).max
         return int(self._events["t"][0]) // BURST_SLOT_US * BURST_SLOT_US
@@ -129,12 +130,12 @@ class BurstFilter:
         return held[keep]
 
     def _bursts(self, slots: _Slots, held: Events, events: Events) -> npt.NDArray[np.bool_]:
-        """Tell which slots are half of a burst, the last of them as far as it is known."""
+        """Return which slots belong to a burst; for the last slot as far as is known."""
         burst = np.zeros(len(slots.number), dtype=np.bool_)
         burst[:1] = self._first_is_burst
         follows = np.diff(slots.number, prepend=-2) == 1
         together = slots.size + np.where(follows, np.concatenate([[0], slots.size[:-1]]), 0)
-        # pixels need be counted only where there are events enough
+        # pixels need to be counted only if there are enough events
         candidates = np.flatnonzero(together > self._least)
         if candidates.size == 0:
             return burst
@@ -151,10 +152,10 @@ class BurstFilter:
 
 @nb.njit(cache=True, nogil=True)
 def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
-    """Walk on through the slots of events at times `t`, behind `held` events in two slots.
+    """Assign events at times `t` to slots, after `held` events in two slots.
 
-    Returns the most events that two neighbouring slots hold together, and how many events lie
-    before the newest two slots, whose numbers and sizes are left in `newest`.
+    Returns the largest number of events in two neighbouring slots together, and the number of
+    events before the newest two slots. Writes the numbers and sizes of these two to `newest`.
     """
     before, before_size, last, last_size = newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1]
     before_at, last_at = 0, before_size
@@ -172,7 +173,7 @@ def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
 
 
 class _Slots(NamedTuple):
-    """Slots that have events: their numbers and sizes."""
+    """Numbers and sizes of the slots that have events."""
 
     number: npt.NDArray[np.int64]
     size: npt.NDArray[np.int64]
@@ -192,7 +193,7 @@ def _slots_of(t: npt.NDArray[np.int64]) -> _Slots:
 
 
 def _joined(older: _Slots, newer: _Slots) -> _Slots:
-    """Join the slots of two stretches of a stream; the newest of the older may go on."""
+    """Join the slots of two successive parts of a stream, which may share one slot."""
     if len(older.number) and older.number[-1] == newer.number[0]:
         sizes = [older.size[:-1], older.size[-1:] + newer.size[:1], newer.size[1:]]
         return _Slots(np.concatenate([older.number, newer.number[1:]]), np.concatenate(sizes))

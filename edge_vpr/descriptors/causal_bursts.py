@@ -1,4 +1,4 @@
-"""Removal of bursts without waiting: for live matches in less than the two slots of the filter."""
+"""Removal of bursts without delay, for live matching."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
 _STATE = np.dtype([("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8")])
-#: Room for events at first.
+#: Initial room for events.
 _ROOM = 256
 
 
 class _Fired(NamedTuple):
-    """What the kernel works on: the slot in which each pixel fired last, and room for events."""
+    """State of the kernel: the slot in which each pixel last fired, and room for events."""
 
     fired: npt.NDArray[np.int64]
     state: npt.NDArray[np.void]
@@ -26,12 +26,12 @@ class _Fired(NamedTuple):
 
 
 class CausalBurstFilter:
-    """Drops the events of a burst from the moment at which it is one.
+    """Removes the events of a burst from the moment at which it is recognised.
 
-    As `BurstFilter`, it takes a slot of 2 ms and the one before it, and asks whether more than half
-    of all pixels have fired in both together; but so far, and not in the end. Nothing waits, and
-    the events of a burst before that moment pass: up to one for half of the pixels, and those that
-    came of them more than once.
+    Like `BurstFilter`, it checks whether more than half of all pixels have fired in a slot of 2 ms
+    and the one before it, but it counts only the events so far. No event is delayed. The events of
+    a
+    burst before that moment pass: up to one of half of the pixels, and repeated events of these.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class CausalBurstFilter:
         Events removed so far.
     """
 
-    #: Time before which every event has left the filter: none is held.
+    #: Time before which all events have left the filter: the largest one, as no event is held.
     known_us = np.iinfo(np.int64).max
 
     def __init__(self, sensor: Sensor) -> None:
@@ -83,7 +83,7 @@ class CausalBurstFilter:
 
 @njit(cache=True, nogil=True)
 def _keep(box, events, width):  # type: ignore[no-untyped-def]
-    """Copy the events that are of no burst as far as is known; return how many."""
+    """Copy the events outside of bursts known so far; return their number."""
     fired, states, room = box.value
     s = states[0]
     slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
@@ -96,7 +96,7 @@ def _keep(box, events, width):  # type: ignore[no-untyped-def]
         at = np.int64(event["y"]) * width + np.int64(event["x"])
         last = fired[at]
         if last != now:
-            # a pixel of both slots counts once
+            # a pixel that fired in both slots is counted once
             before -= last == now - 1
             pixels += 1
             fired[at] = now

@@ -1,6 +1,6 @@
-"""What a descriptor holds in place of event counts: the settings' code, as tables for its counters.
+"""Tables of the counter code that the settings choose.
 
-The tables themselves are `fixedpoint.codes`, which the hardware model shares. Clipping is the
+The codes themselves are in `fixedpoint.codes`, which the hardware model uses too. Clipping is the
 linear code up to the clip.
 """
 
@@ -19,7 +19,7 @@ FullScale = npt.NDArray[np.uint16]
 def codes_of(
     settings: Settings, counters: int, full_scale: FullScale | None = None
 ) -> PixelCodes | None:
-    """Give the code of each counter; None where counts stay as they are.
+    """Return the code of each counter; None if descriptors hold counts.
 
     Parameters
     ----------

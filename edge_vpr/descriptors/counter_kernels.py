@@ -1,7 +1,8 @@
 """Kernels that count events at selected pixels.
 
-A table of the sensor gives each pixel's slot, or -1 where nothing counts: almost every event ends
-there, so that sixteen look-ups share one branch.
+A table gives the slot of each pixel of the sensor, or -1 for pixels that are not selected. Almost
+all
+events are at such pixels, so that sixteen look-ups share one branch.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-# Coordinates are checked a block at a time, in a loop that vectorises, and the block is then still
-# in a near cache: the check costs a tenth, and no event can reach memory outside the table. Fields
-# of a structured array are first copied to contiguous columns: faster than to stride twice.
+# Coordinates are checked in blocks, in a loop that vectorises, so that no event can reach memory
+# outside the table. The block is then still in the cache, and the check costs a tenth of the time.
+# Fields of a structured array are first copied to contiguous columns, which is faster.
 _BLOCK = 16384
 _GROUP = 16
-# what the kernels return in place of a number of events
+# returned in place of a number of events
 OFF_SENSOR = -1
 OFF_COUNTS = -2
 
@@ -31,11 +32,11 @@ def _below(column: Any, limit: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
-    """Step over groups of events of which none lies at a selected pixel."""
+    """Skip groups of events without any at a selected pixel."""
     while start + _GROUP <= x.size:
         # loops over slices vectorise and unroll: no index can be negative
         xs, ys = x[start : start + _GROUP], y[start : start + _GROUP]
-        # the slots' common sign bit is set only if all of them are -1
+        # the AND of the slots is negative only if all of them are -1
         common = np.int64(-1)
         for i in range(_GROUP):
             common &= table[np.uint64(ys[i]) * row + np.uint64(xs[i])]
@@ -47,7 +48,7 @@ def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _scan(table: Any, width: int, x: Any, y: Any, first: int, index: Any, slots: Any) -> int:
-    """Note which events of the block from event `first` on lie at selected pixels; their number."""
+    """Find events at selected pixels in the block from event `first` on; return their number."""
     xs = np.ascontiguousarray(x[first : first + _BLOCK])
     ys = np.ascontiguousarray(y[first : first + _BLOCK])
     if not (_below(xs, width) and _below(ys, table.size // width)):

@@ -1,6 +1,6 @@
 """Event counters of selected pixels, or of every pixel.
 
-Coordinates are columns, in chunks of any size, contiguous or as fields of a structured event array.
+Coordinates are given as columns in chunks of any size, contiguous or as fields of an event array.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What descriptors out of a file must be before they are compared."""
+"""Checks of descriptors from a file."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from edge_vpr.events import TIME_LIMIT_US
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import Descriptors
 
-#: of the counts that matching takes: in native byte order, 32 bits at most
+#: dtypes of counts that can be matched: native byte order, at most 32 bits
 COUNT_DTYPES = (np.uint8, np.uint16, np.uint32)
 
 
 def check_descriptors(descriptors: Descriptors, counters: int | None = None) -> None:
-    """Raise unless all arrays are of the documented dtypes and of one length.
+    """Check that all arrays have the documented dtypes and the same length.
 
     Parameters
     ----------

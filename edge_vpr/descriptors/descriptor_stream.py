@@ -1,4 +1,4 @@
-"""A stream of events as descriptors: the one place that decides which events make a window."""
+"""Conversion of a stream of events to descriptors; decides which events belong to a window."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ class DescriptorStream:
         self._table = pixel_map.table()
         self._window = window
         self._polarity = polarity
-        # where every pixel is its own slot, the counters are an image and need no table
+        # if every pixel is its own slot, the counters are an image and no table is needed
         dense = not polarity and pixel_map == PixelMap.all_of(pixel_map.sensor)
         self._image_shape = self._table.shape if dense else None
         self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
-        self._counted = 0  # of a fixed-count window's budget
-        self._events = 0  # of the open window, at any pixel
+        self._counted = 0  # events still missing in a fixed-count window
+        self._events = 0  # events of the open window at any pixel
         self._start = 0
         self._last = 0
 
@@ -80,7 +80,7 @@ class DescriptorStream:
         return collect(self.windows(events), self._counts.size)
 
     def windows(self, events: Events) -> Iterator[WindowCounts]:
-        """Feed the next events and take one completed window at a time, as `update` does at once.
+        """Feed the next events and yield the completed windows; `update` returns all at once.
 
         Yields
         ------
@@ -95,13 +95,13 @@ class DescriptorStream:
         self._last = int(events["t"][-1])
 
     def finish(self) -> Descriptors:
-        """Take the incomplete last window, if any event fell into it."""
+        """Return the incomplete last window, if it has events."""
         return collect(self.last(), self._counts.size)
 
     def last(self) -> Iterator[WindowCounts]:
-        """Take the incomplete last window as `windows` does, if any event fell into it."""
+        """Yield the incomplete last window, if it has events."""
         if self._events:
-            # a fixed-time window is open at its end
+            # the end of a fixed-time window does not belong to it
             end = self._last + 1 if isinstance(self._window, FixedTime) else self._last
             yield self._take(self._start, end)
 
@@ -152,7 +152,7 @@ class DescriptorStream:
             self._events += events.size
 
     def _take(self, start: int, end: int) -> WindowCounts:
-        """Hand the finished window over and clear the counters."""
+        """Return the finished window and clear the counters."""
         taken = WindowCounts(self._counts, start, end, self._events)
         self._counts = np.zeros_like(self._counts)
         self._counted = self._events = 0

@@ -1,4 +1,4 @@
-"""Hot pixels, which fire without cause: found by their counts, or listed (method.md section 1)."""
+"""Hot pixels, which fire without a cause: found by counts, or read from a list."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy.typing as npt
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 
-#: a pixel is hot above this many times its neighbourhood's events
+#: a pixel is hot if it has more than this many times the events of its neighbourhood
 HOT_FACTOR = 5
-#: most bytes of a list of hot pixels
+#: largest size of a list of hot pixels, in bytes
 _LONGEST_LIST = 1 << 26
 
 
 def find_hot_pixels(
     totals: npt.NDArray[np.integer], *, factor: int = HOT_FACTOR
 ) -> npt.NDArray[np.bool_]:
-    """Find the pixels whose number of events stands out far above their neighbours'.
+    """Find the pixels with far more events than their neighbours (method.md section 1).
 
     A pixel is hot if it has more than `factor` times the events of its 5 x 5 neighbourhood (the
     upper median of the others, plus one) and more than `factor` times the sensor's mean.
@@ -70,7 +70,7 @@ def _above_neighbours(totals, factor):  # type: ignore[no-untyped-def]
 
 
 def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
-    """Read a list of hot pixels: ``x, y`` a line, as the Brisbane-Event-VPR data set has them.
+    """Read a list of hot pixels, ``x, y`` in each line, as in the data set Brisbane-Event-VPR.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""Pixels chosen one after another, each for what it says of the place beyond those before it.
+"""Selection of pixels one after another, each by the information that it adds about the place.
 
-Let the logarithms of a pixel's counts be a signal with noise of one variance. What a set S of
-pixels says of the place is then ``log det(I + C_S / noise) / 2`` (the capacity of a Gaussian
-channel), with the covariance C over the windows of the reference. The greedy choice takes the pixel
-of the largest variance that the pixels before it do not explain (a Cholesky factorisation with
-pivots), and is within 1 - 1/e of the best set.
+The logarithms of the counts of a pixel are taken as a signal with noise of a fixed variance. The
+information of a set S of pixels about the place is then ``log det(I + C_S / noise) / 2`` (the
+capacity of a Gaussian channel), with the covariance C over the windows of the reference. The greedy
+choice always takes the pixel with the largest variance that the pixels before it do not explain (a
+Cholesky factorisation with pivots). Its information is at least 1 - 1/e of that of the best set.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 
-#: variance of a logarithm from drive to drive at one place: half an octave squared
+#: variance of a logarithm between drives at the same place: half an octave squared
 NOISE = 1 << (2 * LEVEL_BITS - 1)
-#: most pixels that are looked at, and most windows; of more, one in so many
+#: largest numbers of pixels and of windows that are used; if there are more, a subset is taken
 MOST_PIXELS, MOST_WINDOWS = 1 << 14, 1 << 11
 
 
 def shortlist(saliency: npt.NDArray[np.float64], exclude: npt.NDArray[np.bool_]) -> PixelMap:
-    """Choose the pixels that are looked at: of each cell of the sensor, the most salient one.
+    """Choose candidates: the most salient pixel of each cell of the sensor.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def shortlist(saliency: npt.NDArray[np.float64], exclude: npt.NDArray[np.bool_])
 def informative_pixels(
     pixel_map: PixelMap, counts: npt.NDArray[np.unsignedinteger], pixels: int
 ) -> PixelMap:
-    """Choose J pixels of a shortlist.
+    """Choose J pixels from a shortlist.
 
     Parameters
     ----------
@@ -99,14 +99,14 @@ def informative_pixels(
 
 @njit(cache=True, nogil=True)
 def _choose(levels: npt.NDArray[np.int32], noise: float, chosen: npt.NDArray[np.int64]) -> int:
-    """Write the pixels chosen, and return how many have a variance at all.
+    """Write the chosen pixels, and return how many pixels have a variance above 0.
 
-    Sums of products are exact integers, and everything else is in a fixed order: the choice is the
-    same on every machine.
+    Sums of products are exact integers, and all other sums have a fixed order, so that the choice
+    is the same on every machine.
     """
     pixels, windows = levels.shape
     totals = np.zeros(pixels, dtype=np.int64)
-    rest = np.empty(pixels, dtype=np.float64)  # variance that the chosen ones do not explain
+    rest = np.empty(pixels, dtype=np.float64)  # variance that the chosen pixels do not explain
     for p in range(pixels):
         for w in range(windows):
             totals[p] += levels[p, w]

@@ -1,4 +1,4 @@
-"""Descriptors in own-mean codes (`fixedpoint.own_mean`): of a whole drive, or as a robot goes."""
+"""Own-mean codes of descriptors, with the mean of a drive or a running mean."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
 def drive_mean(
     counts: npt.NDArray[np.integer], paused: npt.NDArray[np.bool_], code: OwnMeanCode
 ) -> npt.NDArray[np.int32]:
-    """Return each counter's mean logarithm over the windows of a drive that are no pauses.
+    """Return the mean logarithm of each counter over the windows of a drive, without pauses.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def drive_mean(
 
 
 def encode_own(counted: Descriptors, code: OwnMeanCode, usual: int) -> Descriptors:
-    """Code a recorded query against its own mean over the whole drive.
+    """Code a recorded query with its mean over the whole drive.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def encode_own(counted: Descriptors, code: OwnMeanCode, usual: int) -> Descripto
 def encode_running(
     counted: Descriptors, code: OwnMeanCode, mean: npt.NDArray[np.int32], usual: int
 ) -> Descriptors:
-    """Code each window of a query against the mean of those before it, as a robot must.
+    """Code each window of a query with the running mean of the windows before it, as on a robot.
 
     Parameters
     ----------

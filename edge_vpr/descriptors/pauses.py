@@ -1,4 +1,4 @@
-"""Pauses: windows in which so few events arrive that the camera must be standing."""
+"""Pauses: windows with so few events that the camera must be standing still."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from numba import njit
 
 #: a window with no event, or less than 1/16 of the usual number, is a pause
 PAUSE_SHIFT = 4
-#: the usual number moves by 1/64 of the difference in a window; it has 8 fraction bits
+#: the usual number moves by 1/64 of the difference in each window; it has 8 fraction bits
 ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
-#: where the number of a window's events saturates, so that the usual number fits 31 bits
+#: largest number of events of a window; larger ones saturate, so that the usual number has 31 bits
 EVENTS_TOP = (1 << 23) - 1
 
 
 @njit(cache=True, nogil=True)
 def is_pause(events: int, usual: int) -> bool:
-    """Whether a window with this many selected events is a pause; `usual` as in `Activity`."""
+    """Return whether a window of `events` selected events is a pause (`usual`: see `Activity`)."""
     return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < usual
 
 
 @njit(cache=True, nogil=True)
 def usual_after(usual: int, events: int) -> int:
     """Return the usual number of events after a window, in units of 1/256 event."""
-    # the shift rounds down, also what is negative
+    # the shift rounds down, negative numbers too
     return usual + (((min(events, EVENTS_TOP) << ACTIVITY_BITS) - usual) >> ACTIVITY_SHIFT)
 
 
 class Activity:
-    """How many events a window usually has, as a running mean in integers.
+    """Usual number of events in a window, as a running mean in integers.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class Activity:
         self.usual = usual
 
     def pauses(self, events: int) -> bool:
-        """Whether a window with this many selected events is a pause."""
+        """Return whether a window with `events` selected events is a pause."""
         return bool(is_pause(events, self.usual))
 
     def update(self, events: int) -> None:
-        """Take the selected events of a finished window."""
+        """Update the mean by the number of selected events of a finished window."""
         self.usual = usual_after(self.usual, events)
 
 

@@ -1,4 +1,4 @@
-"""Which pixels describe a place: saliency of each pixel, and the draw of a few of them."""
+"""Selection of a few pixels by their saliency."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.settings import STRATEGIES, Strategy
 
-#: strategies that look at one number of each pixel; the other looks at all windows
+#: strategies that use one number for each pixel; the other one uses all windows
 BY_SALIENCY = tuple(name for name in STRATEGIES if name != "information")
 
-#: radius within which the released code rejects a second pixel (Euclidean, in pixels)
+#: smallest distance of two pixels in the released code (Euclidean, in pixels)
 REJECTION_RADIUS = 7
 #: largest sensor: ten times the pixels of any event camera; the look-up table takes 2 bytes of each
 MAX_SENSOR_PIXELS = 1 << 25
@@ -174,8 +174,9 @@ def select_pixels(
     sensor = Sensor(width, height)
 
     if strategy == "seed-code":
-        # An absolute 0.01 makes an outlier the likeliest pixel where all means are below it; kept
-        # as released, because this strategy exists for parity.
+        # If all means are below 0.01, this makes an outlier the most probable pixel. It is kept
+        # because
+        # this strategy has to give the results of the released code.
         weights[weights > weights.mean() + 2 * weights.std()] = 0.01
     elif strategy in ("random", "random-upper"):
         weights[:] = 1.0
@@ -214,7 +215,7 @@ def _draw(
     suppression: _Suppression,
     rng: np.random.Generator,
 ) -> npt.NDArray[np.int64]:
-    """Draw flat indices one after another; only ratios of the weights matter, so none is scaled."""
+    """Draw flat indices one after another; the weights need not be normalised."""
     height, width = weights.shape
     rows, columns = np.arange(height), np.arange(width)
     flat = np.empty(pixels, dtype=np.int64)
@@ -233,7 +234,7 @@ def _draw(
 
 
 def _inverse_gaussian(sigma: float, reach: int) -> _Suppression:
-    # a table by math.exp: NumPy's vectorised exp may differ in the last bit between machines
+    # a table by math.exp, because NumPy's exp can differ in the last bit between machines
     if sigma == 0:
         table = np.zeros(reach)
         table[0] = 1.0
@@ -249,7 +250,7 @@ def _inverse_gaussian(sigma: float, reach: int) -> _Suppression:
 def _disc_complement(
     dx: npt.NDArray[np.int64], dy: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.float64]:
-    # Rejecting draws until one lands outside equals drawing with the inside set to zero, without
-    # the released code's failure after 100 rejections.
+    # Setting the weights inside the radius to zero gives the same distribution as rejecting draws,
+    # and does not fail after 100 rejections as the released code does.
     outside = dy[:, None] ** 2 + dx[None, :] ** 2 > REJECTION_RADIUS**2
     return outside.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Windows that somebody has counted already: each count frame is taken as one window."""
+"""Windows that were published as counts: each frame of counts is one window."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 class PublishedWindows:
-    """Count frames as the windows themselves, in place of a recording of events.
+    """Source of windows from frames of counts, in place of a recording of events.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class PublishedWindows:
         self.faults = Faults()
 
     def windows(self) -> Iterator[WindowCounts]:
-        """Start anew and yield one window a frame, over all pixels, row by row."""
+        """Yield one window for each frame, over all pixels, row by row."""
         for k, row in enumerate(self._rows()):
             counts = np.zeros(self.sensor.pixels, dtype=np.int64)
             counts[self._flat] = row

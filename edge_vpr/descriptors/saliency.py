@@ -1,4 +1,4 @@
-"""The first pass over a reference traverse: how much each pixel's count varies over windows."""
+"""Saliency of each pixel: how much its count varies over the windows of a reference traverse."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from edge_vpr.events import Sensor
 
 
 class SaliencyPass:
-    """Adds up the windows of a traverse over all pixels, in memory independent of their number.
+    """Sums over the windows of a traverse, for all pixels; memory does not grow with the windows.
 
-    Each window's image also goes to a temporary file, so that the descriptors at the pixels which
-    are selected afterwards need no second decoding of the recording.
+    The image of each window is also written to a temporary file, from which the descriptors are
+    read
+    when pixels have been selected. The recording is thus decoded only once.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class SaliencyPass:
         self._spool.close()
 
     def add(self, window: WindowCounts) -> None:
-        """Take one window, counted at every pixel of the sensor, row by row."""
+        """Add one window, counted at every pixel of the sensor, row by row."""
         self._events += window.counts
         counts = window.counts if self._clip is None else np.minimum(window.counts, self._clip)
         self._sum += counts
@@ -97,7 +98,7 @@ class SaliencyPass:
         return np.array(exact).reshape(self.totals.shape)
 
     def descriptors(self, pixel_map: PixelMap) -> Descriptors | None:
-        """Look the selected pixels' counts up in every window.
+        """Return the counts of the selected pixels in every window.
 
         Parameters
         ----------

@@ -13,8 +13,8 @@ from edge_vpr.descriptors.descriptor_checks import check_descriptors
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 
-#: more windows than this in one recording, or ticks in one jump of time, are a fault: of a clock
-#: that jumps, or of a window that was asked for in the wrong unit
+#: more windows than this in one recording, or ticks in one jump of time, are taken as a fault: the
+#: clock has jumped, or the length of a window was given in a wrong unit
 MAX_WINDOWS = 1_000_000
 
 
@@ -87,7 +87,7 @@ class WindowCounts(NamedTuple):
 
 @dataclass(frozen=True)
 class Descriptors:
-    """Event counts of n windows at the selected pixels, or their codes, and when each window was.
+    """Event counts at the selected pixels, or their codes, and times of n windows.
 
     Attributes
     ----------
@@ -116,11 +116,11 @@ class Descriptors:
 
     @property
     def activity(self) -> npt.NDArray[np.int64]:
-        """Events at the selected pixels, shape (n,); if not stated, the sum of the counts."""
+        """Number of events at the selected pixels, shape (n,); by default the sum of the counts."""
         return self.counts.sum(axis=1, dtype=np.int64) if self.selected is None else self.selected
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Name the arrays, for an archive; `from_arrays` takes them back."""
+        """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
         names = ("counts", "start_us", "end_us", "events", "selected")
         columns = {name: getattr(self, name) for name in names}
         return {name: column for name, column in columns.items() if column is not None}
@@ -148,11 +148,11 @@ class Descriptors:
         return found
 
     def first(self, n: int) -> Descriptors:
-        """Take the first n windows; views."""
+        """Return the first n windows, as views."""
         return Descriptors(self.counts[:n], self.start_us[:n], self.end_us[:n], self.events[:n])
 
     def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_]) -> Descriptors:
-        """Take some windows, by their indices in any order, or by a mask of shape (n,)."""
+        """Return some windows, by indices in any order or by a mask of shape (n,)."""
         return Descriptors(**{name: column[windows] for name, column in self.to_arrays().items()})
 
     @property
@@ -162,7 +162,7 @@ class Descriptors:
 
 
 def narrow(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.unsignedinteger]:
-    """Store counts in the narrowest unsigned dtype that holds the largest of them."""
+    """Convert counts to the narrowest unsigned dtype that holds the largest of them."""
     largest = int(counts.max()) if counts.size else 0
     for dtype in (np.uint8, np.uint16, np.uint32):
         if largest <= np.iinfo(dtype).max:
@@ -171,7 +171,7 @@ def narrow(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.unsignedinteger]:
 
 
 def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
-    """Gather windows, `counters` counts in each, to descriptors in the narrowest dtype."""
+    """Collect windows of `counters` counts each as descriptors in the narrowest dtype."""
     taken = list(windows)
     counts = [narrow(window.counts) for window in taken]
     spans = np.array([window[1:] for window in taken], dtype=np.int64).reshape(-1, 3)

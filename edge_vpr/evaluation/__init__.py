@@ -1,1 +1,1 @@
-"""How good matches are: ground truth from tracks and alignments, metrics with named definitions."""
+"""Evaluation of matches: ground truth from tracks and alignments, and metrics."""

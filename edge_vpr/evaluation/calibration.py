@@ -1,4 +1,4 @@
-"""Learn the probability of a right match from its trust, and judge probabilities."""
+"""Learning the probability of a right match from its trust, and checking probabilities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BINS = 10
 def isotonic(
     values: npt.NDArray[np.floating], weights: npt.NDArray[np.floating]
 ) -> npt.NDArray[np.int64]:
-    """Pool adjacent violators: the blocks of the weighted least-squares rising fit.
+    """Return the blocks of the weighted least-squares non-decreasing fit (pool adjacent violators).
 
     Parameters
     ----------
@@ -49,8 +49,9 @@ def _merged(
 def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.bool_]) -> Confidence:
     """Fit a table of probabilities to matches that are known to be right or wrong.
 
-    Blocks of isotonic regression, each with Laplace's estimate ``(right + 1) / (matches + 2)``.
-    Blocks of few matches, which this draws towards 1/2, are joined until the estimates rise.
+    Steps are the blocks of an isotonic regression, with Laplace's estimate
+    ``(right + 1) / (matches + 2)``. It draws blocks of few matches towards 1/2; they are joined
+    until the estimates rise.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ class Reliability:
 def reliability(
     probability: npt.NDArray[np.floating], correct: npt.NDArray[np.bool_], bins: int = BINS
 ) -> Reliability:
-    """Compare probabilities with what came true, in bins of equal width.
+    """Compare probabilities with the share of right matches, in bins of equal width.
 
     Parameters
     ----------

@@ -80,10 +80,10 @@ def load_gpx(path: str | Path, *, max_gap_us: int | None) -> Track:
 def _points(path: Path) -> list[ElementTree.Element]:
     text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        # entities that stand for other entities unfold to gigabytes; GPX needs none
+        # nested entities can expand to gigabytes; GPX needs none
         raise GroundTruthError(f"{path} declares XML entities: export it as plain GPX")
     try:
-        # the declaration would name the encoding that the file had
+        # the text is decoded already, so that the declared encoding would be wrong
         root = ElementTree.fromstring(text[text.find("?>") + 2 :] if "<?xml" in text else text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise GroundTruthError(f"{path} is not a GPX file ({error}): export it again") from error
@@ -91,7 +91,7 @@ def _points(path: Path) -> list[ElementTree.Element]:
 
 
 def _name(element: ElementTree.Element) -> str:
-    """Name of an element without its namespace, which differs from version to version."""
+    """Return the name of an element without its namespace, which depends on the version."""
     return element.tag.rpartition("}")[2]
 
 
@@ -100,7 +100,7 @@ def _time(point: ElementTree.Element) -> dt.datetime | None:
         if _name(child) == "time":
             try:
                 time = dt.datetime.fromisoformat((child.text or "").strip())
-                zone = time.tzinfo or dt.UTC  # GPX says UTC, even where a Z is missing
+                zone = time.tzinfo or dt.UTC  # times in GPX are UTC, even without a Z
                 return time.replace(tzinfo=zone).astimezone(dt.UTC)
             except (ValueError, OverflowError):
                 return None

@@ -1,4 +1,4 @@
-"""Which places are right for which query."""
+"""Ground truth: which places are right for which query."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.tracks import Floats
 
-#: Distances are worked out for as many places at a time as make this many cells: a few 8 MB arrays.
+#: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
 
 
@@ -74,7 +74,7 @@ def described_truth(
     source: str,
     doubts: tuple[str, ...] = (),
 ) -> GroundTruth:
-    """Return a ground truth whose description says how many queries it covers.
+    """Return a ground truth with a description that contains the number of known queries.
 
     Parameters
     ----------
@@ -111,6 +111,6 @@ def window_coordinates(values: npt.ArrayLike, which: str) -> Floats:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise GroundTruthError unless the tolerance is a distance."""
+    """Check that the tolerance is a finite number of 0 or more."""
     if not (np.isfinite(tolerance) and tolerance >= 0):
         raise GroundTruthError(f"tolerance {tolerance} is not a distance: give 0 or more")

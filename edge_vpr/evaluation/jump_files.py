@@ -1,4 +1,4 @@
-"""Jump files: pairs of places of a map that one step may join, as a table."""
+"""Jump files: tables of pairs of places between which one step can lead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How good matches are: metrics with named definitions (method.md section 6)."""
+"""Metrics of matches, with named definitions (method.md section 6)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.settings.choices import Score
 
 RecallDenominator = Literal["rejected-correct", "all-with-place"]
-#: scores of which more is surer
+#: scores for which higher means surer
 _RISING = ("margin", "trust")
 RECALL_AT = (1, 5, 10, 25)
 
@@ -55,7 +55,7 @@ class PrecisionRecall:
 
     def recall_at_precision(self, percent: int) -> float:
         """Largest recall at which precision is still `percent` or more; 0 if it never is."""
-        # in integers: 99 of 100 must count as 99 %
+        # in integers, because 99 of 100 must count as 99 %
         enough = (100 * self.tp >= percent * (self.tp + self.fp)) & (self.tp > 0)
         return float(self.recall[enough].max()) if enough.any() else 0.0
 
@@ -131,7 +131,7 @@ def precision_recall(
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What `evaluate` found.
+    """Result of `evaluate`.
 
     Attributes
     ----------
@@ -292,6 +292,6 @@ def evaluate(
 
 
 def _falling(matches: Matches, score: Score) -> npt.NDArray[np.float64]:
-    """Return the score of each match, turned so that lower is surer."""
+    """Return the score of each match, with the sign changed if higher is surer."""
     values = np.asarray(getattr(matches, score), dtype=np.float64)
     return -values if score in _RISING else values

@@ -10,6 +10,7 @@ from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.track_files import read_table
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.odometry import MOST_MM, Odometry
+from edge_vpr.whole_files import replacing
 
 
 def load_odometry(path: str | Path) -> Odometry:
@@ -39,7 +40,7 @@ def load_odometry(path: str | Path) -> Odometry:
         )
     time_s, values = table.T
     if speeds:
-        with np.errstate(all="ignore"):  # what is too large is refused below
+        with np.errstate(all="ignore"):  # too large values are refused below
             legs = (values[1:] + values[:-1]) / 2 * np.diff(time_s)
             values = np.concatenate([[0.0], np.cumsum(legs)])
     if not (np.abs(time_s) * 1e6 <= TIME_LIMIT_US).all():
@@ -57,3 +58,18 @@ def load_odometry(path: str | Path) -> Odometry:
         )
     except UsageError as error:
         raise GroundTruthError(f"{path}: {error}") from None
+
+
+def save_odometry(path: str | Path, odometry: Odometry) -> None:
+    """Write readings as a table for `load_odometry`, atomically.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``.csv`` file.
+    odometry : Odometry
+    """
+    rows = zip(odometry.time_us.tolist(), odometry.distance_mm.tolist(), strict=True)
+    with replacing(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        file.write("time_s,distance_m\n")
+        file.writelines(f"{t / 1e6:.6f},{mm / 1e3:.3f}\n" for t, mm in rows)

@@ -40,7 +40,7 @@ def with_positions(reference: ReferenceMap, track: Track) -> ReferenceMap:
         )
     position[~np.isfinite(position).all(axis=1)] = np.nan
     along = np.full(len(position), np.nan)
-    # metres between neighbouring places: between two fixes, a GPS that stands would add its noise
+    # distances are added between places, not between fixes: those would add the noise of the GPS
     legs = distances(track.kind, position[known[:-1]], position[known[1:]])
     along[known] = np.concatenate([[0.0], np.cumsum(legs)])
     return replace(reference, route=Route(position, along, track.kind))

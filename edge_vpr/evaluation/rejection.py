@@ -1,4 +1,4 @@
-"""How well queries that are not on the map, and wrong matches, are told from right ones."""
+"""Rejection: how well right matches are distinguished from wrong ones and from unmapped queries."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 @dataclass(frozen=True)
 class Rejection:
-    """Queries on and off the map, and what a threshold on the trust does with them.
+    """Result of rejecting matches by a threshold on the trust, for queries on and off the map.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ def judge_rejection(
     has_place: npt.NDArray[np.bool_],
     accepted: npt.NDArray[np.bool_] | None = None,
 ) -> Rejection:
-    """Compare trust and rejection with the truth.
+    """Compare trust and rejection with the ground truth.
 
     Parameters
     ----------

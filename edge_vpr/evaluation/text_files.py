@@ -1,4 +1,4 @@
-"""The text of a ground-truth file, whatever program saved it."""
+"""Reading of text files of ground truth, in any usual encoding."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from edge_vpr.errors import GroundTruthError
 
-#: longest log: a day at ten fixes a second has 140 MB; each is held in memory as text
+#: longest log: a day at ten fixes a second has 140 MB, all of which is read into memory
 MAX_BYTES = 256 << 20
 
 
@@ -40,8 +40,8 @@ def read_text(path: Path) -> str:
 
 
 def _encoding(raw: bytes) -> str:
-    # Every other byte of Latin text in UTF-16 is zero. Its mark at the beginning is not asked for:
-    # it may be missing, and noise on a serial line may look like it.
+    # Every other byte of Latin text in UTF-16 is zero. The byte order mark is not used: it can be
+    # missing, and noise on a serial line can look like it.
     for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
         half = raw[first:1_000:2]
         if half and half.count(0) > 0.9 * len(half):

@@ -77,10 +77,11 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
 def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
     """Read the RMC and GGA sentences of a GPS log (NMEA 0183, any talker).
 
-    Time 0 is the log's first timed sentence, whether it has a fix or not: where logger and camera
-    start together, the recording's start. Sentences with a wrong or missing checksum, or
+    Time 0 is the first sentence of the log with a time, with or without a fix. If logger and
+    camera start together, this is the start of the recording. Sentences with a wrong or missing
+    checksum, or
     without a fix, are left out and counted in `Track.dropped`. RMC and GGA of one instant
-    make one point, the first. Past midnight the time goes on.
+    make one point, the first. A log may pass midnight.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track
     fixes: dict[int, tuple[float, float]] = {}
     with_fix = last = 0
     for number, fix in enumerate(_sentences(path, dropped), 1):
-        # Of the days on which this time of day falls, the one nearest to the sentence before ...
+        # take the day on which this time of day is nearest to the sentence before ...
         since_last = (fix.time_of_day_us - last + _DAY_US // 2) % _DAY_US - _DAY_US // 2
         time = last + since_last if zero is not None else fix.time_of_day_us
         if fix.ordinal is not None:  # ... unless the sentence states its date
@@ -142,7 +143,7 @@ def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track
 
 
 def _no_fix(path: Path, dropped: Counter[str]) -> GroundTruthError:
-    """Make the error that says what the sentences lacked, and what helps against that."""
+    """Return the error that says what the sentences lacked, and the remedy."""
     tally = ", ".join(f"{count} with {why}" for why, count in dropped.items()) or "none at all"
     remedy = "record again with the receiver under open sky, or give a .csv track"
     most = max(dropped, key=lambda why: dropped[why], default="")
@@ -165,14 +166,14 @@ _ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)")
 class _Fix:
     time_of_day_us: int
     ordinal: int | None  # proleptic day number of the date, if stated
-    position: tuple[float, float] | None  # None: the receiver had no fix
+    position: tuple[float, float] | None  # None if the receiver had no fix
 
 
 def _sentences(path: Path, dropped: Counter[str]) -> Iterator[_Fix]:
     """Yield the timed RMC and GGA sentences; count the faulty ones.
 
-    Two sentence types and an XOR: written here, since pynmea2 has had no release since 2022 and
-    would be a dependency of every installation.
+    Written here because it needs only two types of sentence and an XOR. pynmea2 has had no release
+    since 2022 and would be a dependency of every installation.
     """
     text = read_text(path)
     for match in _SENTENCE.finditer(text):
@@ -194,7 +195,7 @@ def _sentences(path: Path, dropped: Counter[str]) -> Iterator[_Fix]:
 
 
 def _parse(sentence: str, fields: list[str]) -> _Fix | None:
-    """Fields of one sentence; None if it has no time, as before a receiver's first fix."""
+    """Return the fields of a sentence; None if it has no time, as before the first fix."""
     if not fields[1]:
         return None
     clock = _TIME.fullmatch(fields[1])
@@ -220,7 +221,7 @@ def _parse(sentence: str, fields: list[str]) -> _Fix | None:
 
 
 def _degrees(value: str, side: str, sides: str, limit: float) -> float:
-    """``2730.39720,S`` (degrees and minutes) as signed degrees."""
+    """Convert ``2730.39720,S`` (degrees and minutes) to signed degrees."""
     angle = _ANGLE.fullmatch(value)
     if angle is None or side not in tuple(sides):
         raise ValueError

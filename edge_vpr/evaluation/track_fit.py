@@ -1,4 +1,4 @@
-"""Whether two tracks are of one route, and of these drives."""
+"""Checks whether two tracks are of the same route, and belong to their drives."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy.typing as npt
 
 from edge_vpr.evaluation.tracks import Floats, Track, distances
 
-#: points of the query's track that are compared, evenly spread over its way
+#: number of points of the query's track that are compared, evenly spread along it
 QUERY_POINTS = 200
-#: and at most so many of the reference's, else two for each tolerance
+#: largest number of points of the reference's track; else two for each tolerance
 REFERENCE_POINTS = 2_000
-#: Less of a log's time in common with its drive's than this share is worth a note: loggers usually
-#: start and stop within seconds of the camera. Set by judgement.
+#: A note is given if a log and its drive have less than this share of their time in common: loggers
+#: usually start and stop within seconds of the camera. Chosen by judgement.
 LEAST_COMMON = 0.8
-#: So much better must the logs fit the other way round, to say that they may be swapped, and so
-#: much must two drives differ in length, to say that they have not one log; set by judgement.
+#: Smallest differences for two notes, chosen by judgement: that swapped logs would fit better, and
+#: that the lengths of two drives with the same log differ.
 SWAPPED_BY = 0.05
 
 
 class Overlap(NamedTuple):
-    """How two tracks lie to each other.
+    """Overlap of two tracks.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Overlap(NamedTuple):
 
 
 def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
-    """Compare the ways of two tracks, whatever the times.
+    """Compare the paths of two tracks, without their times.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def notes(
     reference_us: npt.NDArray[np.float64],
     query_us: npt.NDArray[np.float64],
 ) -> tuple[str, ...]:
-    """Say what makes it doubtful that the logs belong to these drives.
+    """Return notes on logs that probably do not belong to these drives.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _same(reference: Track, query: Track) -> bool:
 
 
 def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
-    """Time that track and windows have in common, over the time that either spans."""
+    """Return the common time of track and windows, divided by the time that they span together."""
     first, last = float(track.time_us[0]), float(track.time_us[-1])
     start, end = float(times_us.min()), float(times_us.max())
     whole = max(last, end) - min(first, start)
@@ -117,7 +117,7 @@ def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
 
 
 def _spread(track: Track, most: int, least_m: float) -> tuple[Floats, float]:
-    """Take points evenly spread over a track's way, and their spacing; none inside a gap."""
+    """Return points evenly spread along a track, without those in gaps, and their spacing."""
     points = track.position
     steps = distances(track.kind, points[1:], points[:-1])
     if track.max_gap_us is not None:

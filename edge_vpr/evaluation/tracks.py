@@ -1,4 +1,4 @@
-"""Where the camera was and when: positions over time, interpolated and never extrapolated."""
+"""Tracks: positions of the camera over time, interpolated but never extrapolated."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Track:
         object.__setattr__(self, "position", position)
 
     def shifted(self, seconds: float) -> Track:
-        """Return the same track with its clock set right.
+        """Return the same track with its times shifted.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Track:
         return replace(self, time_us=self.time_us + offset, start_utc=start)
 
     def describe_dropped(self) -> str:
-        """Say how much of the log was left out, and why."""
+        """Return a text on how much of the log was left out, and why."""
         total = sum(self.dropped.values())
         if total == 0:
             return "nothing was left out"
@@ -134,7 +134,7 @@ class Track:
         return f"{total:,} of {self.entries:,} entries were left out ({share:.1f} %: {reasons})"
 
     def at(self, times_us: npt.ArrayLike) -> Floats:
-        """Positions at other times, linear between the track's points.
+        """Return positions at other times, linear between the points of the track.
 
         Parameters
         ----------
@@ -164,10 +164,11 @@ class Track:
 def interpolate(
     x: npt.ArrayLike, points: npt.ArrayLike, values: Floats, *, max_gap: float | None = None
 ) -> Floats:
-    """Linear interpolation that says NaN where it does not know.
+    """Interpolate linearly; the result is NaN outside the points and in gaps.
 
-    `numpy.interp` continues the end values, and may be contracted to fused operations on some
-    machines; this is one rounding an operation, so that every machine finds the same places.
+    `numpy.interp` continues the end values, and can use fused operations on some machines. Here
+    each
+    operation rounds once, so that every machine gets the same places.
 
     Parameters
     ----------
@@ -193,13 +194,13 @@ def interpolate(
     if max_gap is not None:
         inside &= (gap <= max_gap) | (at == known[left]) | (at == known[right])
     found = values[left] + weight[:, None] * (values[right] - values[left])
-    # a + 1 * (b - a) need not be b: at a point the value is the point's own
+    # a + 1 * (b - a) may differ from b: at a point, use its own value
     found = np.where((weight == 1.0)[:, None], values[right], found)
     return np.where(inside[:, None], found, np.nan)
 
 
 def great_circle(a: Floats, b: Floats) -> Floats:
-    """Distances on a sphere of the Earth's mean radius (haversine).
+    """Return distances on a sphere of the Earth's mean radius (haversine).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Right places by points at which two recordings show the same place."""
+"""Ground truth from pairs of moments at which two recordings show the same place."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from edge_vpr.evaluation.tracks import Floats, interpolate
 
 
 class Alignment(NamedTuple):
-    """Points at which two recordings show the same place.
+    """Pairs of moments at which two recordings show the same place.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def from_alignment(
     tolerance: float,
     unit: str = "",
 ) -> GroundTruth:
-    """Right is what lies within `tolerance` of the aligned coordinate, linear between the points.
+    """Return the truth: places within `tolerance` of the aligned coordinate, linear between points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Right places by a 0/1 matrix."""
+"""Ground truth from a matrix of 0 and 1."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth, described_truth
 def from_matrix(
     matrix: npt.ArrayLike, places: int, queries: int, *, rows: Literal["reference", "query"]
 ) -> GroundTruth:
-    """Right is what a 0/1 matrix says.
+    """Return the truth that a matrix of 0 and 1 gives.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
     try:
         if suffix == ".csv":
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of a file without numbers, refused below
+                warnings.simplefilter("ignore")  # a file without numbers is refused below
                 matrix = np.loadtxt(path, delimiter=",", ndmin=2)
         elif suffix == ".npy":
             matrix = read_npy(path)

@@ -1,4 +1,4 @@
-"""Right places by where two drives were, from their tracks."""
+"""Ground truth from the tracks of two drives."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def from_tracks(
     query_times_us: npt.ArrayLike,
     tolerance_m: float,
 ) -> GroundTruth:
-    """Right is what lies within `tolerance_m` of the query, great circle or straight line.
+    """Return the truth: places within `tolerance_m` of the query, by great circle or straight line.
 
     Parameters
     ----------

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-#: so many of the nearest places are kept
+#: largest number of nearest places that are kept
 CANDIDATES = 25
 
 
 def nearest_places(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
-    """Return the nearest places of each column.
+    """Return the nearest places of each query (column).
 
     Parameters
     ----------
@@ -23,10 +23,10 @@ def nearest_places(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
         Nearest first (ties: lowest first); -1 where there are fewer places.
     """
     places = sums.shape[0]
-    # distance and place in one integer: its order is by distance, then by the lower place
+    # distance and place in one integer, which sorts by distance, then by place
     rows = sums.T
     narrow = rows.size > 0 and (int(rows.max()) + 1) * places <= np.iinfo(np.int32).max
-    dtype = np.int32 if narrow else np.int64  # NumPy partitions rows of 32 bits fastest
+    dtype = np.int32 if narrow else np.int64  # NumPy partitions rows of 32-bit integers fastest
     keys = np.multiply(rows, places, dtype=dtype, order="C")
     keys += np.arange(places, dtype=dtype)
     if places > CANDIDATES:

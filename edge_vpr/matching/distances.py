@@ -1,10 +1,12 @@
 """Distances between descriptors, as sums of absolute differences (SAD).
 
 ``D[k, j]`` is the SAD of reference place k and query j over the J selected pixels. A reference is
-packed once: its lowest count is subtracted, and the rest stored in 8 or 16 bits. A query is clipped
-to the reference's range before it is packed alike, and what the clipping took off is added to its
-distances: for a count q above the range, ``|q - r| = (q - high) + |high - r|`` at every place, and
-likewise below. So the distance is exact whatever the query holds.
+packed once: its lowest count is subtracted, and the rest is stored in 8 or 16 bits. A query is
+clipped to the range of the reference and packed in the same way. The clipped amount is then added
+to
+its distances: for a count q above the range, ``|q - r| = (q - high) + |high - r|`` at every place,
+and
+similarly below. The distance is thus exact for every query.
 """
 
 from __future__ import annotations
@@ -22,16 +24,16 @@ Integers = npt.NDArray[np.integer[Any]]
 Packed = npt.NDArray[np.unsignedinteger[Any]]
 Distances = npt.NDArray[np.signedinteger[Any]]
 
-# Counts of at most 32 bits: any sum of differences then fits 64 bits.
+# Counts have at most 32 bits, so that any sum of differences fits into 64 bits.
 _LIMIT = 2**32
-# of other integers, a copy is made
+# other integers are copied
 _COMPILED = frozenset(map(np.dtype, (np.uint8, np.uint16, np.int32, np.int64)))
-# bytes of a cache line: a vector that lies across two is loaded twice
+# bytes of a cache line; a vector across two lines takes two loads
 _LINE = 64
 
 
 class ReferenceIndex:
-    """A reference traverse, packed once for matching.
+    """A reference traverse, packed for matching.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ class ReferenceIndex:
         self.places, self.pixels = counts.shape
         self._low, self._high = _range(counts)
         span = self._high - self._low
-        # rare, and not packed: places with a count above 65,535
+        # rare: places with a count above 65,535, which are not packed
         self._wide = counts.astype(np.int64) if span > 0xFFFF else None
         self._dtype = np.dtype(np.uint8 if span <= 0xFF else np.uint16)
         self._width = -(-self.pixels * self._dtype.itemsize // PAD) * PAD // self._dtype.itemsize
@@ -74,7 +76,7 @@ class ReferenceIndex:
         return self._packed.nbytes if self._wide is None else self._wide.nbytes
 
     def distances(self, descriptor: npt.ArrayLike) -> Distances:
-        """Distance of one query descriptor to every place.
+        """Return the distance of one query descriptor to every place.
 
         Parameters
         ----------
@@ -100,7 +102,7 @@ class ReferenceIndex:
         return self._add_excess(out, np.array([excess]))[0] if excess else out[0]
 
     def matrix(self, queries: npt.ArrayLike) -> Distances:
-        """Distance of every query to every place.
+        """Return the distance of every query to every place.
 
         Parameters
         ----------
@@ -127,6 +129,26 @@ class ReferenceIndex:
         add_sad(self._packed, packed, out)
         return self._add_excess(out, excess)
 
+    def rows(self, queries: npt.ArrayLike) -> Distances:
+        """Distance of every query to every place, as `matrix` gives it, with a query in each row.
+
+        Parameters
+        ----------
+        queries : ndarray of int, shape (Q, J)
+
+        Returns
+        -------
+        ndarray of int32 or int64, shape (Q, K)
+        """
+        counts = _integers(queries, "queries", 2)
+        self._check_pixels(counts)
+        if self._wide is not None:
+            return np.ascontiguousarray(self._wide_matrix(self._wide, counts).T)
+        packed, excess = self._pack(counts)
+        out = np.zeros((len(counts), self.places), dtype=self._sum_dtype)
+        add_sad(packed, self._packed, out)
+        return self._add_excess(out, excess[:, None])
+
     def _check_pixels(self, counts: Integers) -> None:
         if counts.shape[1] != self.pixels:
             raise UsageError(
@@ -135,7 +157,7 @@ class ReferenceIndex:
             )
 
     def _pack(self, counts: Integers) -> tuple[Packed, npt.NDArray[np.int64]]:
-        """Clip to the reference's range, subtract its low end, pad the rows to whole vectors."""
+        """Clip to the reference's range, subtract its lowest count, pad rows to whole vectors."""
         packed = _aligned_zeros(len(counts), self._width, self._dtype)
         excess = np.zeros(len(counts), dtype=np.int64)
         _pack(counts, self._low, self._high, packed, excess)
@@ -158,7 +180,7 @@ class ReferenceIndex:
 
 
 def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances:
-    """Distance of every query to every reference place (method.md section 4).
+    """Return the distance of every query to every reference place (method.md section 4).
 
     Parameters
     ----------
@@ -179,7 +201,7 @@ def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances
 
 
 def _integers(values: npt.ArrayLike, name: str, ndim: int) -> Integers:
-    """Check counts, and bring them to one of the few forms that the kernel is compiled for."""
+    """Check counts, and convert them to a dtype and layout that the kernel is compiled for."""
     counts = np.asarray(values)
     if counts.dtype.kind not in "iu" or counts.ndim != ndim:
         raise UsageError(
@@ -199,7 +221,7 @@ def _sum_dtype(largest: int) -> type[np.signedinteger[Any]]:
 
 
 def _aligned_zeros(rows: int, width: int, dtype: np.dtype[Any]) -> Packed:
-    """Zeros, of which the first lies at the beginning of a cache line."""
+    """Return zeros that begin at a cache line."""
     memory = np.zeros(rows * width * dtype.itemsize + _LINE, dtype=np.uint8)
     start = -memory.ctypes.data % _LINE
     aligned = memory[start : start + rows * width * dtype.itemsize].view(dtype)
@@ -225,7 +247,7 @@ def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _match(counts: Any, low: int, high: int, places: Any, out: Any) -> int:
-    """Pack a query and compare it, in one call: among few places, calls are what takes time."""
+    """Pack a query and compare it in one call; with few places, calls take most of the time."""
     query = np.zeros((1, places.shape[1]), dtype=places.dtype)
     excess = np.zeros(1, dtype=np.int64)
     _pack(counts, low, high, query, excess)

@@ -1,4 +1,4 @@
-"""The distance of every query window of a drive to every place, as one matrix."""
+"""Matrix of the distances of all query windows of a drive to all places."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edge_vpr.matching.sequence import anchor_offset, check_length
 from edge_vpr.odometry import Odometry
 from edge_vpr.settings import Settings
 
-#: most memory of a matrix
+#: largest size of a matrix, in bytes
 MOST_BYTES = 2 << 30
 
 
@@ -27,7 +27,7 @@ def drive_distances(
     along_mm: npt.NDArray[np.int64] | None = None,
     odometry: Odometry | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Return what a match is the least of, at every place and query window.
+    """Return the distance of every place to every query window, as matching compares them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Every query window of a recorded drive, matched by sequences or by the place filter."""
+"""Matching of all query windows of a recorded drive, by sequences or by the place filter."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.odometry import Odometry
 from edge_vpr.settings import Settings
 
-#: distances held at once while matching, so that memory does not grow with the traverse
+#: number of distances in memory at a time, so that memory does not grow with the traverse
 _BLOCK_DISTANCES = 4_000_000
 
 
@@ -88,7 +88,7 @@ def match_descriptors(
 
 
 def check_counts(places: Descriptors, queries: Descriptors) -> None:
-    """Raise MapError if places and queries were not counted at the same pixels.
+    """Check that places and queries have the same counters; raise MapError if not.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def filter_of(
 
 
 def check_no_ways(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
-    """Raise UsageError if sequences are to take jumps or odometry.
+    """Raise UsageError if sequences are asked to use jumps or odometry.
 
     Parameters
     ----------

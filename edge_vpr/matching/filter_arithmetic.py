@@ -1,4 +1,4 @@
-"""The integers of one window of the place filter: spread, evidence, the least metrics, trust."""
+"""Integer arithmetic of one window of the place filter: spread, evidence, best places, trust."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from edge_vpr.matching.step_prices import FRACTION_BITS, METRIC_TOP, Metrics
 EVIDENCE_TOP = (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread
 RECIPROCAL_BITS = 16
-#: trust moves by 1/4 of the difference in a window, in units of 1/16 of a margin
+#: trust, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
 TRUST_SHIFT, TRUST_BITS = 2, 4
-#: where the place stays the same, trust falls by 1/16 a window
+#: while the place stays the same, trust falls by 1/16 in each window
 STANDING_SHIFT = 4
 
 
@@ -24,8 +24,8 @@ STANDING_SHIFT = 4
 def trust_after(kept: int, stands: bool, margin: int) -> int:
     """Return the trust after a window, in units of 1/16 of a metric.
 
-    A robot that stands sees one view again and again, which may be that of another place where
-    one stood: trust then falls by 1/16 a window.
+    While the robot stands, it sees the same view again and learns nothing new. The trust then falls
+    by 1/16 in each window.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def evidence_of(
         Written to.
     """
     shift = RECIPROCAL_BITS - FRACTION_BITS
-    # a larger difference is clipped all the same, and this one fits 32 bits when multiplied
+    # a larger difference gives the largest evidence anyway, and this product fits into 32 bits
     most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
     least = np.int64(distances.min())
     factor = np.int32(reciprocal)
@@ -112,7 +112,7 @@ def add_evidence(
 
 @njit(cache=True, nogil=True)
 def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
-    """Return the place of the least metric, the best outside the exclusion zone (-1), and ties."""
+    """Return the place of the lowest metric, the best one outside its zone or -1, and ties."""
     best, ties = _first_least(metric, 0, metric.size), -1
     for k in range(metric.size):
         ties += metric[k] == metric[best]
@@ -125,7 +125,7 @@ def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
 
 @njit(cache=True, nogil=True)
 def margin_of(metric: Metrics, place: int, second: int) -> int:
-    """Return the metric of the second best place less the best's; the largest without a second."""
+    """Return the second-best less the best metric; the largest value if there is no second."""
     if second < 0:
         return METRIC_TOP
     return int(metric[second]) - int(metric[place])
@@ -133,10 +133,10 @@ def margin_of(metric: Metrics, place: int, second: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _first_least(metric: Metrics, begin: int, end: int) -> int:
-    """Return the first place of the least metric in a range; -1 if the range is empty."""
+    """Return the first place of the lowest metric in a range; -1 if the range is empty."""
     if begin >= end:
         return -1
-    # two loops, each of which compiles to vector instructions or ends early
+    # two loops: the first compiles to vector instructions, the second ends early
     least = metric[begin]
     for k in range(begin, end):
         least = min(least, metric[k])

@@ -20,14 +20,14 @@ from edge_vpr.matching.filter_arithmetic import (
 from edge_vpr.matching.move_kernels import StepTable, leads_to, predict
 from edge_vpr.matching.step_prices import METRIC_TOP, Metrics
 
-#: Of a filter between two windows, beside its metrics; see `PlaceFilter`.
+#: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
 NUMBERS = np.dtype(
     [("reciprocal", np.int64), ("usual", np.int64), ("place", np.int64), ("trust", np.int64)]
 )
 
 
 class Predictions(NamedTuple):
-    """What the windows before say of the next one; see `PlaceFilter`.
+    """Predictions for the next window from the windows before; see `PlaceFilter`.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Predictions(NamedTuple):
 
 
 class WindowRows(NamedTuple):
-    """What n windows give, written by `advance_windows`.
+    """Results of n windows, written by `advance_windows`.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class WindowRows(NamedTuple):
 
     @classmethod
     def empty(cls, windows: int, places: int) -> WindowRows:
-        """Return rows to be written."""
+        """Return uninitialised rows."""
         return cls(
             np.empty((windows, 6), dtype=np.int64),
             np.empty((windows, places), dtype=np.int32),
@@ -81,7 +81,7 @@ def advance_windows(
     events: npt.NDArray[np.int64],
     rows: WindowRows,
 ) -> None:
-    """Take n finished windows, one after the other.
+    """Advance the filter by n finished windows, one after the other.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def advance_windows(
 def write_match(
     metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
 ) -> int:
-    """Write a match but for its trust, and return its margin.
+    """Write a match without its trust, and return its margin.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def smooth_windows(
     summed: Metrics,
     columns: npt.NDArray[np.int64],
 ) -> None:
-    """Add to the metrics of n windows the prices of going on from them, last window first.
+    """Add the prices of the rest of the drive to the metrics of n windows, from the last window.
 
     Parameters
     ----------

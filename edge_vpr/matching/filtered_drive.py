@@ -1,8 +1,9 @@
 """The place filter over a recorded drive: window by window, or smoothed over the whole of it.
 
-The filter's metric of a place is the price of the cheapest way that leads there. Run backwards, it
-is the price of the cheapest way that leads on from there. Their sum is the price of the best path
-of the whole drive that passes the place: the min-plus form of forward-backward smoothing.
+The metric of a place is the price of the cheapest path that leads there. With the filter run
+backwards, it is the price of the cheapest path from there to the end of the drive. The sum is the
+price of the best path of the whole drive through this place: the min-plus form of forward-backward
+smoothing.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from edge_vpr.matching.moves import Moves
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter
 from edge_vpr.odometry import Odometry
 
-#: distances held at once, so that memory does not grow with the drive
+#: number of distances in memory at a time, so that memory does not grow with the drive
 _BLOCK_DISTANCES = 4_000_000
-#: most memory for metrics and evidence of a drive that is smoothed: 3 bytes a window and place
+#: largest memory for smoothing a drive, which takes 3 bytes for each window and place
 MOST_BYTES = 2 << 30
-#: of a smoothed drive, so many windows before and after one have a part in its trust
+#: number of windows before and after a window that its trust uses in a smoothed drive
 NEIGHBOURS = 4
 
 
@@ -46,7 +47,7 @@ class FilteredDrive(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """What smoothing needs of all windows: see `WindowRows`, in fewer bits."""
+    """Values of all windows that smoothing needs: those of `WindowRows`, in fewer bits."""
 
     metrics: npt.NDArray[np.uint16]
     evidence: npt.NDArray[np.uint8]
@@ -119,7 +120,7 @@ def filter_drive(
         way = ways[first]
         if way is not None:
             place_filter.travel(way)
-        distances = np.ascontiguousarray(index.matrix(queries.counts[first:last]).T)
+        distances = index.rows(queries.counts[first:last])
         rows = place_filter.advance_windows(distances, events[first:last])
         columns[first:last] = rows.columns
         if smooth:
@@ -135,7 +136,7 @@ def filter_drive(
 
 
 def _runs(ways: list[int | None], most: int) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of runs of windows of which the first alone may have a known way."""
+    """Yield begin and end of runs of windows in which only the first has a known distance."""
     begin = 0
     while begin < len(ways):
         end = begin + 1
@@ -175,10 +176,10 @@ def _smoothed(
 def _mean_trust(
     columns: npt.NDArray[np.int64], ways: list[int | None], moves: Moves
 ) -> npt.NDArray[np.int64]:
-    """Return the mean trust of each window and its neighbours, 0 beyond where a match jumps."""
+    """Return the mean trust of each window and its neighbours, with 0 for those beyond a jump."""
     place, margin = columns[:, 0].tolist(), columns[:, -1]
     total = np.concatenate([[0], np.cumsum(margin)])
-    chain = np.zeros(len(place), dtype=np.int64)  # a chain of matches of which each follows
+    chain = np.zeros(len(place), dtype=np.int64)  # runs without a jump
     for j in range(1, len(place)):
         chain[j] = chain[j - 1] + (not moves.lead_to(place[j - 1], place[j], ways[j]))
     at = np.arange(len(place))

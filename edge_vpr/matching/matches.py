@@ -1,4 +1,4 @@
-"""The matches of a query traverse: the best place for each query window, and the runner-up."""
+"""The matches of a query traverse: best and second-best place of each query window."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ KIND = "set of matches"
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """One row for each matched query window, n in all.
+    """Matches of n query windows.
 
-    Of matches by the place filter the two distances are metrics of the filter, with L = 1.
+    With the place filter, the two distances are metrics of the filter, and L = 1.
 
     Attributes
     ----------
@@ -88,30 +88,30 @@ class Matches:
 
     @property
     def distance(self) -> npt.NDArray[np.float64]:
-        """D_seq of the best place."""
+        """Distance D_seq of the best place."""
         return self.distance_sum / self.settings.windows_per_match
 
     @property
     def second_distance(self) -> npt.NDArray[np.float64]:
-        """D_seq of the second best place; NaN where there is none."""
+        """Distance D_seq of the second-best place; NaN if there is none."""
         return np.where(self.second < 0, np.nan, self.second_sum / self.settings.windows_per_match)
 
     @property
     def margin(self) -> npt.NDArray[np.float64]:
-        """Second-best distance less the best, higher is surer; NaN where there is no second."""
+        """Second-best less best distance, the higher the surer; NaN if there is no second."""
         return self.second_distance - self.distance
 
     @property
     def ratio(self) -> npt.NDArray[np.float64]:
-        """Best over second-best distance, 0 (sure) to 1 (in doubt).
+        """Best divided by second-best distance, from 0 (sure) to 1 (unsure).
 
-        1 where both are zero, NaN where there is no second.
+        1 if both are zero, NaN if there is no second.
         """
         return ratio_to_second(self.distance_sum, self.second_sum)
 
     @classmethod
     def of_rows(cls, rows: npt.NDArray[np.void], settings: Settings, places_in_map: int) -> Matches:
-        """Build from the matches that a localiser gave event by event.
+        """Build from the match records of a localiser.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class Matches:
         )
 
     def every(self, stride: int) -> Matches:
-        """Return every `stride`-th match, as queries of their own."""
+        """Return every `stride`-th match, each as a query."""
         columns = {name: getattr(self, name)[::stride] for name in _COLUMNS}
         columns["query"] = np.arange(len(columns["query"]), dtype=np.int64)
         return replace(self, **columns)
@@ -146,7 +146,7 @@ class Matches:
     def save(self, path: str | Path) -> None:
         """Write as ``.npz``, atomically."""
         arrays = {name: getattr(self, name) for name in _COLUMNS}
-        # for those who open the file with NumPy alone
+        # for readers that open the file with NumPy only
         arrays |= {name: getattr(self, name) for name in ("distance", "second_distance", "ratio")}
         meta = {"settings": self.settings.to_dict(), "places_in_map": self.places_in_map}
         write_archive(path, KIND, arrays, meta)
@@ -174,7 +174,7 @@ class Matches:
         return found
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a pandas table, one row a match.
+        """Return a pandas table with one row for each match.
 
         Returns
         -------
@@ -197,7 +197,7 @@ class Matches:
         return pandas.DataFrame(columns)
 
     def save_csv(self, path: str | Path, route: Route | None = None) -> None:
-        """Write as a table, see `matches_csv.write_csv`."""
+        """Write as CSV, see `matches_csv.write_csv`."""
         write_csv(path, self, route)
 
 
@@ -214,17 +214,17 @@ _COLUMNS = (
     "probability",
     "lost",
 )
-#: columns of `to_frame`, which says the time in seconds
+#: columns of `to_frame`, which has times in seconds
 _TABLE = (
     "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "margin", "ties",
     "trust", "probability", "lost",
 )  # fmt: skip
-#: columns that the first files did not have
+#: columns that older files do not have
 _LATER = ("trust", "probability", "lost")
 
 
 def check_matches(matches: Matches) -> None:
-    """Raise unless every column is of its dtype and length, and every place is one of the map.
+    """Check dtype and length of every column, and that every place is one of the map.
 
     Parameters
     ----------

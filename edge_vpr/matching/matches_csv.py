@@ -1,4 +1,4 @@
-"""The table of matches that people and spreadsheets read."""
+"""The table of matches as CSV, for people and spreadsheets."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ COLUMNS = (
     *("probability", "lost"),
 )
 
-#: of a map with positions, after the coordinates
+#: columns after the coordinates, for a map with positions
 ALONG = ("along_m", "along_from_m", "along_to_m")
 
 
 def write_csv(path: str | Path, matches: Matches, route: Route | None = None) -> None:
-    """Write matches as a table, one line each, atomically.
+    """Write matches as CSV, one line for each, atomically.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Prices of places one window later, as kernels: by steps, and by a known way."""
+"""Kernels for the prices of places one window later: by steps, and by a known distance."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from edge_vpr.matching.step_prices import Metrics
 
 #: fraction bits of the price of a millimetre
 RATE_BITS = 16
-#: with odometry, a jump leads from so many places before it to as many after it
+#: with odometry, a jump may be taken from this many places before it to as many after it
 JUMP_REACH = 8
 
 
 class StepTable(NamedTuple):
-    """What a kernel needs of `Moves` to predict by steps.
+    """The part of `Moves` that a kernel needs to predict by steps.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class StepTable(NamedTuple):
 def leads_to(
     place: int, next_place: int, first: int, last: int, jumps: npt.NDArray[np.int32]
 ) -> bool:
-    """Whether a step of ``first`` to ``last`` places leads there, or one over a jump."""
+    """Return whether a step of ``first`` to ``last`` places, or one over a jump, leads there."""
     if first <= next_place - place <= last:
         return True
     for n in range(len(jumps)):
@@ -56,7 +56,7 @@ def leads_to(
 
 @njit(cache=True, nogil=True)
 def mark_following(place: int, steps: StepTable, follows: npt.NDArray[np.bool_]) -> None:
-    """Write which places `leads_to` leads to from `place`, shape (K,)."""
+    """Write which places can be reached from `place` by `leads_to`, shape (K,)."""
     for k in range(follows.size):
         follows[k] = leads_to(place, k, steps.first, steps.last, steps.jumps)
 
@@ -113,7 +113,7 @@ def predict_travelled(
     restart: int,
     jumps: npt.NDArray[np.int32],
 ) -> Metrics:
-    """Return the cheapest price of each place after a known way.
+    """Return the cheapest price of each place after a known distance driven.
 
     Parameters
     ----------
@@ -136,16 +136,16 @@ def predict_travelled(
     rate, spacing = rate_and_spacing
     least, places = np.int64(metric.min()), metric.size
     prediction = np.full(places, np.int64(restart) << RATE_BITS, dtype=np.int64)
-    # rounding down is monotone: the least of the exact prices, rounded, is the least of the rounded
+    # rounding down is monotone: the lowest exact price, rounded, is the lowest rounded price
     best, j = np.int64(1) << 62, 0
-    for k in range(places):  # sources that the way leads to k or short of it
+    for k in range(places):  # sources from which the distance ends at k or before it
         while j < places and along[j] + travelled <= along[k]:
             cost = ((metric[j] - least) << RATE_BITS) - (along[j] + travelled) * rate
             best, j = min(best, cost), j + 1
         if j > 0:
             prediction[k] = min(prediction[k], best + along[k] * rate)
     best, j = np.int64(1) << 62, places - 1
-    for k in range(places - 1, -1, -1):  # sources that it leads beyond k
+    for k in range(places - 1, -1, -1):  # sources from which it ends beyond k
         while j >= 0 and along[j] + travelled >= along[k]:
             cost = ((metric[j] - least) << RATE_BITS) + (along[j] + travelled) * rate
             best, j = min(best, cost), j - 1

@@ -1,4 +1,4 @@
-"""Which places one window leads to, and at which price: by steps, by odometry, and by jumps."""
+"""Places that can be reached in one window, and their prices: by steps, odometry and jumps."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from edge_vpr.matching.step_prices import (
 )
 from edge_vpr.odometry import MOST_MM
 
-#: with odometry, what it costs to be one mean spacing from where the distance leads to
+#: with odometry, the price of being one mean spacing away from where the distance leads
 OFF_BY_A_PLACE = 2
 _NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
 
 
 class Moves:
-    """Which places one window leads to from each place of a map.
+    """Places that can be reached from each place of a map in one window.
 
     Parameters
     ----------
@@ -79,13 +79,13 @@ class Moves:
             self._rate = (OFF_BY_A_PLACE << FRACTION_BITS << RATE_BITS) // max(self._spacing, 1)
 
     def reversed(self) -> Moves:
-        """Return the moves of the same map with its places, and every way, turned round."""
+        """Return the moves in the opposite direction, with the order of the places reversed."""
         jumps = self.places - 1 - self.jumps[:, ::-1]
         along = None if self._along is None else self._along[-1] - self._along[::-1]
         return Moves(self.places, self.prices, jumps, along)
 
     def check_odometry(self) -> None:
-        """Raise UsageError unless the map says how far its places are from each other."""
+        """Raise UsageError if the map does not hold the distances between its places."""
         self._checked_along()
 
     def by_steps(self, metric: Metrics) -> Metrics:
@@ -94,12 +94,12 @@ class Moves:
         return predict(metric, steps.prices, steps.first, steps.restart, steps.jumps)
 
     def while_paused(self, metric: Metrics) -> Metrics:
-        """Return the price of each place after a window in which nothing moved, shape (K,)."""
+        """Return the price of each place after a window without motion, shape (K,)."""
         steps = self.by_step
         return predict(metric, steps.paused, 0, steps.restart, steps.jumps)
 
     def by_distance(self, metric: Metrics, travelled_mm: int) -> Metrics:
-        """Return the price of each place after a way of `travelled_mm`, shape (K,).
+        """Return the price of each place after a distance of `travelled_mm`, shape (K,).
 
         Raises
         ------
@@ -112,7 +112,7 @@ class Moves:
         )  # fmt: skip
 
     def following(self, place: int, travelled_mm: int | None) -> npt.NDArray[np.bool_]:
-        """Return which places follow from `place` without a restart, shape (K,).
+        """Return which places can be reached from `place` without a restart, shape (K,).
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class Moves:
         return follows
 
     def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
-        """Whether `next_place` follows from `place` without a restart."""
+        """Return whether `next_place` can be reached from `place` without a restart."""
         steps = self.by_step
         if travelled_mm is None:
             return bool(leads_to(place, next_place, steps.first, steps.last, steps.jumps))
@@ -160,7 +160,7 @@ class Moves:
 
 
 def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
-    """Raise UsageError unless every jump leads from a place of the map to another."""
+    """Check that every jump leads from a place of the map to another one."""
     for begin, end in jumps.tolist():
         if not (0 <= begin < places and 0 <= end < places) or begin == end:
             raise UsageError(
@@ -169,7 +169,7 @@ def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
 
 
 def check_along(along_mm: npt.NDArray[np.int64], places: int) -> None:
-    """Raise UsageError unless there is a way of each place, which does not fall."""
+    """Check that there is a distance driven for each place, which never decreases."""
     if along_mm.shape != (places,) or (np.diff(along_mm) < 0).any():
         raise UsageError(
             f"way to each of {places} places: expected as many millimetres, which do not fall"

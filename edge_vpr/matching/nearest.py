@@ -1,4 +1,4 @@
-"""The nearest place of a query, and the nearest one outside its neighbourhood."""
+"""Search for the nearest place of a query, and the nearest one outside its neighbourhood."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from edge_vpr.errors import UsageError
 
 
 def best_match(distances: npt.NDArray[Any], exclusion: int) -> tuple[int, int]:
-    """Nearest place, and the nearest one outside its neighbourhood.
+    """Return the nearest place, and the nearest one outside its neighbourhood.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def best_match(distances: npt.NDArray[Any], exclusion: int) -> tuple[int, int]:
 def best_matches(
     matrix: npt.NDArray[Any], exclusion: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Find the best match of each column, as :func:`best_match` does, and count the ties.
+    """Return the best match of each column, as :func:`best_match` does, and the number of ties.
 
     Parameters
     ----------

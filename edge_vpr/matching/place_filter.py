@@ -1,8 +1,9 @@
-"""The place filter: which place follows from the places before, and from the newest window.
+"""The place filter: finds the place from the newest window and the possible moves before it.
 
-Viterbi's recursion over the places of a route, which is the min-plus form of a discrete Bayes
-filter, in unsigned integers of stated width. Each place has one metric: the price of the cheapest
-way to be there now. A window adds evidence to it, and prices the step from the place before.
+This is Viterbi's algorithm over the places of a route (the min-plus form of a discrete Bayes
+filter), in unsigned integers of fixed widths. Each place has one metric: the price of the cheapest
+way
+to be there now. Each window adds the price of a move from the place before, and evidence.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from edge_vpr.matching.step_prices import Metrics, StepPrices
 
 
 class FilterMatch(NamedTuple):
-    """Answer of the filter after a window.
+    """Match of the filter after a window.
 
     Attributes
     ----------
@@ -110,7 +111,7 @@ class PlaceFilter:
         return len(self.metric)
 
     def answer(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
-        """Return the match for a window that is not over, without advancing.
+        """Return the match for an unfinished window, without advancing.
 
         Parameters
         ----------
@@ -123,7 +124,7 @@ class PlaceFilter:
         return FilterMatch(*rows.columns[0].tolist())
 
     def advance(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
-        """Take a finished window, and return its match.
+        """Advance by a finished window, and return its match.
 
         Parameters
         ----------
@@ -137,7 +138,7 @@ class PlaceFilter:
     def advance_windows(
         self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
     ) -> WindowRows:
-        """Take n finished windows, of at least 1, one after the other.
+        """Advance by n finished windows, n at least 1, one after the other.
 
         Parameters
         ----------
@@ -152,7 +153,7 @@ class PlaceFilter:
         return rows
 
     def resume(self, metric: Metrics, reciprocal: int, usual: int, place: int, trust: int) -> None:
-        """Take up the state of another filter of the same map and prices; see its attributes."""
+        """Continue from the state of another filter with the same map and prices."""
         self.metric = metric.copy()
         self.reciprocal, self.activity.usual = reciprocal, usual
         self.place, self.trust = place, trust
@@ -160,7 +161,7 @@ class PlaceFilter:
             self._predict()
 
     def travel(self, travelled_mm: int) -> None:
-        """Predict by odometry, in place of steps, until the window is over.
+        """Predict by odometry instead of steps until the window ends.
 
         Parameters
         ----------
@@ -186,7 +187,7 @@ class PlaceFilter:
     def _rows(
         self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
     ) -> tuple[WindowRows, npt.NDArray[np.void]]:
-        """Return what windows give, and NUMBERS after the last of them."""
+        """Return the results of windows, and the state after the last one."""
         if distances.shape[1:] != self.metric.shape:
             raise UsageError(
                 f"{distances.shape[1]} distances to {len(self)} places: give one of each place"

@@ -1,4 +1,4 @@
-"""How much better the best place is than the runner-up, from the sums of their distances."""
+"""Ratio and margin of the best and the second-best place, from sums of distances."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Sums = npt.NDArray[np.int64]
 
 
 def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
-    """Return best over second-best distance, 0 (sure) to 1 (in doubt).
+    """Return the best divided by the second-best distance, from 0 (sure) to 1 (unsure).
 
     Parameters
     ----------
@@ -28,5 +28,5 @@ def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
 
 
 def margin_to_second(best: Sums, second: Sums) -> Sums:
-    """Return the second-best less the best sum of distances; 0 where there is no second (-1)."""
+    """Return the second-best less the best sum of distances; 0 if there is no second (-1)."""
     return np.where(second < 0, 0, second - best)

@@ -1,9 +1,10 @@
 """The SAD kernel: sums of absolute differences between the rows of two packed matrices.
 
-A plain Numba loop over 8-bit counts is widened to 32 bits by the loop vectoriser and runs four
-times slower than the hardware allows. So the innermost step is written as LLVM IR, once for every
-processor: load two vectors, zero-extend, subtract, absolute value, add up. LLVM recognises this
-idiom as a sum of absolute differences and picks the processor's instructions for it: ``vpsadbw`` on
+The loop vectoriser widens a plain Numba loop over 8-bit counts to 32 bits, which is four times
+slower than the hardware allows. The innermost step is therefore written as LLVM IR, once for all
+processors: load two vectors, zero-extend, subtract, absolute value, add up. LLVM recognises this
+pattern as a sum of absolute differences and uses the instructions of the processor for it:
+``vpsadbw`` on
 x86-64, ``uabd`` and ``udot`` on a Cortex-A76, ``uabd`` and ``uaddl`` on a Cortex-A53.
 """
 
@@ -20,13 +21,13 @@ from numba.extending import intrinsic
 
 #: bytes to which a row is padded: the narrowest vector that the kernel loads
 PAD = 32
-# The widest vector spans several registers, whose partial sums are added up lane by lane: the
-# costly sum across lanes comes once per vector.
+# The widest vector spans several registers, whose partial sums are added lane by lane. The slow
+# sum across lanes is then needed only once per vector.
 _WIDTHS = (256, 128, 64, 32)
 _PIECE = _WIDTHS[0]
-# So many rows of b are taken at once.
+# Number of rows of b that are processed together.
 _ROWS = 4
-# So many bytes of rows of b are taken at a time, to stay in the nearest cache.
+# Bytes of rows of b that are processed at a time, so that they stay in the first-level cache.
 _TILE = 16384
 _INT1, _INT8, _INT32, _INT64 = (ir.IntType(bits) for bits in (1, 8, 32, 64))
 
@@ -38,7 +39,7 @@ def _type_add_piece(
 
     It adds to ``out[i, first:last]`` the absolute differences of `width` bytes from byte `start` of
     row i of a and of rows first to last of b. There is one loop for each multiple of PAD up to
-    _PIECE, so that its vectors are fixed and nothing is decided inside.
+    _PIECE, so that the loop has vectors of fixed length and no branches.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -59,7 +60,7 @@ def _type_add_piece(
                 with cgutils.for_range_slice(builder, j0, j1, _INT64(step)) as (j, _):
                     rows = [builder.add(j, _INT64(n)) for n in range(step)]
                     others = [_at(builder, b_data, builder.mul(r, b_stride), start) for r in rows]
-                    # all sums before the first store: row i is then loaded once for all of them
+                    # all sums come before the first store, so that row i is loaded only once
                     sads = [_row_sad(builder, _integer(a), row, other, case) for other in others]
                     for r, sad in zip(rows, sads, strict=True):
                         total = builder.gep(sums, [r])
@@ -93,7 +94,7 @@ def _row_sad(builder: Any, integer: Any, row: Any, other: Any, width: int) -> An
 
 
 def _bytes_of(context: Any, builder: Any, kind: Any, matrix: Any) -> tuple[Any, Any]:
-    """Emit the address of a matrix and the bytes from row to row."""
+    """Emit the address of a matrix and the number of bytes from row to row."""
     array = context.make_array(kind)(context, builder, matrix)
     data = builder.bitcast(array.data, _INT8.as_pointer())
     return data, builder.extract_value(array.strides, 0)
@@ -133,7 +134,7 @@ def _add_sad_in_python(a: Any, b: Any, out: Any) -> None:
 
 # a, b : uint8 or uint16, (M, width) and (N, width), contiguous, whole vectors of PAD bytes in a row
 # out : int32 or int64, (M, N), contiguous; the sum of row i of a and row j of b is added to [i, j]
-# A kernel, and as such unchecked: ReferenceIndex is its door. LLVM IR cannot run as plain Python.
+# Unchecked, as all kernels: ReferenceIndex checks. LLVM IR cannot run as plain Python.
 add_sad: Any = (
     _add_sad_in_python
     if config.DISABLE_JIT  # type: ignore[attr-defined]

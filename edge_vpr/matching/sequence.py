@@ -12,8 +12,9 @@ from edge_vpr.settings import Anchor
 def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArray[np.integer]:
     """Add distances along diagonals: ``S[k, j] = sum_{i<L} D[k + i, j + i]``.
 
-    This is L times D_seq of method.md section 5, kept in integers; the division by L changes no
-    order among places.
+    This is L times D_seq of method.md section 5, in integers. The division by L would not change
+    the
+    order of places.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArra
 
 
 def check_length(length: int, places: int, queries: int) -> None:
-    """Raise UsageError unless a sequence of this length fits into both traverses."""
+    """Check that a sequence of this length fits into both traverses."""
     if length < 1:
         raise UsageError(f"sequence length {length}: expected 1 or more")
     if length > min(places, queries):
@@ -52,7 +53,7 @@ def check_length(length: int, places: int, queries: int) -> None:
 
 
 def anchor_offset(length: int, anchor: Anchor) -> int:
-    """Which window of a sequence its match belongs to.
+    """Return the window of a sequence that its match belongs to.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from edge_vpr.settings import Settings
 
 
 class BestSequences(NamedTuple):
-    """What is best of n sequences; as in `Matches`, but place 0 is the first sum."""
+    """Best places of n sequences, with the fields of `Matches`; place 0 is the first sum."""
 
     place: npt.NDArray[np.int64]
     distance_sum: npt.NDArray[np.int64]
@@ -28,7 +28,7 @@ class BestSequences(NamedTuple):
 
     @classmethod
     def of(cls, sums: npt.NDArray[np.integer], exclusion: int) -> BestSequences:
-        """Search the columns of sums of distances, shape (K - L + 1, n)."""
+        """Find the best places in the columns of sums of distances, shape (K - L + 1, n)."""
         best, second, ties = best_matches(sums, exclusion)
         column = np.arange(sums.shape[1])
         best_sum = sums[best, column].astype(np.int64)
@@ -43,7 +43,7 @@ def sequence_matches(
     query_us: npt.NDArray[np.int64],
     judge: Judge,
 ) -> Matches:
-    """Return the matches of sequences that follow one another.
+    """Return the matches of successive sequences.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Prices of the steps from place to place, in the units of the place filter's metrics."""
+"""Prices of steps from place to place, in the units of the metrics of the place filter."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Metrics = npt.NDArray[np.int32]
 FRACTION_BITS = 2
 #: largest metric: 10 bits
 METRIC_TOP = (1 << 10) - 1
-#: prices of a step of 0, 1, 2 ... places while nothing moves
+#: prices of a step of 0, 1, 2 ... places in a pause
 PAUSE_STEPS = (0, 0, 1)
 
 
 @dataclass(frozen=True)
 class StepPrices:
-    """What it costs to get from place to place in one window.
+    """Prices of moves from place to place in one window.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class StepPrices:
 
     @classmethod
     def of(cls, settings: Settings) -> StepPrices:
-        """Return the prices that the settings ask for; by default those of the kind of window."""
+        """Return the prices of the settings; the default depends on the kind of window."""
         forward = settings.filter_steps
         if forward is None:
             forward = (1, 0, 1) if settings.window == "time" else (1, 0, 0, 1)
@@ -67,10 +67,10 @@ class StepPrices:
 
     @property
     def last(self) -> int:
-        """Largest step, in places, after which an answer follows from the one before."""
+        """Largest step, in places; a match that is farther away is a jump."""
         return max(len(self.forward), len(PAUSE_STEPS)) - 1
 
     @property
     def scaled(self) -> npt.NDArray[np.int32]:
-        """Prices from the smallest step to the largest, with fraction bits."""
+        """Prices from the smallest to the largest step, with fraction bits."""
         return np.array([*reversed(self.back), *self.forward], dtype=np.int32) << FRACTION_BITS

@@ -1,1 +1,1 @@
-"""A match after every event: the state of the newest windows, kept exact as events come and go."""
+"""Online matching: a match after every event, from exactly updated counters and distances."""

@@ -1,4 +1,4 @@
-"""What the kernel answers when it is asked: the best place and how sure that is."""
+"""Kernels that write a match: the best place and how sure it is."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from edge_vpr.online.vector_kernels import least_in
 
 @njit(cache=True, nogil=True)
 def sequence_answer(sums, total, c, length, row):
-    """Write the place whose sequence is nearest.
+    """Write the place with the nearest sequence.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def sequence_answer(sums, total, c, length, row):
 
 @njit(cache=True, nogil=True, inline="always")
 def _second(sums, count, best, exclusion, places):
-    """Look for the best outside the exclusion zone; -1 if there is nothing outside."""
+    """Find the best place outside the exclusion zone; -1 if there is none."""
     second, second_least = -1, sums[best]
     if best - exclusion > 0:
         second, second_least = least_in(sums, count, 0, best - exclusion)
@@ -67,7 +67,7 @@ def _second(sums, count, best, exclusion, places):
 
 @njit(cache=True, nogil=True)
 def filter_answer(predicted, metric, sums, c, events, row):
-    """Write the place of the least metric, of the window that is not over.
+    """Write the place of the lowest metric for the unfinished window.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def judge(row, trust, probability, least_trust):
     if second > 0:
         row["ratio"] = row["distance_sum"] / second
     row["probability"], row["lost"] = np.nan, row["trust"] < least_trust
-    first, last = 0, trust.size - 1  # the step lies between these two
+    first, last = 0, trust.size - 1  # binary search: the step lies between these two
     if last >= 0:
         while first < last:
             middle = (first + last + 1) // 2

@@ -1,4 +1,4 @@
-"""Events before the kernels see them: in time order, on the sensor, and at selected pixels."""
+"""Checks and selection of events for the kernels: time order, sensor, selected pixels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events
 
-_EVENTS_AT_ONCE = 1 << 16  # bounds the buffers, whatever the chunk
+_EVENTS_AT_ONCE = 1 << 16  # limits the buffers for chunks of any size
 
 
 def selected_in_order(
@@ -65,9 +65,9 @@ def selected_in_order(
 
 @njit(cache=True, nogil=True)
 def few_in_order(table, events, floor, off_slots, slots, times):
-    """Do the same in one pass, without columns, and without saying what is wrong.
+    """Do the same in one pass without columns, and without the reason for an error.
 
-    Of an event alone, the checks of columns take longer than all the rest.
+    For a single event, the checks of columns would take longer than everything else.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The place filter event by event: between two window ends, and at each of them."""
+"""The place filter event by event: within windows, and at the end of each window."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fixedpoint.own_mean import RunningMean
 
 
 class FilterRun(MatchRun):
-    """Feeds events to the place filter, window by window, and matches in between.
+    """Feeds events to the place filter, and gives matches within windows too.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class FilterRun(MatchRun):
         self._predict()
 
     def prepare(self) -> None:
-        """Code the counters by the present means, and compare them with the map."""
+        """Code the counters with the present means, and compare them with the map."""
         if self.mean is None or self._code is None:
             return
         levels, mean, s = self._code.levels, self.mean.mean, self.windows.s
@@ -69,7 +69,7 @@ class FilterRun(MatchRun):
         compared(s, self._index)
 
     def read_odometer(self, distance_mm: int) -> None:
-        """Take a reading; until the window is over, places are predicted by the way since.
+        """Take a reading; until the window ends, places are predicted by the distance driven.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class FilterRun(MatchRun):
             self._predict()
 
     def _predict(self) -> None:
-        """Hand the filter's state over to the kernel, after each change."""
+        """Copy the state of the filter to the kernel, after each change."""
         found, control, predicted = self.place_filter, self._control, self._followed.predicted
         predicted.moving[:], predicted.paused[:] = found.prediction, found.paused
         predicted.follows[:] = found.follows
@@ -109,7 +109,7 @@ class FilterRun(MatchRun):
         counts = s.counts[0]
         events = int(counts.sum())
         paused = found.activity.pauses(events)
-        # what all distances have in common changes neither the evidence nor its spread
+        # the common part of all distances changes neither the evidence nor its spread
         found.advance(s.sums[: len(found)], events)
         self.odometer.end_window()
         if self.mean is not None and self._code is not None and not paused:
@@ -117,7 +117,7 @@ class FilterRun(MatchRun):
             self.prepare()
 
     def _skip_silence(self, until: int) -> None:
-        """Pass over windows without events, up to `until`, once they change nothing any more."""
+        """Skip windows without events up to `until`, as soon as they change nothing any more."""
         found, s = self.place_filter, self.windows.s
         while s.bound[0] == s.bound[1] and (self._windows + 2) * s.tau <= until:
             read = self.odometer.fresh
@@ -129,7 +129,7 @@ class FilterRun(MatchRun):
                 self._windows = until // s.tau - 1
 
     def to_arrays(self) -> Arrays:
-        """Return what `resume` needs, as arrays of an archive."""
+        """Return the arrays that `resume` needs, for an archive."""
         found, meter = self.place_filter, self.odometer
         state = [found.reciprocal, found.activity.usual, found.place, found.trust, self._windows]
         arrays = super().to_arrays() | {
@@ -145,7 +145,7 @@ class FilterRun(MatchRun):
         return arrays
 
     def resume(self, arrays: Arrays) -> None:
-        """Take up what `to_arrays` gave."""
+        """Restore the state from the arrays of `to_arrays`."""
         super().resume(arrays)
         found = self.place_filter
         reciprocal, usual, place, trust, self._windows = arrays["filter_state"].tolist()

@@ -1,4 +1,4 @@
-"""All that the kernel of a localiser works on, in one tuple."""
+"""The state of a localiser's kernel, in one tuple."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.state import Sliding
 from edge_vpr.reference_map import ReferenceMap
 
-#: Matches that the kernel gives before it returns.
+#: Number of matches after which the kernel returns.
 MATCHES_AT_ONCE = 4_096
-#: Up to so many events are looked up, followed and matched in one call; more go by columns.
+#: Largest number of events that one call processes; more are processed by columns.
 FEW = 4_096
-#: No window of the place filter ends by then.
+#: Time that is later than the end of any window.
 NEVER = np.iinfo(np.int64).max
 
-#: When a match is given, see `edge_vpr.online.schedule.MatchSchedule`, with the next tick and the
-#: place told last; what is searched: width of the zone around the best place, and the number of
-#: sums; the least trust of a match that is not lost; of the place filter the end of its present
-#: window (a time, or the number of an event), the usual number of events, the reciprocal of the
-#: spread, and place and trust of the window before; where the slots of OFF events begin, and the
-#: time that no event may be earlier than.
+#: Control of the kernel. Fields, in this order: the schedule of matches (see
+#: `edge_vpr.online.schedule.MatchSchedule`) with the next tick and the place of the last match; the
+#: width of the exclusion zone and the number of sums; the lowest trust of a match that is not lost;
+#: for
+#: the place filter, the end of the present window (a time, or the number of an event), the usual
+#: number
+#: of events, the reciprocal of the spread, and place and trust of the window before; the first slot
+#: of
+#: OFF events; and the earliest time that the next event may have.
 CONTROL = np.dtype(
     [
         (name, "<i8")
@@ -42,7 +45,7 @@ CONTROL = np.dtype(
 
 
 class Followed(NamedTuple):
-    """What the kernel works on.
+    """State of the kernel.
 
     Attributes
     ----------
@@ -98,7 +101,7 @@ class Followed(NamedTuple):
         first.off_slots = len(reference.pixel_map) if settings.polarity else 0
         trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
         if judge.confidence is not None:
-            # copies: to Numba an array that may only be read is of another type
+            # copies, because for Numba a read-only array is of another type
             trust, probability = judge.confidence.trust.copy(), judge.confidence.probability.copy()
             if judge.precision is not None:
                 first.least_trust = judge.confidence.least_trust(judge.precision)

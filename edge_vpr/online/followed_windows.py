@@ -1,4 +1,4 @@
-"""The newest L windows of a stream, and the distance of their sequence to every place of a map."""
+"""The newest L windows of a stream, and the distances of their sequence to all places of a map."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from edge_vpr.reference_map import ReferenceMap
 
 
 class FollowedWindows:
-    """State that the kernels change event by event, see `edge_vpr.online.state`.
+    """State that the kernels update at each event, see `edge_vpr.online.state`.
 
-    Counters and distances are brought up to date when they are asked for, at the time `now_us`:
-    all events before it have been taken.
+    Counters and distances are updated when they are read. They are then those at the time `now_us`;
+    all earlier events have been processed.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class FollowedWindows:
             )
 
     def to_arrays(self, now_us: int) -> Arrays:
-        """Return the places and the events of the windows, as arrays of an archive."""
+        """Return the places and the events of the windows as arrays, for an archive."""
         self._settle(now_us)
         alive = np.arange(self.s.bound[-1], self.s.bound[0]) & (self.s.slot.size - 1)
         return {
@@ -116,7 +116,7 @@ class FollowedWindows:
         }
 
     def resume(self, arrays: Arrays) -> None:
-        """Take up the events that `to_arrays` gave, of a map with its places."""
+        """Restore the events from the arrays of `to_arrays`; the map has the saved places."""
         while self.s.slot.size < arrays["slot"].size:
             self.s = grown(self.s)
         s, first = self.s, int(arrays["bound"][-1])

@@ -1,4 +1,4 @@
-"""The kernel of the localiser: events in, matches out, with no Python between two of them."""
+"""The kernel of the localiser: converts events to matches without returning to Python."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
 
 @njit(cache=True, nogil=True)
 def follow(box, slots, times, until):
-    """Feed selected events, then let time pass to `until`; stop where Python is needed.
+    """Process selected events, then advance the time to `until`; stop where Python is needed.
 
     Parameters
     ----------
@@ -45,15 +45,15 @@ def follow(box, slots, times, until):
     tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     metric = f.metric
     given, i = 0, 0
-    # counted down: a division for each event would take as long as the rest of its bookkeeping
+    # counted down, because a division would take as long as the rest of an event's processing
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
-    # one turn is a tick, or the next event, until both have come to an end
+    # each iteration is a tick or an event, until there are no more of either
     while True:
         now = times[i] if i < slots.size else until
         tick = c.interval > 0 and c.next_tick <= now
         now = c.next_tick if tick else now
         seen_until = now if tick else now + 1
-        # a tick at the end of a window belongs to it, an event at that time to the next one
+        # a tick at the end of a window belongs to it; an event at the same time to the next window
         over = seen_until > c.window_end if tau > 0 else bound[0] >= c.window_end
         if over:
             seen_until = c.window_end
@@ -95,7 +95,7 @@ def follow(box, slots, times, until):
             answered = sequence_answer(sums, totals[0], c, length, row)
         if answered:
             row["t"], row["events"] = now, events
-            # of a window of a number of events, the time of the oldest
+            # start of a fixed-count window: the time of its oldest event
             row["start"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
             judge(row, f.trust, f.probability, c.least_trust)
             given += 1
@@ -103,7 +103,7 @@ def follow(box, slots, times, until):
 
 @njit(cache=True, nogil=True)
 def follow_few(box, events):
-    """Feed a few events; nothing is taken of what `selected_in_order` would refuse.
+    """Process a few events; none if `selected_in_order` would refuse one of them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A match after every event: distances are changed by what the event changes, not recomputed."""
+"""The localiser: a match after every event, from distances that are updated, not recomputed."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ KIND = "localiser state"
 
 
 class Localiser:
-    """Follows a stream of events and says where it is on the map.
+    """Matches a stream of events with a map, event by event.
 
-    It keeps the counters of the newest L windows, one behind the other (`edge_vpr.online.state`),
-    and the distance of that sequence to every place. An event changes each distance by a few times
-    +-1, so that the best place is known after it without a new comparison.
+    It holds the counters of the newest L windows, one directly after the other
+    (`edge_vpr.online.state`), and the distances of this sequence to all places. An event changes
+    each
+    distance by a few steps of +-1, so that the best place is known without a new comparison.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ class Localiser:
         recent: int = 0,
         check_every: int = 0,
     ) -> None:
-        if reference.settings.smooth:  # which takes later windows
+        if reference.settings.smooth:  # which needs later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
         self.settings = reference.settings
         self.every = MatchSchedule(events=1) if every is None else every
@@ -82,12 +83,12 @@ class Localiser:
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
-        """Events in each window, newest first, shape (L, J); a copy."""
+        """Counts of each window, newest first, shape (L, J); a copy."""
         return self._state.windows.counts_at(self._state.now)
 
     @property
     def distance_sums(self) -> npt.NDArray[np.int64]:
-        """Distance of the sequence that ends at each place, shape (K - L + 1,).
+        """Distances of the sequences that end at each place, shape (K - L + 1,).
 
         Element m belongs to place m + L - 1.
         """
@@ -95,24 +96,24 @@ class Localiser:
 
     @property
     def map_bytes(self) -> int:
-        """Size of the map as it is searched: every place, laid out by pixel."""
+        """Size of the map in the form that is searched, in bytes."""
         return self._state.windows.s.columns.nbytes
 
     @property
     def complete(self) -> bool:
-        """Whether the L windows are complete, so that matches are given."""
+        """Whether the L windows are complete; there are no matches before."""
         seen, whole = self._state.seen_and_whole()
         return seen >= whole
 
     @property
     def filled(self) -> float:
-        """Share of the L windows that has been seen, 0 to 1."""
+        """Share of the L windows that is complete, 0 to 1."""
         seen, whole = self._state.seen_and_whole()
         return min(1.0, seen / whole)
 
     @property
     def next_match_us(self) -> int:
-        """Time before which there is no match, where they are given by time alone; else 0."""
+        """Time before which there is no match, if matches are given by time only; else 0."""
         return 0 if self.every.events else self._state.run.next_tick
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
@@ -140,7 +141,7 @@ class Localiser:
         return self._state.take(events)
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
-        """Let time pass without events, to T = `until_us`; the ticks until then give matches.
+        """Advance the time without events to T = `until_us`, and return the matches due until then.
 
         Parameters
         ----------
@@ -163,10 +164,10 @@ class Localiser:
         return self._state.advance(until_us)
 
     def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
-        """Let time pass to `time_us` and take a reading of the robot's odometer.
+        """Advance the time to `time_us` and take a reading of the robot's odometer.
 
-        The way since the window before then prices the steps from place to place. Give one reading
-        or more in each window, better ten; a window without one is priced by the settings.
+        The distance since the window before then decides the prices of moves. Give at least one
+        reading in each window, better ten. A window without one uses the prices of the settings.
 
         Parameters
         ----------
@@ -200,7 +201,7 @@ class Localiser:
         return matches
 
     def skip_ticks(self, until_us: int) -> None:
-        """Leave out the ticks of the policy before `until_us`, but for the last of them.
+        """Skip the ticks of the schedule before `until_us`, except the last one.
 
         Parameters
         ----------
@@ -237,7 +238,7 @@ class Localiser:
         return len(self) - 1
 
     def save(self, path: str | Path) -> None:
-        """Write the map and the state, so that `load` goes on as this localiser would.
+        """Save the map and the state, so that `load` continues exactly from here.
 
         Parameters
         ----------
@@ -248,7 +249,7 @@ class Localiser:
 
     @classmethod
     def load(cls, path: str | Path, *, check_every: int = 0) -> Localiser:
-        """Read what `save` wrote, and go on from there.
+        """Load a localiser that `save` wrote, and continue from there.
 
         Raises
         ------

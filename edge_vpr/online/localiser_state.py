@@ -1,4 +1,4 @@
-"""State of a localiser: its time, its windows, and how it matches; and the state as an archive."""
+"""State of a localiser (time, windows, matching), and its form as an archive."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NO_SLOTS, _NO_TIMES = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64)
 
 
 class LocaliserState:
-    """What changes while a localiser follows a stream.
+    """State of a localiser that changes with the stream.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class LocaliserState:
     Attributes
     ----------
     now : int
-        T: all events before it have been taken.
+        T: all earlier events have been processed.
     run : FilterRun or SequenceRun
     windows : FollowedWindows
     """
@@ -66,7 +66,7 @@ class LocaliserState:
         )  # fmt: skip
         places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
-        self.now = 0  # T: all events before it have been taken
+        self.now = 0  # T: all earlier events have been processed
         if reference.own_mean_code is not None and settings.matching != "filter":
             raise UsageError(
                 "own-mean codes follow the mean of a drive, which sequences after every event do "
@@ -86,13 +86,13 @@ class LocaliserState:
         self.run.prepare()
 
     def seen_and_whole(self) -> tuple[int, int]:
-        """Return how much of the L windows has been seen, and how much they hold."""
+        """Return how much of the L windows is complete, and their total length."""
         if isinstance(self._window, FixedTime):
             return self.now, self._length * self._window.tau_us
         return int(self.windows.s.bound[0]), self._length * self._window.events
 
     def resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
-        """Take up what `to_archive` gave.
+        """Restore the state from the result of `to_archive`.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class LocaliserState:
         return matches
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
-        """Let time pass without events; see `Localiser.advance`."""
+        """Advance the time without events; see `Localiser.advance`."""
         self._every.check_ticks(self.run.next_tick, until_us)
         matches = self._feed(_NO_SLOTS, _NO_TIMES, until_us)
         self.now = max(self.now, until_us)
@@ -146,7 +146,7 @@ class LocaliserState:
     def _feed(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
     ) -> npt.NDArray[np.void]:
-        """Feed selected events, then the ticks up to `until`; verify in between if asked to."""
+        """Process selected events, then the ticks up to `until`; verify in between if asked to."""
         if not self._check_every:
             return _joined(self.run.feed(slots, times, until))
         found = []

@@ -1,16 +1,21 @@
-"""One match of the localiser as a record."""
+"""Record of one match of the localiser."""
 
 from __future__ import annotations
 
 import numpy as np
 
-#: One match: time in microseconds; best place (ties: the lowest) and the best one outside the
-#: exclusion zone (-1: none); their distances, summed over the L windows of the sequence; best over
-#: second; events at the selected pixels in the newest window, and its start; trust, higher is
-#: surer (of the place filter as `place_filter.FilterMatch` has it, of sequences the margin);
-#: probability of being right (NaN: not known), and whether the match is lost at the precision that
-#: the settings want. The place filter has metrics in place of distances, and windows in place of
-#: sequences.
+#: One match. Fields, in this order: time in microseconds; best place (ties: the lowest) and best
+#: place
+#: outside the exclusion zone (-1: none); their distances, summed over the L windows of the
+#: sequence;
+#: best divided by second-best distance; number of events at the selected pixels in the newest
+#: window,
+#: and its start; trust, the higher the surer (with the place filter that of
+#: `place_filter.FilterMatch`, with sequences the margin); probability of being right (NaN if not
+#: known);
+#: whether the match is lost at the precision of the settings. With the place filter, metrics
+#: replace
+#: distances, and one window replaces the sequence.
 MATCH_DTYPE = np.dtype(
     [
         ("t", "<i8"),

@@ -1,4 +1,4 @@
-"""Feeds events to the kernel, and does between two of its calls what only Python can."""
+"""Feeds events to the kernel, and does the work between its calls that needs Python."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Found = list[npt.NDArray[np.void]]
 
 
 class MatchRun:
-    """The state of a localiser as the kernel holds it.
+    """Runs the kernel of a localiser on its state.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class MatchRun:
     followed : Followed
     """
 
-    #: Name of the schedule's array in an archive.
+    #: Name of the array of the schedule in an archive.
     schedule_name = "policy"
 
     def __init__(self, windows: FollowedWindows, followed: Followed) -> None:
@@ -39,7 +39,7 @@ class MatchRun:
 
     @property
     def next_tick(self) -> int:
-        """Time of the next match that the schedule's interval asks for, in microseconds."""
+        """Time of the next match by the interval of the schedule, in microseconds."""
         return int(self._followed.control["next_tick"][0])
 
     @next_tick.setter
@@ -48,7 +48,7 @@ class MatchRun:
 
     @property
     def floor_us(self) -> int:
-        """No event may be earlier."""
+        """Earliest time that the next event may have."""
         return int(self._followed.control["floor"][0])
 
     @floor_us.setter
@@ -56,7 +56,7 @@ class MatchRun:
         self._followed.control["floor"] = time_us
 
     def feed(self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int) -> Found:
-        """Feed selected events, then let time pass to `until`.
+        """Process selected events, then advance the time to `until`.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class MatchRun:
         return self._go_on(slots, times, until, follow(self._bound(), slots, times, until))
 
     def feed_few(self, events: Events) -> tuple[int, Found] | None:
-        """Look events up and feed them, in one call of compiled code.
+        """Look events up and process them in one compiled call.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class MatchRun:
         until: int,
         result: tuple[int, int, int],
     ) -> Found:
-        """Call the kernel again until all is taken."""
+        """Call the kernel until all events are processed."""
         found, begin = [], 0
         while True:
             read, given, why = result
@@ -118,7 +118,7 @@ class MatchRun:
             result = follow(self._bound(), slots[begin:], times[begin:], until)
 
     def _taken(self, given: int) -> npt.NDArray[np.void]:
-        # bytes are copied at once, records field by field
+        # as bytes, because NumPy copies records field by field
         room = bytearray(self._out[: given * MATCH_DTYPE.itemsize])
         return np.frombuffer(room, dtype=MATCH_DTYPE)
 
@@ -130,21 +130,21 @@ class MatchRun:
         return self._box.boxed
 
     def _rebound(self) -> None:
-        """Bring the control up to date with another map or other windows."""
+        """Update the control record for another map or other windows."""
 
     def _end_window(self, next_us: int) -> None:
-        """Finish a window of the place filter; the next event or the end of time is `next_us`."""
+        """Finish a window of the place filter; the next event or tick is at `next_us`."""
         raise NotImplementedError
 
     def prepare(self) -> None:
-        """Bring the distances up to date with the codes of the moment."""
+        """Update the distances for the present codes."""
 
     def to_arrays(self) -> Arrays:
-        """Return what `resume` needs, as arrays of an archive."""
+        """Return the arrays that `resume` needs, for an archive."""
         control = self._control
         told = np.array([control.next_tick, control.place_told], dtype=np.int64)
         return {self.schedule_name: told}
 
     def resume(self, arrays: Arrays) -> None:
-        """Take up what `to_arrays` gave."""
+        """Restore the state from the arrays of `to_arrays`."""
         self._control.next_tick, self._control.place_told = arrays[self.schedule_name].tolist()

@@ -1,4 +1,4 @@
-"""Events and readings of an odometer, fed to a localiser in the order of time."""
+"""Feeding of events and odometer readings to a localiser in time order."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from edge_vpr.online.localiser import Localiser
 
 
 class OdometryFeed:
-    """Feeds a localiser; readings follow events of the same time.
+    """Feeds a localiser in time order; at the same time, events come before readings.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The part of a map that a saved localiser holds: what it searches."""
+"""The part of a map that a saved localiser needs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from edge_vpr.settings import Settings
 
 
 def map_arrays(reference: ReferenceMap) -> Arrays:
-    """Return what `searched_map` needs of a map, as arrays of an archive, without its places."""
+    """Return the arrays of a map that `searched_map` needs, without the places, for an archive."""
     arrays: Arrays = {"pixel_x": reference.pixel_map.x, "pixel_y": reference.pixel_map.y}
     if reference.full_scale is not None:
         arrays["full_scale"] = reference.full_scale
@@ -35,7 +35,7 @@ def map_arrays(reference: ReferenceMap) -> Arrays:
 
 
 def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
-    """Build a map of what a localiser needs of it, without times and figures.
+    """Build a map with only the parts that a localiser needs.
 
     Parameters
     ----------

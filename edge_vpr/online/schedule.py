@@ -1,4 +1,4 @@
-"""When a stream is asked what it shows: after events, at times, or when something changes."""
+"""Schedule of matches: after a number of events, at times, or when the place changes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from edge_vpr.settings import Settings
 
 @dataclass(frozen=True)
 class MatchSchedule:
-    """When to take a match, or a descriptor; by events, by time, or by both.
+    """Schedule of matches or descriptors, by events, by time, or by both.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class MatchSchedule:
 
     @classmethod
     def window(cls, settings: Settings) -> MatchSchedule:
-        """At the end of every window of the main job, which makes the windows not overlap."""
+        """Return the schedule of a match at the end of every non-overlapping window."""
         if settings.window == "time":
             return cls(interval_us=settings.tau_us)
         return cls(events=settings.events_per_window)

@@ -1,4 +1,4 @@
-"""Sequences event by event: the nearest of the newest L windows when the schedule asks."""
+"""Matching by sequences event by event."""
 
 from __future__ import annotations
 

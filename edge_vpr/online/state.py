@@ -1,9 +1,11 @@
-"""Windows that slide: the newest microseconds or events, and those of the same length before them.
+"""State of sliding windows: the newest time or events, and windows of the same length before.
 
-A sequence of L descriptors at the map's own spacing is L such windows, one behind the other: lag 0
-is the newest, and lag i holds what lag 0 held i window lengths ago. An event enters at lag 0, moves
-from lag to lag as it ages, and leaves behind the last one; each move takes one from one counter and
-adds one to another. At time T, lag i of windows of tau microseconds holds the events with
+A sequence consists of L such windows, one directly after the other. They are numbered by their lag:
+lag 0 is the newest window, and lag i holds what lag 0 held i window lengths ago. An event enters at
+lag 0, moves from lag to lag as it ages, and leaves after the last one. Each move subtracts one from
+a
+counter and adds one to another. At time T, lag i of windows of tau microseconds holds the events
+with
 ``T - (i+1) tau <= t < T - i tau``; after an event at time t, T is t + 1. Lag i of windows of N
 events holds the i N-th to (i+1) N-th newest event at the selected pixels.
 
@@ -21,22 +23,23 @@ import numpy.typing as npt
 from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.online.vector_kernels import MAX_STEPS
 
-#: events that the ring holds before it first grows
+#: initial size of the ring buffer of events
 RING_EVENTS = 4096
-#: moves that are noted before the counters must take them
+#: largest number of moves that are noted before the counters are updated
 MAX_MOVES = 256
 
-#: An event that has moved: its slot, and the lag that it left (-1: it is new).
+#: A move of an event: its slot, and the lag that it left (-1: it is new).
 MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
-#: Which table a counter uses, and its smallest and largest count in the map.
+#: For each counter: its table, and its smallest and largest count in the map.
 COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
-#: What all distances have in common, how many moves the counters have not taken yet, the stride of
-#: `Sliding.columns`, and the number of sums in use.
+#: Common part of all distances, number of noted moves that the counters do not include yet, stride
+#: of
+#: `Sliding.columns`, and number of sums in use.
 TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
 
 
 class Sliding(NamedTuple):
-    """What the kernels of a sliding window and of its distances to a map work on.
+    """State of the kernels of sliding windows and of their distances to a map.
 
     Attributes
     ----------
@@ -107,7 +110,7 @@ def empty_windows(window: Window, length: int, counters: int) -> Sliding:
 
 
 def recount(s: Sliding) -> npt.NDArray[np.int64]:
-    """Count the events in the ring anew, shape (L, J)."""
+    """Count all events in the ring again, shape (L, J)."""
     counts = np.zeros_like(s.counts)
     for lag in range(len(counts)):
         numbers = np.arange(s.bound[lag + 1], s.bound[lag])
@@ -117,7 +120,7 @@ def recount(s: Sliding) -> npt.NDArray[np.int64]:
 
 
 def grown(s: Sliding) -> Sliding:
-    """Double the ring."""
+    """Return the state with a ring of twice the size."""
     numbers = np.arange(s.bound[-1], s.bound[0])
     old, size = numbers & (s.slot.size - 1), 2 * s.slot.size
     slot, time = np.zeros(size, dtype=np.int32), np.zeros(size, dtype=np.int64)

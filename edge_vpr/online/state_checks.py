@@ -1,4 +1,4 @@
-"""What a saved state of a localiser must be before its kernels index with it."""
+"""Checks of a saved state of a localiser, before kernels use it as indices."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from edge_vpr.matching.step_prices import METRIC_TOP
 from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.schedule import MatchSchedule
 
-#: Counters of all windows of a sequence: 128 MB as the kernels hold them.
+#: Largest number of counters of all windows of a sequence: 128 MB in the kernels.
 MAX_COUNTERS = 1 << 24
-#: Windows x places x counters that are compared when a map is laid out: some ten seconds of work.
+#: Largest number of windows x places x counters: some ten seconds of work at the start.
 MAX_COMPARISONS = 1 << 36
 
 
 class Clock(NamedTuple):
-    """How far a localiser has come.
+    """Progress of a localiser in its stream.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Clock(NamedTuple):
 
 
 def check_extent(places: int, counters: int, length: int, recent: int, window: Window) -> None:
-    """Refuse what would overflow the kernels' integers, or take memory and time without end.
+    """Refuse sizes that would overflow the kernels' integers, or take too much memory or time.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def check_state(
     every: MatchSchedule,
     filtered: bool,
 ) -> Clock:
-    """Raise unless the arrays are a state that a localiser can come to.
+    """Check that the arrays are a possible state of a localiser.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def check_state(
             f"bound is {bound.tolist()} and the {n} events in the windows make it "
             f"{expected.tolist()}"
         )
-    if filtered:  # whose schedule is its own
+    if filtered:  # which has a schedule of its own
         return Clock(now_us, floor_us)
     check_array(arrays["policy"], "policy", (np.int64,), (2,))
     tick, place = arrays["policy"].tolist()
@@ -133,7 +133,7 @@ def check_state(
 
 
 def _bounds(arrays: Arrays, window: Window, length: int, now_us: int) -> npt.NDArray[np.int64]:
-    """Work out the number of the event that each lag begins with, shape (L + 1,)."""
+    """Return the number of the event with which each lag begins, shape (L + 1,)."""
     last, n = int(arrays["bound"][0]), arrays["slot"].size
     lags = np.arange(length + 1, dtype=np.int64)
     if isinstance(window, FixedTime):
@@ -144,7 +144,7 @@ def _bounds(arrays: Arrays, window: Window, length: int, now_us: int) -> npt.NDA
 def check_filter_state(
     arrays: Arrays, places: int, window: Window, every: MatchSchedule, floor_us: int
 ) -> None:
-    """Raise unless the arrays are a state of the place filter that a localiser can come to.
+    """Check that the arrays are a possible state of the place filter of a localiser.
 
     Parameters
     ----------

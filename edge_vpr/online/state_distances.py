@@ -1,4 +1,4 @@
-"""Distances of the windows to every place of a map, computed anew; the map laid out by pixel."""
+"""Computation of all distances of the windows to the places, and the layout of the map by pixel."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def start(
 
 
 def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Sliding:
-    """Lay a map out by pixel and compute every distance of the present counters anew."""
+    """Lay a map out by pixel, and compute all distances of the present counters."""
     length = len(s.counts)
-    # whole vectors, and an odd number of them: a power of two would make all columns of a place
-    # fall on the same lines of the cache
+    # an odd number of whole vectors: with a power of two, all columns of a place would share the
+    # same lines of the cache
     count, stride = len(places) - length + 1, (len(places) // LANES + 2 | 1) * LANES
     columns = _aligned(places.shape[1] * stride + LANES, places.dtype)
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
     coded = _coded(s)
-    # spare places of the smallest counts fill the last vector
+    # places with the smallest counts fill the last vector
     spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
     index = ReferenceIndex(np.concatenate([places, spare]))
     distances = np.zeros(count + LANES, dtype=np.int64)
@@ -58,8 +58,8 @@ def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Slidi
         end = length - 1 - lag
         distances += index.distances(coded[lag])[end : end + count + LANES]
     base = int(np.abs(coded - np.clip(coded, low, high)).sum())
-    # without the base no distance is larger than this; spare ones always are, so that a search may
-    # run over them
+    # without the base, no distance is larger than this; those of filling places always are, so that
+    # a search can include them
     largest = length * int((high - low).sum())
     if 2 * largest + 1 > np.iinfo(np.uint32).max:
         raise UsageError(
@@ -82,7 +82,7 @@ def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Slidi
 
 
 def compared(s: Sliding, index: ReferenceIndex) -> Sliding:
-    """Compute every distance anew after the codes of the counters have changed.
+    """Compute all distances again after the codes of the counters have changed.
 
     Parameters
     ----------
@@ -100,19 +100,19 @@ def compared(s: Sliding, index: ReferenceIndex) -> Sliding:
 
 
 def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
-    """Write the smallest of each block of sums behind them, see `vector_kernels.least_in`."""
+    """Write the smallest sum of each block after the sums, see `vector_kernels.least_in`."""
     sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
 
 
 def _coded(s: Sliding) -> npt.NDArray[np.int64]:
-    """Return the counters of each lag as they are compared, shape (L, J)."""
+    """Return the codes of the counters of each lag, shape (L, J)."""
     if s.code.size == 0:
         return s.counts
     return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
 
 
 def _aligned(size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Make zeros that start at a cache line: a vector across two lines costs twice."""
+    """Return zeros that begin at a cache line, since a vector across two lines takes two loads."""
     itemsize = np.dtype(dtype).itemsize
     spacious = np.zeros(size + _CACHE_LINE // itemsize, dtype=dtype)
     first = -spacious.ctypes.data % _CACHE_LINE // itemsize

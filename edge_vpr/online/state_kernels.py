@@ -1,4 +1,4 @@
-"""Kernels of the sliding windows: events enter, age from lag to lag, and change the distances."""
+"""Kernels of the sliding windows: enter events, move them from lag to lag, update distances."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from numba import njit
 from edge_vpr.online.vector_kernels import MAX_STEPS, update_blocks
 from fixedpoint.own_mean import LEVEL_BITS
 
-# What is called for every event takes its arrays one by one, or is inlined: reading an array out of
-# the state counts a reference, which takes longer than the event's own bookkeeping.
+# Functions that are called for every event take single arrays, or are inlined: reading an array
+# from
+# the state changes a reference count, which takes longer than the processing of the event.
 
 
 @njit(cache=True, nogil=True, inline="always")
 def note(moves, totals, slot, left):
-    """Note that an event at `slot` has left the lag `left` (-1: it is new)."""
+    """Note that an event at `slot` has left the lag `left` (-1 for a new event)."""
     at = totals[0].moves
     moves[at].slot = slot
     moves[at].left = left
@@ -23,9 +24,9 @@ def note(moves, totals, slot, left):
 
 @njit(cache=True, nogil=True, inline="always")
 def age(time, slot, bound, moves, totals, tau, n, until):
-    """Note the moves of events that grow too old for their lag by T = `until`.
+    """Note the moves of events that become too old for their lag by T = `until`.
 
-    Windows of a number of events make room for one more instead.
+    Fixed-count windows make room for one more event instead.
 
     Returns
     -------
@@ -47,7 +48,7 @@ def age(time, slot, bound, moves, totals, tau, n, until):
 
 @njit(cache=True, nogil=True)
 def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
-    """Bring counters and distances up to date with the moves noted; arrays are those of `s`."""
+    """Update counters and distances by the noted moves; the arrays are those of `s`."""
     total = totals[0]
     lags = counts.shape[0]
     arrivals = expiries = 0
@@ -63,7 +64,7 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
                 first = np.int64(code[table, min(first, code.shape[1] - 1)])
                 last = np.int64(code[table, min(last, code.shape[1] - 1)])
             for step in range(first, last):
-                # where the whole map lies on one side, every place changes by the same
+                # if all counts of the map are on one side, all places change by the same amount
                 if step >= counters[slot].high:
                     total.common += up
                     continue
@@ -88,13 +89,13 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
 
 @njit(cache=True, nogil=True)
 def settle(s):
-    """Bring counters and distances of the state up to date with the moves noted."""
+    """Update counters and distances of the state by the noted moves."""
     take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.steps)
 
 
 @njit(cache=True, nogil=True)
 def advance(s, until):
-    """Let time pass to T = `until`; windows of a number of events do not notice."""
+    """Advance the time to T = `until`, which changes fixed-time windows only."""
     if s.tau > 0:
         while not age(s.time, s.slot, s.bound, s.moves, s.totals, s.tau, 0, until):
             settle(s)
@@ -102,7 +103,7 @@ def advance(s, until):
 
 @njit(cache=True, nogil=True)
 def write_codes(levels, mean, bits, code):
-    """Write the own-mean code of each count for each counter, as `OwnMeanCode.tables` has it.
+    """Write the own-mean code of each count for each counter, as in `OwnMeanCode.tables`.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""Vector kernels of event-by-event matching: change all sums by +-1, find the least.
+"""Vector kernels of online matching: change all sums by +-1, find the smallest.
 
-When a counter of the window changes from v to v + 1, its distance to a place changes by +1 where
-the map's count is at most v, and by -1 where it is more. Several such steps, arrivals and expiries
-at any pixels, are added up in 8-bit lanes and go to the sums in one pass.
+When a counter of the window changes from v to v + 1, its distance to a place changes by +1 if the
+count in the map is at most v, and by -1 if it is more. Several such steps (arrivals and expiries at
+any pixels) are added up in 8-bit lanes and then added to the sums in one pass.
 
-The intrinsics emit generic vector IR, which LLVM lowers for any target; written as plain loops,
-they would be widened to 32 bits or more. With Numba's compiler off, the same steps run in NumPy.
+The intrinsics emit generic vector IR, which LLVM compiles for any target. Plain loops would be
+widened to 32 bits or more. With Numba's compiler off, the same steps run in NumPy.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from llvmlite import ir
 from numba import config, njit, types
 from numba.extending import intrinsic
 
-#: places in one vector; arrays end with so many spare elements
+#: places in one vector; arrays end with this many spare elements
 LANES = 64
-#: steps of one pass: their sum must fit 8 bits with its sign
+#: steps of one pass; their sum must fit into 8 bits with sign
 MAX_STEPS = 120
-#: places whose sums stay in the nearest cache between their update and the search
+#: places whose sums stay in the first-level cache between update and search
 BLOCK = 4096
 
 _I8, _I32, _I64 = ir.IntType(8), ir.IntType(32), ir.IntType(64)
@@ -63,7 +63,7 @@ def _smaller(builder, a, b):
 
 
 def _least_lane(builder, vector):
-    """Halve the vector until one lane is left."""
+    """Return the smallest lane, by halving the vector until one lane is left."""
     width = LANES
     while width > 1:
         width //= 2
@@ -95,7 +95,8 @@ def _vector_step(typing_context, sums, columns, steps, arrivals, expiries, start
         count_type = ir.IntType(columns.dtype.bitwidth)
         sum_vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
         byte_vector = ir.VectorType(_I8, LANES)
-        # every arrival adds 1 and every expiry takes 1, but where the map's count is above
+        # every arrival adds 1 and every expiry subtracts 1, or the opposite if the map's count is
+        # above
         change = builder.sub(arrivals, expiries)
         base = _splat(builder, builder.trunc(change, sum_vector.element))
 
@@ -135,7 +136,7 @@ def _vector_step(typing_context, sums, columns, steps, arrivals, expiries, start
 
 @intrinsic
 def _vector_least(typing_context, sums, start, stop):
-    """Smallest of ``sums[start:stop]``, at least one vector long."""
+    """Return the smallest of ``sums[start:stop]``, which is at least one vector long."""
 
     def codegen(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -159,7 +160,7 @@ def _vector_least(typing_context, sums, start, stop):
 
 @intrinsic
 def _vector_find(typing_context, sums, start, value):
-    """First i with ``sums[start + i] == value`` in one vector, LANES if there is none."""
+    """Return the first i with ``sums[start + i] == value`` in one vector, or LANES."""
 
     def codegen(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -167,7 +168,7 @@ def _vector_find(typing_context, sums, start, value):
         equal = builder.icmp_unsigned(
             "==", _load(builder, data, arguments[1], vector), _splat(builder, arguments[2])
         )
-        # trailing zeros of the comparison's bits; of no bits, 64
+        # number of trailing zeros of the comparison; 64 if no bit is set
         return builder.cttz(builder.bitcast(equal, _I64), ir.Constant(ir.IntType(1), 0))
 
     return types.int64(sums, start, sums.dtype), codegen
@@ -176,12 +177,12 @@ def _vector_find(typing_context, sums, start, value):
 if config.DISABLE_JIT:
 
     def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
-        """Apply +-1 steps to ``sums[start:stop]`` and find the least, as the kernel below does."""
+        """Apply +-1 steps to ``sums[start:stop]`` and find the smallest, as the kernel below."""
         for o in (*range(arrivals), *range(MAX_STEPS - expiries, MAX_STEPS)):
             offset, level = steps[:, o]
             column = columns[offset + start : offset + stop]
             change = np.where(column > level, -1, 1) * (1 if o < arrivals else -1)
-            sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as it must
+            sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as intended
         return sums[start:stop].min()
 
     def _least(sums, start, stop):
@@ -194,9 +195,9 @@ else:
 
     @njit(cache=True, nogil=True, inline="always")
     def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
-        """Apply +-1 steps to ``sums[start:stop]``, and find the least of them.
+        """Apply +-1 steps to ``sums[start:stop]``, and return the smallest sum.
 
-        Spare elements after `stop` change too, like places of their own; they must be larger.
+        Spare elements after `stop` change too; they must be larger than all sums.
 
         Parameters
         ----------
@@ -231,7 +232,7 @@ else:
     def _first_equal(sums, start, stop, value):
         i = start
         while True:
-            # elements after `stop` cannot matter: the value is there before
+            # elements after `stop` do not matter: the value occurs before them
             lane = _vector_find(sums, i, value)
             if lane < LANES:
                 return i + lane
@@ -240,7 +241,7 @@ else:
 
 @njit(cache=True, nogil=True, inline="always")
 def least_in(sums, count, start, stop):
-    """Find the smallest of ``sums[start:stop]``, the first of equals.
+    """Return the first index of the smallest of ``sums[start:stop]``, and its value.
 
     Parameters
     ----------
@@ -270,7 +271,7 @@ def least_in(sums, count, start, stop):
 
 @njit(cache=True, nogil=True, inline="always")
 def update_blocks(sums, columns, steps, arrivals, expiries, count):
-    """Apply steps to the first `count` sums, and keep the smallest of each block behind them."""
+    """Apply steps to the first `count` sums, and store the smallest of each block after them."""
     for start in range(0, count, BLOCK):
         stop = min(start + BLOCK, count)
         sums[count + LANES + start // BLOCK] = change_sums(

@@ -1,4 +1,4 @@
-"""The main job: a recording in, a reference map or the matches of a query out."""
+"""Mapping and matching: from a recording to a reference map, or to the matches of a query."""
 
 from edge_vpr.pipeline.cleaned_events import Removed, cleaned
 from edge_vpr.pipeline.describing import (

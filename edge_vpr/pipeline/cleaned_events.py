@@ -1,4 +1,4 @@
-"""The events of a recording without bursts, and how many were left out."""
+"""The events of a recording without bursts, and the number of removed events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edge_vpr.settings import Settings
 
 @dataclass
 class Removed:
-    """What cleaning left out of the newest pass over a recording; filled while it is read.
+    """Counts of what cleaning removed in the newest pass over a recording; filled while reading.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Removed:
 def cleaned(
     recording: EventSource, settings: Settings, removed: Removed | None = None
 ) -> Iterator[Events]:
-    """Yield a recording's events without bursts, if the settings ask for it.
+    """Yield the events of a recording, without bursts if the settings ask for it.
 
     Parameters
     ----------

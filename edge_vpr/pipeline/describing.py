@@ -1,4 +1,4 @@
-"""A recording as descriptors: the events at the selected pixels, window by window."""
+"""Conversion of a recording to descriptors: events at the selected pixels, window by window."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def describe_query(
     settings: Settings | None = None,
     removed: Removed | None = None,
 ) -> Descriptors:
-    """Describe a query drive as the places of a map are described, in its codes.
+    """Describe a query drive in the same way as the places of a map, with its codes.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def describe(
 
 
 def window_of(settings: Settings) -> Window:
-    """Tell the window that the settings ask for."""
+    """Return the kind and length of window of the settings."""
     if settings.window == "time":
         return FixedTime(settings.tau_us)
     return FixedCount(settings.events_per_window)

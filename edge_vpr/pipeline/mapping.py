@@ -1,4 +1,4 @@
-"""A reference drive as a map: pixels are selected, and its windows become places."""
+"""Making a map of a reference drive: select pixels, and make its windows places."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def map_traverse(
 ) -> ReferenceMap:
     """Make a reference map of one drive, in one pass over its events or two.
 
-    The second pass is needed for fixed-count windows, for polarity, and where the images of all
-    windows would not fit a temporary file.
+    A second pass is needed for fixed-count windows, for polarity, and if the images of all windows
+    are too large for a temporary file.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ def map_traverse(
             f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording is "
             f"of a {sensor} sensor: give the list of this camera"
         )
-    # the released code selects by clipped counts; with other codes, pixels are selected by counts,
-    # so that maps of different codes have the same pixels
+    # the released code selects by clipped counts; with other codes, pixels are selected by plain
+    # counts, so that maps with different codes have the same pixels
     with SaliencyPass(sensor, clip=settings.clip) as first:
         if isinstance(recording, WindowSource):
             check_windows_only(settings)
@@ -83,16 +83,16 @@ def map_traverse(
         counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
         if isinstance(recording, WindowSource):
             counted = recording.counted
-        # among pixels that were not counted, every other one would stand out
+        # next to pixels that were not counted, all others would look hot
         if hot is None and settings.remove_hot_pixels and counted.all():
             hot = find_hot_pixels(first.totals)
         elif hot is None:
             hot = np.zeros_like(counted)
         if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
             raise UsageError(
-                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels are "
-                "selected by how their counts vary from window to window: take shorter windows "
-                "(--tau), or a longer drive"
+                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
+                "selected only from two windows or more: take shorter windows (--tau), or a "
+                "longer drive"
             )
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         if settings.strategy == "information":
@@ -126,14 +126,14 @@ def _most_informative(
     listed: PixelMap,
 ) -> PixelMap:
     windows = first.descriptors(listed)
-    if windows is None:  # too many for a temporary file: counted again
+    if windows is None:  # too large for a temporary file: events are counted again
         by_time = settings.uncoded.replaced({"window": "time", "polarity": False}, "the shortlist")
         windows = count_windows(recording, listed, by_time)
     return informative_pixels(listed, windows.counts, settings.pixels)
 
 
 def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
-    """Code the counts of a reference map, and learn what the code needs of them.
+    """Code the counts of a reference map, and compute the parameters of its code from them.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
 
 
 def _with_mean_count(settings: Settings, first: SaliencyPass, pixel_map: PixelMap) -> Settings:
-    """Let a window hold as many events as one of tau does on average."""
+    """Set the number of events in a window to the average of a window of tau."""
     events = int(first.totals[pixel_map.y, pixel_map.x].sum())
     mean = max(1, round(events / first.windows))
     return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")

@@ -1,4 +1,4 @@
-"""A query drive against a map."""
+"""Matching of a query drive with a map."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def match_traverse(
     settings: Settings | None = None,
     odometry: Odometry | None = None,
 ) -> tuple[Matches, Descriptors]:
-    """Match a query drive against a map.
+    """Match a query drive with a map.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def match_traverse(
 def match_query(
     reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
 ) -> Matches:
-    """Match a described query by the settings, probabilities and jumps of a map.
+    """Match a described query with a map, using its settings, probabilities and jumps.
 
     Parameters
     ----------

@@ -1,8 +1,10 @@
-"""Registration of a query against a map: by how many pixels the camera's mounting has moved.
+"""Registration of a query with a map: estimate by how many pixels the image has shifted.
 
-The map's pixels are tried at every shift, and the shift is taken at which the first windows of the
-query look most like sequences of places. Counts are compared as logarithms less each counter's own
-mean, so that neither light nor what belongs to the sensor's pixels (thresholds, noise) decides.
+The pixels of the map are tried at every shift. The result is the shift at which the first windows
+of
+the query are most similar to sequences of places. Counts are compared as logarithms less the mean
+of
+each counter, so that neither light nor properties of single pixels (thresholds, noise) matter.
 """
 
 from __future__ import annotations
@@ -25,23 +27,23 @@ from edge_vpr.pipeline.sources import EventSource, WindowSource, check_sensor
 from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import OwnMeanCode, mean_level
 
-#: windows of the query that are looked at, and fewest that say anything
+#: number of windows of the query that are used, and the smallest number that is enough
 WINDOWS, LEAST_WINDOWS = 128, 16
-#: largest shift that is tried, in pixels, and that as a share of the sensor's shorter side
+#: largest shift, in pixels, and as a share of the sensor's shorter side
 REACH, SHARE = 10, 8
-#: fewest pixels of the map that lie on the sensor at every shift
+#: smallest number of pixels of the map that must lie on the sensor at every shift
 LEAST_PIXELS = 8
-#: windows in a sequence, and standard errors by which its likeness must grow for the map to be
-#: moved; both chosen on the walks (docs/results.md)
+#: windows in a sequence, and the standard errors by which the similarity must grow for the map to
+#: be moved; both chosen on the walks (docs/results.md)
 SEQUENCE, LEAST_ERRORS = 5, 5.0
-_ROUGH = 4  # 1/256 octave to 1/16, so that sums of squares are exact in double precision
+_ROUGH = 4  # from 1/256 to 1/16 octave, so that sums of squares are exact in double precision
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Registration:
-    """A map that fits a query's mounting.
+    """Result of a registration: the moved map and the estimated shift.
 
     Attributes
     ----------
@@ -73,7 +75,7 @@ class Registration:
 def register(
     reference: ReferenceMap, recording: EventSource | WindowSource, windows: int = WINDOWS
 ) -> Registration:
-    """Move a map's pixels to where a query's mounting puts what they saw.
+    """Move the pixels of a map by the shift of a query's image.
 
     Parameters
     ----------
@@ -118,9 +120,10 @@ def register(
 def estimate_shift(
     reference: ReferenceMap, images: npt.NDArray[np.integer]
 ) -> tuple[int, int, Floats, Floats]:
-    """Find the shift at which windows look most like a map's places.
+    """Find the shift at which windows are most similar to the places of a map.
 
-    Every shift is tried: the likeness may fall within a pixel, so that no coarser search is safe.
+    Every shift is tried: the similarity can fall within one pixel, so that a coarser search could
+    miss it.
 
     Parameters
     ----------
@@ -143,7 +146,7 @@ def estimate_shift(
     """
     pixel_map = reference.pixel_map
     reach = reach_of(pixel_map.sensor)
-    # the same pixels at every shift: of fewer, chance would find more likeness
+    # the same pixels at every shift, because with fewer pixels more similarity arises by chance
     x, y = pixel_map.x.astype(np.int64), pixel_map.y.astype(np.int64)
     width, height = pixel_map.sensor
     inner = (x >= reach) & (x < width - reach) & (y >= reach) & (y < height - reach)
@@ -170,7 +173,7 @@ def reach_of(sensor: Sensor) -> int:
 
 
 def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
-    """Move a map's pixels; those that leave the sensor or come onto a hot pixel are dropped.
+    """Move the pixels of a map; drop those that leave the sensor or would be hot pixels.
 
     Parameters
     ----------
@@ -196,15 +199,17 @@ def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
     kept = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     kept[kept] = ~reference.hot[y[kept], x[kept]]
     if not kept.any():
-        raise UsageError(f"no pixel of the map is left after a shift of ({dx}, {dy}): map anew")
+        raise UsageError(
+            f"no pixel of the map is left after a shift of ({dx}, {dy}): make a new map"
+        )
     settings, left = reference.settings, int(kept.sum())
     counters = np.concatenate([kept, kept]) if settings.polarity else kept
-    # codes say roughly how many of a place's events the counters that are left had
+    # codes give roughly the share of events that the remaining counters had
     counts = reference.decoded(places).counts
     events = max(1, int(counts[:, counters].sum(dtype=np.int64)))
     share = min(1.0, events / max(1, int(counts.sum(dtype=np.int64))))
     changes: dict[str, float] = {"pixels": left}
-    if settings.events_per_pixel is not None:  # so that a window spans as much of the way
+    if settings.events_per_pixel is not None:  # so that a window covers the same distance
         changes["events_per_pixel"] = settings.events_per_pixel * share * len(pixel_map) / left
     return replace(
         reference,
@@ -234,7 +239,7 @@ def _first_images(
             )
         found = recording.windows()
     else:
-        # a window that closes by a count closes after about as many events of the whole sensor
+        # a fixed-count window ends after about this many events of the whole sensor
         window = (
             FixedTime(settings.tau_us)
             if settings.window == "time"
@@ -248,13 +253,13 @@ def _first_images(
 
 
 def _folded(counts: npt.NDArray[np.integer], pixels: int) -> npt.NDArray[np.int64]:
-    """Add ON and OFF events, where they were counted apart."""
+    """Add ON and OFF events, if they were counted separately."""
     wide: npt.NDArray[np.int64] = counts.astype(np.int64)
     return wide if wide.shape[1] == pixels else wide[:, :pixels] + wide[:, pixels:]
 
 
 def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
-    """Return logarithms of counts less each counter's mean, whole numbers of 1/16 octave."""
+    """Return logarithms of counts less the mean of each counter, in whole 1/16 octaves."""
     level = OwnMeanCode().level(counts)
     return ((level - mean_level(level)) >> _ROUGH).astype(np.float64)
 
@@ -262,7 +267,7 @@ def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
 def _likeness(places: Floats, windows: Floats) -> Floats:
     """Return each query sequence's mean correlation with the most similar sequence of places."""
     n = places.shape[1]
-    # sums and products of whole numbers, exact in whatever order they are added
+    # sums and products of whole numbers are exact in any order
     cross = n * (places @ windows.T) - places.sum(axis=1)[:, None] * windows.sum(axis=1)
     spread = [np.sqrt(n * (c * c).sum(axis=1) - c.sum(axis=1) ** 2) for c in (places, windows)]
     scale = spread[0][:, None] * spread[1]
@@ -275,7 +280,7 @@ def _likeness(places: Floats, windows: Floats) -> Floats:
 
 
 def _is_clear(gain: Floats) -> bool:
-    """Whether a gain in likeness is many standard errors above none."""
+    """Return whether a gain in similarity is many standard errors above zero."""
     mean = math.fsum(gain) / len(gain)
     variance = math.fsum((gain - mean) ** 2) / len(gain)
     return mean > LEAST_ERRORS * math.sqrt(variance / len(gain))

@@ -1,4 +1,4 @@
-"""What the main job reads: a recording of events, or counts of finished windows."""
+"""Inputs of mapping and matching: a recording of events, or counts of finished windows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edge_vpr.settings import Settings
 
 
 class EventSource(Protocol):
-    """What the main job needs of a recording: its sensor, and its events as often as asked."""
+    """Interface of a recording: its sensor, and its events in any number of passes."""
 
     @property
     def sensor(self) -> Sensor:
@@ -24,13 +24,13 @@ class EventSource(Protocol):
         ...
 
     def __iter__(self) -> Iterator[Events]:
-        """Start anew and yield event arrays in time order, on the sensor."""
+        """Yield event arrays from the start, in time order, on the sensor."""
         ...
 
 
 @runtime_checkable
 class WindowSource(Protocol):
-    """Counts that were published as finished windows, in place of a recording's events."""
+    """Interface of counts that were published as finished windows, without events."""
 
     @property
     def sensor(self) -> Sensor:
@@ -44,16 +44,16 @@ class WindowSource(Protocol):
 
     @property
     def counted(self) -> npt.NDArray[np.bool_]:
-        """Which pixels were counted, shape (height, width)."""
+        """Mask of the pixels that were counted, shape (height, width)."""
         ...
 
     def windows(self) -> Iterator[WindowCounts]:
-        """Start anew and yield windows over all pixels, row by row; zero where not counted."""
+        """Yield windows from the start, over all pixels, row by row; zero where not counted."""
         ...
 
 
 def check_sensor(recording: Sensor, mapped: Sensor) -> None:
-    """Raise MapError unless the recording's sensor is the map's."""
+    """Check that the recording has the sensor of the map; raise MapError if not."""
     if recording != mapped:
         raise MapError(
             f"the recording is of a {recording} sensor and the map of a {mapped} one: use the map "
@@ -71,7 +71,7 @@ def check_windows_only(settings: Settings) -> None:
 
 
 def check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
-    """Raise unless the published windows are those of a map.
+    """Check that the published windows have the pixels and the length of those of a map.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Clocks that wrap: times of few bits become times that never wrap."""
+"""Conversion of times that wrap to times that never wrap."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy.typing as npt
 class Unwrapper:
     """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
 
-    From one event to the next the nearer way round is taken, so that a step of less than half
-    the clock's period may go either way: events late by a little stay late, across a wrap too.
+    Between two events the shorter direction is taken, so that a step of less than half the period
+    of
+    the clock can go either way. Slightly late events stay late, also across a wrap.
 
     Examples
     --------

@@ -87,8 +87,8 @@ class DatSink:
         gap = int(np.diff(t, prepend=self._last).max())
         if t[0] < 0 or gap >= 1 << 31:
             raise RecordingError(
-                f"a gap of {gap / 6e7:.1f} minutes, or a negative time, cannot be told from a "
-                "wrapped clock in DAT: use .npz"
+                f"a gap of {gap / 6e7:.1f} minutes, or a negative time, cannot be "
+                "distinguished from a wrapped clock in DAT: use .npz"
             )
         rows = np.empty(events.size, _EVENT)
         rows["t"] = t & 0xFFFFFFFF

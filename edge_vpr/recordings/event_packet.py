@@ -63,12 +63,12 @@ class Cursor:
         return octets
 
     def rest(self) -> memoryview:
-        """Give all bytes that are left."""
+        """Return all remaining bytes."""
         return self._data[self._at :]
 
 
 class Preamble(NamedTuple):
-    """What every message of events begins with."""
+    """The first fields of every message of events."""
 
     stamp_us: int
     height: int

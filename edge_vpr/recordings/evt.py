@@ -150,7 +150,7 @@ class Evt2Sink:
         if steps.max() >= 1 << 27:
             raise RecordingError(
                 f"a gap of {int(steps.max()) * 64 / 3.6e9:.1f} hours between two events cannot be "
-                "told from a wrapped clock in EVT 2.0: use .npz"
+                "distinguished from a wrapped clock in EVT 2.0: use .npz"
             )
         new = steps != 0
         at = np.arange(events.size) + np.cumsum(new)

@@ -1,4 +1,4 @@
-"""What happens to faulty events: the one place that decides, counts and words it."""
+"""Handling of faulty events: checks, counts and messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _REMEDY = "read with --on-fault drop (on_fault='drop') to leave {them} out and c
 
 @dataclass
 class Faults:
-    """What one pass over a recording has dropped so far.
+    """Counts of what a pass over a recording has dropped so far.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Faults:
 
 
 class FaultLog:
-    """Checks raw columns, makes event arrays of them, and counts what it leaves out.
+    """Checks raw columns, makes event arrays of them, and counts faulty events.
 
     Parameters
     ----------
@@ -90,8 +90,9 @@ class FaultLog:
     def admit(self, columns: Columns) -> Events:
         """Check one chunk, in the order of the file.
 
-        An event is late if any good event before it is later; so one wrong time far in the
-        future makes all that follow late, and the count says so.
+        An event is late if any good event before it has a later time. A single wrong time far in
+        the
+        future thus makes all events after it late, which the count shows.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Events out of counts, with whole numbers only.
+"""Expansion of counts to events, in whole numbers.
 
 Frame f lasts from ``lo = floor(f * period)`` to
 ``hi = floor((f + 1) * period)`` microseconds, with the period a fraction. Event i of the n that

@@ -1,4 +1,4 @@
-"""The wall between the libraries that parse files and the rest: no foreign exception passes it.
+"""Conversion of all exceptions of parsing libraries to `EdgeVprError`.
 
 The parsers behind the readers (zip, NumPy's headers, HDF5, Arrow, rosbags, Pillow, Rust) raise
 whatever they come across in a damaged file. Readers handle what they expect; this turns all else

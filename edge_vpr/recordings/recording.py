@@ -1,4 +1,4 @@
-"""A recording: an iterable of checked event arrays that can be walked again and again."""
+"""A recording: an iterable of checked event arrays, for any number of passes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.source import Source
 from edge_vpr.recordings.time_crop import TimeCrop, cropped_events
 
-#: Rates that no event camera has on the move, in events/s; and the fewest events to judge by.
+#: Lowest and highest rate of a moving camera, in events/s, and the fewest events to judge by.
 _SLOWEST, _FASTEST, _FEWEST = 1_000.0, 2e9, 1_000
 
 
 class Recording:
     """Iterate over event arrays: never empty, in time order, inside the sensor.
 
-    Each ``iter()`` starts anew at the first event and resets `faults` and `position`; memory
+    Each ``iter()`` starts at the first event and resets `faults` and `position`; memory
     does not grow with the length of the file.
 
     Attributes
@@ -141,7 +141,7 @@ class Recording:
 
 
 def _doubt(events: Events) -> str:
-    """Return what is implausible about the rate of the first events; "" if nothing is."""
+    """Return why the rate of the first events is implausible; "" if it is not."""
     n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
     if n < _FEWEST or not duration_us:
         return ""

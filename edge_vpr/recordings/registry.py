@@ -1,4 +1,4 @@
-"""Which reader opens which file: by its first bytes, then by its suffix."""
+"""Choice of the reader for a file: by its first bytes, then by its suffix."""
 
 from __future__ import annotations
 
@@ -165,8 +165,8 @@ def sniff(path: Path) -> str:
             )
         known = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
         raise RecordingError(
-            f"{path} is of no known format: known are {known}, and folders of PNG, of .npy or of a "
-            "ROS 2 bag; name it with --format if its suffix misleads"
+            f"{path} has no known format: known are {known}, and folders of PNG, of .npy or of a "
+            "ROS 2 bag; name the format with --format if the suffix is wrong"
         )
     return name
 

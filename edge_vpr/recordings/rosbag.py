@@ -158,7 +158,7 @@ def _load(ros: int) -> Any:
 
 
 def _place(path: Path) -> Path:
-    """Return what rosbags opens: the folder of a bag, or a file of one that stands alone.
+    """Return the path that rosbags opens: the folder of a bag, or a single file of it.
 
     A file is opened with the others of its bag where ``metadata.yaml`` lists it. Where that is
     absent or cannot be used, the file is opened on its own.
@@ -186,7 +186,7 @@ def _place(path: Path) -> Path:
 
 
 def _metadata_fault(listing: Path) -> str:
-    """Say why rosbags cannot use a ``metadata.yaml``; "" if it can."""
+    """Return why rosbags cannot use a ``metadata.yaml``; "" if it can."""
     if listing.stat().st_size > _LONGEST_METADATA:
         return f"is larger than {_LONGEST_METADATA:,} bytes"
     from ruamel.yaml import YAML  # rosbags' own parser

@@ -1,4 +1,4 @@
-"""Settings of the main job, with what flags, files and the reference page say of each.
+"""Settings of mapping and matching, and the one description of each for flags, files and docs.
 
 >>> from edge_vpr.settings import resolve_settings
 >>> resolve_settings("paper", flags={"tau": "250ms"}).tau_us

@@ -1,4 +1,4 @@
-"""The settings that are chosen from a few words."""
+"""Types of the settings that are chosen from a few words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of one setting: default, meaning, unit, range, and the words that it is given in.
+"""The record that describes one setting: default, meaning, unit, range and accepted words.
 
 The flags of the command line, the keys of a TOML file, the checks of `Settings`, its docstring and
 docs/settings.md are all made from these records.
@@ -19,14 +19,14 @@ MOST = 10**15
 
 @dataclass(frozen=True, kw_only=True)
 class SettingField:
-    """One setting.
+    """Description of one setting.
 
     Attributes
     ----------
     help : str
         What the setting does, in one line; shown by ``--help``.
     more : str
-        Further sentences, for the reference page and the docstring.
+        Further sentences, shown on the reference page and in the docstring only.
     group : str
         Heading under which ``--help`` shows the flag.
     kind : type
@@ -38,26 +38,27 @@ class SettingField:
     short : str, optional
         A flag of one letter.
     metavar : str, optional
-        What stands for the value in ``--help``.
+        Placeholder of the value in ``--help``.
     default : object
     choices : tuple of str
-        All values, where they are few.
+        All allowed values, for a setting that is chosen from a few.
     words : mapping of str to object
         Words that stand for values, such as ``none`` for None.
     read, show : callable, optional
-        From a word to the value and back, where a file and a flag do not hold the value itself.
+        Functions from text to the value and from the value to text. They are for settings that
+        files and flags write in another form, such as ``250ms``.
     least, most : float
         Range of a number, both ends included.
     above, below : float, optional
-        A bound that is not in the range.
+        Bounds of a number, themselves not included.
     valid : callable, optional
-        Whether a value of the right type is in order.
+        Function that returns whether a value of the right type is allowed.
     expected : str
-        What the range is, in words; made from the range of a number if empty.
+        Description of the allowed values; if empty, it is made from the range of a number.
     needs : (str, tuple of str), optional
-        Another setting, and its values with which this one has an effect.
+        Name of another setting, and those of its values with which this setting has an effect.
     zero_is_none : bool
-        Whether 0 in a file or a flag stands for None, as it did before `words` did.
+        Whether 0 in a file or a flag means None, as in older files.
     """
 
     help: str
@@ -93,17 +94,17 @@ class SettingField:
 
     @property
     def meaning(self) -> str:
-        """What the setting does, in sentences."""
+        """`help` and `more`, as sentences."""
         return f"{self.help[0].upper()}{self.help[1:]}. {self.more}".rstrip()
 
     @property
     def is_number(self) -> bool:
-        """Whether the value is a number, which has a range."""
+        """Whether the value is a number."""
         return self.kind in (int, float)
 
     @property
     def range(self) -> str:
-        """What values a number may have; empty for other settings without `expected`."""
+        """Description of the allowed values; empty if not a number and without `expected`."""
         if self.expected or not self.is_number:
             return self.expected
         least = f"{self.least:g} or more" if self.above is None else f"more than {self.above:g}"
@@ -113,18 +114,18 @@ class SettingField:
 
     @property
     def accepted(self) -> str:
-        """What a flag and a file accept, for messages."""
+        """Description of what a flag or a file may contain, for error messages."""
         kinds = {int: "a whole number", float: "a number"}
         value = self.expected or kinds.get(self.kind, "")
         return " or ".join([*[value] * bool(value), *self.words])
 
     def value_of(self, given: Any) -> Any:
-        """Return the value that a flag or a file gives, which may be a word for it.
+        """Convert what a flag or a file contains to the value of the setting.
 
         Parameters
         ----------
         given : object
-            A word of `words`, or as `read` takes it; or the value itself, as JSON and TOML have it.
+            A key of `words`, a text that `read` accepts, or the value itself, as in JSON and TOML.
 
         Raises
         ------
@@ -149,11 +150,11 @@ class SettingField:
         except (UsageError, ValueError):
             pass
         if not self.words and self.read is None:
-            return given  # of the wrong type: `check` refuses it
+            return given  # of the wrong type: `check` will raise
         raise UsageError(f"setting {self.key} = {shown(given)}: expected {self.accepted}")
 
     def word(self, value: Any) -> str:
-        """Return a value as it is given to the flag."""
+        """Return a value as the text that the flag takes."""
         for word, meaning in self.words.items():
             if type(meaning) is type(value) and meaning == value:
                 return word
@@ -164,12 +165,12 @@ class SettingField:
         return f"{value:g}" if isinstance(value, float) else str(value)
 
     def check(self, value: Any) -> None:
-        """Raise unless `value` is of the right type and in range.
+        """Check the type and the range of a value.
 
         Raises
         ------
         UsageError
-            If it is not.
+            If the type is wrong or the value is out of range.
         """
         if value is None and None in self.words.values():
             return
@@ -190,14 +191,14 @@ class SettingField:
             raise UsageError(f"setting {self.name} = {shown(value)}: expected {self.expected}")
 
     def _in_range(self, value: float) -> bool:
-        """Return whether a number is in the range; one that is not a number never is."""
+        """Return whether a number is in the range; NaN never is."""
         above = self.above is None or value > self.above
         below = self.below is None or value < self.below
         return self.least <= value <= self.most and above and below
 
 
 def attributes_section(known: Mapping[str, SettingField]) -> str:
-    """Write the section on attributes of the docstring of a dataclass of settings."""
+    """Return the "Attributes" section of the docstring of a dataclass of settings."""
     lines = ["    Attributes", "    ----------"]
     for name, info in known.items():
         kind = f"{{{', '.join(map(repr, info.choices))}}}" if info.choices else info.kind.__name__
@@ -208,7 +209,10 @@ def attributes_section(known: Mapping[str, SettingField]) -> str:
 
 
 def shown(value: object) -> str:
-    """Write a value for a message; Python refuses to write integers of thousands of digits."""
+    """Return a value as text for an error message.
+
+    Python raises ValueError for integers of thousands of digits; they are described instead.
+    """
     try:
         return repr(value)
     except (ValueError, RecursionError):

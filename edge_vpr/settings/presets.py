@@ -1,4 +1,4 @@
-"""Named presets, and flags over a TOML file over a preset."""
+"""Named presets, and the settings that result from a preset, a TOML file and flags."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ PRESETS: Mapping[str, Settings] = {
     "default": _BEST,
     # windows of a fixed time, counts and sequences, as in the paper
     "paper": Settings(score="distance"),
-    # what the released code does: saliency by mean, rejection within 7 px, counts clipped at 10,
-    # L = 10, 100 pixels, no cleaning
+    # the settings of the code that the authors released: saliency by mean, no two pixels within
+    # 7 px, counts clipped at 10, L = 10, 100 pixels, no cleaning
     "seed-code": Settings(
         pixels=100,
         strategy="seed-code",
@@ -30,7 +30,7 @@ PRESETS: Mapping[str, Settings] = {
         remove_hot_pixels=False,
         remove_bursts=False,
         sequence_length=10,
-        exclusion=2,  # it excludes |k - best| < 3
+        exclusion=2,  # the released code excludes |k - best| < 3
         score="distance",
     ),
     "tiny": replace(_BEST, pixels=25),
@@ -42,15 +42,16 @@ def resolve_settings(
     config: str | Path | None = None,
     flags: Mapping[str, Any] | None = None,
 ) -> Settings:
-    """Lay flags over a TOML file over a preset.
+    """Combine a preset, a TOML file and flags; a flag overrides the file, the file the preset.
 
     Parameters
     ----------
     preset : {"default", "paper", "seed-code", "tiny"}
     config : path, optional
-        TOML file with settings as `values_by_name` reads them; it may name its own ``preset``.
+        TOML file with settings as `values_by_name` reads them. It may have a key ``preset``, which
+        overrides the parameter.
     flags : mapping, optional
-        Settings given one by one, as in the file; None means not given.
+        Single settings by the keys of the file; None means not given.
 
     Returns
     -------
@@ -71,7 +72,7 @@ def resolve_settings(
     given = {name: value for name, value in (flags or {}).items() if value is not None}
     given = values_by_name(given, "the command line")
     for chosen in (values, given):
-        # the preset's own-mean codes are of logarithms: another code asked for has no mean
+        # own-mean codes, which some presets have, exist for logarithms only
         if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
             chosen.setdefault("counter_scaling", "shared")
             if chosen.get("clip"):

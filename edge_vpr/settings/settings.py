@@ -1,4 +1,4 @@
-"""The settings of the main job: types, defaults, and which go together."""
+"""The settings of mapping and matching: types, defaults, and which combinations are allowed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Settings:
-    """Everything that decides a map and its matches; saved with both."""
+    """All settings that determine a map and its matches; stored with both."""
 
     pixels: int = 150
     strategy: Strategy = "variance"
@@ -67,28 +67,31 @@ class Settings:
 
     @property
     def events_per_window(self) -> int:
-        """N of a fixed-count window.
+        """Number of events in a fixed-count window, N.
 
         Raises
         ------
         UsageError
-            If it is to be taken from the reference.
+            If `events_per_pixel` is None: the number is then found when the reference is mapped.
         """
         if self.events_per_pixel is None:
             raise UsageError(
-                "the events of a window are taken from the reference (events_per_pixel = auto): "
-                "map the reference first, or give a number"
+                "events_per_pixel = auto: the number of events in a window is taken from the "
+                "reference; map the reference first, or give a number"
             )
         return round(self.events_per_pixel * self.pixels)
 
     @property
     def windows_per_match(self) -> int:
-        """How many windows are compared at once: L, or 1 for the place filter."""
+        """Number of windows that one match compares: L, or 1 with the place filter."""
         return 1 if self.matching == "filter" else self.sequence_length
 
     @property
     def of_trust(self) -> tuple[object, ...]:
-        """What the scale of the trust depends on, so that a table of probabilities holds for it."""
+        """Settings that the scale of the trust depends on.
+
+        A table of probabilities holds only for matches with the same values.
+        """
         shared = (self.matching, self.exclusion)
         if self.matching == "sequence":
             return (*shared, self.sequence_length)
@@ -98,20 +101,20 @@ class Settings:
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:
-        """The code of all counters, where it is taken against each counter's own mean."""
+        """The own-mean code of the counters; None with other codes."""
         if self.counter_code == "none" or self.counter_scaling != "own-mean":
             return None
-        from fixedpoint.own_mean import OwnMeanCode  # with NumPy, which help does without
+        from fixedpoint.own_mean import OwnMeanCode  # imports NumPy, which --help does not need
 
         return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0)
 
     @property
     def shared_code(self) -> CounterCode | None:
-        """The code of all counters; None where a descriptor holds the counts themselves.
+        """The code of the counters; None if descriptors hold the counts themselves.
 
-        Where each pixel has a full scale or a mean of its own, the kind and the bits still hold.
+        With a scaling of each pixel, only the kind and the bits of this code are used.
         """
-        from fixedpoint.codes import CounterCode  # with NumPy, which help does without
+        from fixedpoint.codes import CounterCode  # imports NumPy, which --help does not need
 
         if self.counter_code != "none":
             full_scale = self.counter_full_scale or 0
@@ -120,14 +123,14 @@ class Settings:
 
     @property
     def learns_full_scale(self) -> bool:
-        """Whether the full scale of each pixel's code is learned from the reference."""
+        """Whether each pixel has its own full scale, taken from the reference."""
         return self.counter_code != "none" and self.counter_scaling == "per-pixel"
 
     def _check_events_per_window(self) -> None:
         if self.window == "count" and self.events_per_window > MOST:
             raise UsageError(
                 f"settings events_per_pixel = {self.events_per_pixel} and pixels = {self.pixels} "
-                f"make windows of more than {MOST} events: ask for fewer"
+                f"make windows of more than {MOST} events: choose smaller values"
             )
         if self.events_per_window < 1:
             raise UsageError(
@@ -138,53 +141,55 @@ class Settings:
     def _check_code(self) -> None:
         if self.clip and self.counter_code != "none":
             raise UsageError(
-                f"setting clip = {self.clip} with counter_code = {self.counter_code}: a count "
-                "has one code; set clip to none"
+                f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
+                "them can be used; set clip or counter_code to none"
             )
         if self.counter_scaling == "per-pixel" and self.counter_full_scale:
             raise UsageError(
-                f"setting counter_full_scale = {self.counter_full_scale} with a per-pixel "
-                "counter_scaling, which learns each pixel's from the reference: set it to auto"
+                f"setting counter_full_scale = {self.counter_full_scale} with counter_scaling = "
+                "per-pixel, which takes the full scale of each pixel from the reference: set "
+                "counter_full_scale to auto"
             )
         if self.counter_scaling == "own-mean" and self.counter_code != "log":
             raise UsageError(
-                f"setting counter_scaling = own-mean with counter_code = {self.counter_code}: it "
-                "is taken of logarithms; set counter_code to log"
+                f"setting counter_scaling = own-mean with counter_code = {self.counter_code}: "
+                "own-mean needs logarithms; set counter_code to log"
             )
         if self.counter_scaling == "own-mean" and self.counter_bits > OWN_MEAN_BITS:
             raise UsageError(
-                f"settings: own-mean code of {self.counter_bits} bits: expected 1 to "
-                f"{OWN_MEAN_BITS}"
+                f"setting counter_bits = {self.counter_bits} with counter_scaling = own-mean: "
+                f"expected 1 to {OWN_MEAN_BITS} bits"
             )
 
     @property
     def uncoded(self) -> Settings:
-        """The same with counts as they are."""
+        """The same settings without a counter code: descriptors hold counts."""
         return replace(self, clip=None, counter_code="none", counter_scaling="shared")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return the settings as plain values, for JSON."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "settings") -> Settings:
-        """Build from plain values; names that do not exist are an error.
+        """Build settings from plain values.
 
         Raises
         ------
         UsageError
-            If a name is unknown or a value out of range; `source` is named.
+            If a name is unknown or a value out of range; the message names `source`.
         """
         return cls().replaced(values, source)
 
     def replaced(self, values: Mapping[str, Any], source: str) -> Settings:
-        """Copy with other values, of a file or of flags; `source` is named where one is wrong.
+        """Return a copy with values of a file or of flags in place of its own.
 
         Parameters
         ----------
         values : mapping
             See `values_by_name`.
         source : str
+            Where the values come from, for error messages.
 
         Raises
         ------
@@ -198,7 +203,7 @@ class Settings:
             raise UsageError(f"{source}: {error}") from None
 
 
-#: what is known of each setting, by its name, in order
+#: the description of each setting, by its name, in order
 SETTING_FIELDS = {
     field.name: TABLE[field.name].named(field.name, field.default) for field in fields(Settings)
 }
@@ -206,20 +211,20 @@ Settings.__doc__ = f"{Settings.__doc__}\n\n{attributes_section(SETTING_FIELDS)}"
 
 
 def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """Read the values of a file or of flags.
+    """Convert the values of a file or of flags to those of `Settings`.
 
     Parameters
     ----------
     values : mapping of str to object
-        By the key of a TOML file (``tau``), or the name of the attribute (``tau_us``); values, or
-        words for them (``"250ms"``).
+        Its keys are those of a TOML file (``tau``) or names of attributes (``tau_us``). Its values
+        are those of `Settings`, or texts for them (``"250ms"``).
     source : str
-        Named in errors.
+        Where the values come from, for error messages.
 
     Returns
     -------
     dict
-        Value by the name of the attribute of `Settings`.
+        Values by the name of the attribute of `Settings`.
 
     Raises
     ------

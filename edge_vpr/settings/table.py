@@ -1,6 +1,7 @@
-"""What each setting means, its range, and the words it is given in; once for flags, files and docs.
+"""Meaning, range and accepted words of every setting.
 
-The types and the defaults are those of `Settings`.
+The flags, the TOML files and docs/settings.md are all made from this one table. Types and defaults
+stand in `Settings`.
 """
 
 from __future__ import annotations
@@ -40,9 +41,12 @@ TABLE = {
         help="how pixels are selected",
         group="pixels",
         choices=STRATEGIES,
-        more="By the variance of their counts (the paper), by the mean (its released code), at "
-        "random, at random without the bottom third, those of the highest variance, or one after "
-        "another by what each says of the place beyond those before it.",
+        more="variance: drawn with a probability that grows with the variance of their counts (the "
+        "paper). seed-code: drawn by the mean of their counts (the code that the authors "
+        "released). random: every pixel is equally likely. random-upper: random, from the upper "
+        "two thirds of the image. top: the pixels of the highest variance. information: one after "
+        "another, each time the pixel that adds most information about the place to the pixels "
+        "selected before it.",
     ),
     "sigma": SettingField(
         kind=float,
@@ -51,7 +55,9 @@ TABLE = {
         metavar="PX",
         needs=("strategy", ("variance", "random", "random-upper")),
     ),
-    "seed": SettingField(kind=int, help="seed of the draw of pixels", group="pixels"),
+    "seed": SettingField(
+        kind=int, help="seed of the random numbers that select pixels", group="pixels"
+    ),
     "window": SettingField(
         kind=str,
         help="windows of a fixed time, or of a fixed count of events at the selected pixels",
@@ -60,7 +66,7 @@ TABLE = {
     ),
     "tau_us": SettingField(
         kind=int,
-        help="length of a fixed-time window: 1s, 250ms",
+        help="length of a fixed-time window, for example 1s or 250ms",
         group="windows",
         key="tau",
         metavar="TIME",
@@ -68,25 +74,29 @@ TABLE = {
         read=duration_us,
         show=duration_word,
         expected="a time such as 1s, 250ms or 500us",
-        more="Pixels are always selected by windows of this length, so that both kinds of window "
-        "can use the same pixels.",
+        more="Pixels are always selected by windows of this length, also with --window count, so "
+        "that both kinds of window use the same pixels.",
     ),
     "events_per_pixel": SettingField(
         kind=float,
-        help="a fixed-count window holds R x J events at the selected pixels, rounded; auto: as "
-        "many as a window of tau holds in the reference on average",
+        help="a fixed-count window holds R x J events at the selected pixels, rounded; auto: the "
+        "average number that the reference drive has in a window of --tau",
         group="windows",
         metavar="R",
         words={"auto": None},
         above=0,
         zero_is_none=True,
-        more="The released code has 3. With auto, windows span the distance that the reference "
-        "drive covered in tau, and the map keeps the number found.",
+        more="The released code uses 3. With auto, a window covers about the distance that the "
+        "reference drive covered in tau. The map stores the number found.",
         needs=("window", ("count",)),
     ),
-    "polarity": SettingField(kind=bool, help="count ON and OFF events apart", group="counters"),
+    "polarity": SettingField(
+        kind=bool,
+        help="count ON and OFF events separately, in two counters for each pixel",
+        group="counters",
+    ),
     "clip": SettingField(
-        help="largest count in a descriptor; none: no limit",
+        help="largest count in a descriptor, larger ones become N; none: no limit",
         group="counters",
         kind=int,
         metavar="N",
@@ -94,19 +104,21 @@ TABLE = {
         least=1,
         most=MAX_FULL_SCALE,
         zero_is_none=True,
-        more="The released code has 10. Pixels are selected by the clipped counts too, as there.",
+        more="The released code uses 10. As in that code, pixels are selected by the clipped "
+        "counts too.",
     ),
     "counter_code": SettingField(
         kind=str,
-        help="what is compared in place of a count; none: the count itself",
+        help="how a count is turned into a number of few bits, which is compared in its place; "
+        "none: counts are compared",
         group="counters",
         choices=get_args(CounterCodeName),
-        more="See docs/codes.md. Pixels are selected by counts, and fixed-count windows count "
-        "events.",
+        more="See docs/codes.md. The code changes neither which pixels are selected nor where "
+        "fixed-count windows end.",
     ),
     "counter_bits": SettingField(
         kind=int,
-        help="bits of a code",
+        help="number of bits of a code",
         group="counters",
         metavar="B",
         least=1,
@@ -114,7 +126,8 @@ TABLE = {
         needs=_CODE,
     ),
     "counter_full_scale": SettingField(
-        help="largest count that the code tells apart; auto: the code's own",
+        help="count at which the code reaches its largest value; auto: a value that suits the code "
+        "and its bits",
         group="counters",
         kind=int,
         metavar="N",
@@ -126,50 +139,56 @@ TABLE = {
     ),
     "counter_scaling": SettingField(
         kind=str,
-        help="one full scale for all; or one for each pixel, learned from the reference; or the "
-        "logarithm less its mean over the drive, which other light does not move",
+        help="range of the codes: the same for all pixels (shared); one for each pixel, taken from "
+        "the reference (per-pixel); or logarithms of counts less their mean over the drive "
+        "(own-mean)",
         group="counters",
         choices=get_args(CounterScaling),
+        more="Codes by own-mean hardly change when the light does.",
     ),
     "query_mean": SettingField(
         kind=str,
-        help="of own-mean codes, a query's mean: over the whole drive, or running, as on the robot",
+        help="mean that own-mean codes subtract in a query: that of the whole drive (own), or a "
+        "running mean, as on a robot (running)",
         group="matching",
         choices=get_args(QueryMean),
-        more="The whole drive is known of a recording only.",
+        more="Only with a recording is the whole drive known: live and online matching always use "
+        "the running mean.",
         needs=("counter_scaling", ("own-mean",)),
     ),
     "remove_hot_pixels": SettingField(
         kind=bool,
-        help="find and leave out hot pixels, keep them, or leave out those listed in FILE (x, y "
-        "a line)",
+        help="find hot pixels and leave them out, keep them, or leave out the pixels listed in "
+        "FILE (one x, y in each line)",
         group="cleaning",
         key="hot_pixels",
         metavar="find|keep|FILE",
         words={"find": True, "keep": False},
-        more="Only the flag takes a file. Cleaning of method.md section 1.",
+        more="Only the flag takes a file. See section 1 of method.md.",
     ),
     "remove_bursts": SettingField(
         kind=bool,
-        help="events of moments when most pixels fire",
+        help="remove or keep the events of bursts, moments in which most pixels fire",
         group="cleaning",
         key="bursts",
         words={"remove": True, "keep": False},
-        more="Cleaning of method.md section 1.",
+        more="See section 1 of method.md.",
     ),
     "keep_incomplete": SettingField(
-        kind=bool, help="keep the last, incomplete window", group="windows"
+        kind=bool,
+        help="keep the last window although the recording ends before it is complete",
+        group="windows",
     ),
     "matching": SettingField(
         kind=str,
-        help="by sequences of windows (the paper), or the place filter",
+        help="match with the place filter, or by comparing sequences of windows (the paper)",
         group="matching",
         choices=get_args(Matching),
         more="See docs/place_filter.md.",
     ),
     "filter_steps": SettingField(
-        help="place filter: price of a step of 0, 1, 2 ... places in a window; auto: 1,0,1 for "
-        "windows of fixed time, 1,0,0,1 for a number of events",
+        help="place filter: price of moving on by 0, 1, 2 ... places in one window; auto: 1,0,1 "
+        "for windows of fixed time, 1,0,0,1 for windows of a fixed count",
         group="matching",
         kind=tuple,
         metavar="P,P,...",
@@ -178,13 +197,14 @@ TABLE = {
         show=prices_word,
         valid=lambda values: len(values) > 0 and are_prices(values),
         expected="1 to 16 prices from 0 to 254, for example 1,0,1",
-        more="Other light makes windows of a number of events longer.",
+        more="With fixed-count windows, moving on by two places costs nothing too, because such "
+        "windows become longer in other light.",
         needs=_FILTER,
     ),
     "filter_back": SettingField(
         kind=tuple,
-        help="place filter: price of a step of 1, 2 ... places backwards; none: the route is never "
-        "driven backwards",
+        help="place filter: price of moving back by 1, 2 ... places in one window; none: the route "
+        "is never driven backwards",
         group="matching",
         metavar="P,P,...",
         words={"none": ()},
@@ -196,7 +216,7 @@ TABLE = {
     ),
     "filter_restart": SettingField(
         kind=int,
-        help="place filter: price of a step to any place",
+        help="place filter: price of moving to any other place",
         group="matching",
         metavar="P",
         least=1,
@@ -205,14 +225,14 @@ TABLE = {
     ),
     "smooth": SettingField(
         kind=bool,
-        help="place filter: let the windows after each one decide with, as a recording allows",
+        help="place filter: match each window of a recording with the windows after it too",
         group="matching",
-        more="Online there is no later window, and nothing is smoothed.",
+        more="Live and online matching have no later windows, and never smooth.",
         needs=_FILTER,
     ),
     "sequence_length": SettingField(
         kind=int,
-        help="windows in a sequence, L",
+        help="number of windows in a sequence, L",
         group="matching",
         short="-L",
         metavar="L",
@@ -221,30 +241,30 @@ TABLE = {
     ),
     "anchor": SettingField(
         kind=str,
-        help="window that a sequence's match belongs to: middle (offline) or end",
+        help="window of a sequence that its match is given for: the middle one, or the last (end)",
         group="matching",
         choices=get_args(Anchor),
         needs=_SEQUENCE,
     ),
     "exclusion": SettingField(
         kind=int,
-        help="second best is over R places from the best",
+        help="exclusion zone: the second-best place lies more than R places away from the best",
         group="matching",
         metavar="R",
     ),
     "score": SettingField(
-        help="what the threshold of an evaluation is on; auto: the trust of the place filter, the "
-        "ratio of sequences",
+        help="figure by which matches are accepted or rejected in an evaluation; auto: trust with "
+        "the place filter, ratio with sequences",
         group="matching",
         kind=str,
         words={"auto": None},
         choices=get_args(Score),
-        more="Best over second-best distance, or second less best; the trust is docs/trust.md's. "
-        "The paper has the distance.",
+        more="distance: of the best place (the paper). ratio: best distance divided by the "
+        "second-best. margin: second-best less best. trust: see docs/trust.md.",
     ),
     "precision": SettingField(
-        help="mark matches as lost so that of the others a share of P is right, for example 0.99; "
-        "none: mark none",
+        help="mark unsure matches as lost, such that a share of P of the others is right, for "
+        "example 0.99; none: mark none",
         group="matching",
         kind=float,
         metavar="P",
@@ -252,6 +272,6 @@ TABLE = {
         above=0,
         below=1,
         zero_is_none=True,
-        more="It is as good as the table of probabilities, see docs/trust.md.",
+        more="How well this holds depends on the table of probabilities, see docs/trust.md.",
     ),
 }

@@ -1,4 +1,4 @@
-"""Values of settings as words, on the command line and in a file: ``250ms``, ``1,0,1``."""
+"""Conversion between values of settings and their text on the command line and in files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def duration_us(text: str) -> int:
     Raises
     ------
     UsageError
-        If it is none of these, or no whole positive number of microseconds.
+        If the text has another form, or is not a positive whole number of microseconds.
     """
     form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(us|ms|s|)\s*", text)
     if form:
@@ -42,12 +42,12 @@ def duration_word(microseconds: int) -> str:
 
 
 def prices(text: str) -> tuple[int, ...]:
-    """Read prices of the place filter, such as ``1,0,1``.
+    """Read a list of prices of the place filter, such as ``1,0,1``.
 
     Raises
     ------
     UsageError
-        If it is not a list of whole numbers.
+        If the text is not a list of whole numbers.
     """
     try:
         return tuple(int(price) for price in text.split(","))
@@ -56,12 +56,12 @@ def prices(text: str) -> tuple[int, ...]:
 
 
 def prices_word(values: tuple[int, ...]) -> str:
-    """Write prices as `prices` reads them."""
+    """Write prices in the form that `prices` reads."""
     return ",".join(map(str, values))
 
 
 def are_prices(values: tuple[object, ...]) -> bool:
-    """Return whether each value is a price that the place filter can hold."""
+    """Return whether all values are prices that the place filter can store."""
     return len(values) <= MOST_PRICES and all(
         type(price) is int and 0 <= price <= MOST_PRICE for price in values
     )

@@ -1,4 +1,4 @@
-"""A small deterministic world and the event camera that is driven through it, twice."""
+"""Simulation of an event camera that is driven twice through a small deterministic world."""
 
 from edge_vpr.simulate.camera import CAMERAS, Camera
 from edge_vpr.simulate.drive import QUERY, REFERENCE, Drive, Light

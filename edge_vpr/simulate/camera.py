@@ -1,4 +1,4 @@
-"""The event camera: its size, its lens, and the ways in which its pixels are not ideal."""
+"""The simulated camera: its size, its lens, and the imperfections of its pixels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ _THRESHOLDS, _HOT = 1, 2  # one random stream each, so that one setting does not
 class Camera:
     """An event camera.
 
-    The defaults lie in the range that is published for such sensors, and copy no single device.
+    The defaults lie in the published range for such sensors; they are not those of a certain
+    device.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ class Camera:
         return on, off
 
     def noise_rates(self, seed: int) -> npt.NDArray[np.float64]:
-        """Draw the rate at which each pixel fires without cause.
+        """Draw the rate at which each pixel fires without a cause.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What stands along the route: town, park, open field, works; each with its near and far wall."""
+"""Districts along the route (town, park, open field, works), each with a near and a far wall."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One drive along the route: how fast, in which light, among what traffic, with which mounting."""
+"""One drive along the route: its speed, light, traffic and mounting of the camera."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _GRID_M = 0.1
 class Light:
     """Daylight: a sun with its shadows, the sky's diffuse light, and glare in the lens.
 
-    A change of the whole scene's brightness alone is not seen by a logarithmic pixel; these are
-    the changes that are.
+    A logarithmic pixel does not see a change of the brightness of the whole scene. These are the
+    changes that it sees.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def drive_motion(drive: Drive, length_m: float, seed: int) -> Motion:
 
 
 def looks(motion: Motion, step_m: float, step_us: int) -> Motion:
-    """Choose when to look: at least every `step_m` of the way and every `step_us` of time."""
+    """Return the times of frames: at least one in each `step_m` of the way and each `step_us`."""
     effort = np.maximum(np.diff(motion.position_m) / step_m, np.diff(motion.time_us) / step_us)
     done = np.concatenate(([0.0], np.cumsum(effort)))
     at = np.linspace(0.0, done[-1], int(np.ceil(done[-1])) + 1)
@@ -180,7 +180,7 @@ def looks(motion: Motion, step_m: float, step_us: int) -> Motion:
 
 
 def shake(drive: Drive, time_us: npt.NDArray[np.int64], seed: int) -> npt.NDArray[np.float64]:
-    """Yaw and pitch of the vehicle on its springs, as a shift of the image.
+    """Return the shift of the image by yaw and pitch of the vehicle on its springs.
 
     Returns
     -------

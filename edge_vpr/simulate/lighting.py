@@ -1,4 +1,4 @@
-"""Light on the painted world, and the packed textures that the renderer reads."""
+"""Lighting of the painted world, and the packed textures for the renderer."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Textures(NamedTuple):
 
 
 def illuminate(scene: Scene, light: Light) -> Textures:
-    """Let the light fall on the scene.
+    """Compute the lit textures of a scene.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def illuminate(scene: Scene, light: Light) -> Textures:
 
 
 def _shadow(scene: Scene, light: Light) -> Plane:
-    """Share of the sun that the walls on its side keep from each point of the ground."""
+    """Return the share of the sun that the walls take from each point of the ground."""
     azimuth, elevation = radians(light.azimuth_deg), radians(light.elevation_deg)
     rows, columns = scene.ground.cover.shape
     shadow = np.zeros((rows, columns), np.float32)

@@ -1,4 +1,4 @@
-"""Events without a cause in the scene: background activity, hot pixels and bursts."""
+"""Noise events: background activity, hot pixels and bursts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.boo
 class Noise:
     """Noise of one camera during one drive.
 
-    What is drawn for one stretch of time depends on the seed and on the stretch's number alone.
+    The noise of a period of time depends only on the seed and on the number of the period.
 
     Parameters
     ----------

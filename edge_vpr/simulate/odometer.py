@@ -1,4 +1,4 @@
-"""Wheel odometry of a simulated drive: a wheel of not quite the stated size, which slips."""
+"""Wheel odometry of a simulated drive, with an error of the wheel's size and slip."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SCALE_ERROR, SLIP = 0.02, 0.05
 
 
 def wheel_odometry(track: Track, rng: np.random.Generator) -> Odometry:
-    """Read the odometer of a drive ten times a second.
+    """Return odometer readings of a drive, ten per second.
 
     Parameters
     ----------

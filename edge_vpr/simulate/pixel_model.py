@@ -1,6 +1,6 @@
 """The pixel of an event camera: it fires when the logarithm of its light crosses a threshold.
 
-The model is the one that event camera simulators share (Lichtsteiner et al., JSSC 2008; Hu et al.,
+The model is the usual one of event camera simulators (Lichtsteiner et al., JSSC 2008; Hu et al.,
 v2e, CVPRW 2021): a pixel remembers a level and fires each time its input has moved away from it by
 its threshold, and the level follows in steps of that threshold. Between two inputs the level is
 taken to move in a straight line, which gives each crossing its time.
@@ -30,7 +30,7 @@ def _cross(
     before: Any, after: Any, level: Any, on: Any, off: Any, bright: Any, faint: Any,
     t0: int, t1: int, times: Any, pixels: Any, polarities: Any, n: int, first: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Write the crossings of one step behind the first `n`; return the new n and where to go on.
+    """Write the crossings of one step after the first `n`; return the new n and the next pixel.
 
     The pixel at which the second value stands did not fit; it is the number of pixels at the end.
     """
@@ -155,7 +155,7 @@ class PixelArray:
         self._time = time_us
 
     def _grow(self) -> None:
-        """Double the room for events that were not taken yet."""
+        """Double the room for events that were not returned yet."""
         self._times = np.concatenate((self._times, np.empty_like(self._times)))
         self._pixels = np.concatenate((self._pixels, np.empty_like(self._pixels)))
         self._polarities = np.concatenate((self._polarities, np.empty_like(self._polarities)))
@@ -166,7 +166,7 @@ class PixelArray:
         pixels: npt.NDArray[np.int64] | None = None,
         polarities: npt.NDArray[np.bool_] | None = None,
     ) -> Events:
-        """Hand out the events since the last call, joined with events that had no cause in light.
+        """Return the events since the last call, together with noise events.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""A simulated drive as a recording: an iterator of event arrays, and where the camera was."""
+"""A simulated drive as a recording: an iterable of event arrays, with its track."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class SimulatedRecording:
     def keep(
         self, shown: Callable[[SimulatedRecording], Iterable[Events]] | None = None
     ) -> SimulatedRecording:
-        """Simulate now and hold the events in memory, at 13 bytes each, for later iterations.
+        """Simulate now and store the events in memory, at 13 bytes each, for later iterations.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class SimulatedRecording:
         return self
 
     def view(self) -> View:
-        """Light the scene and set up the camera in it."""
+        """Return the lit scene with the camera in it."""
         if self._view is None:
             scene = self._scene if self._scene is not None else paint(self.world)
             rng = np.random.default_rng((self.seed, _PARKED))

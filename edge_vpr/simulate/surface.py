@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 NEAR_M, FAR_M = 3.6, 8.0  # distance of the walls from the middle of the road
 NEAR_TOP_M, FAR_TOP_M = 6.0, 14.0
-VIEW_M = 100.0  # nothing is seen beyond
+VIEW_M = 100.0  # nothing is visible beyond
 COLUMN_M = 0.1
 NEAR_ROW_M, FAR_ROW_M, GROUND_ROW_M = 0.08, 0.1, 0.08
 

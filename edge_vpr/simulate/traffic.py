@@ -1,4 +1,4 @@
-"""What moves by itself: oncoming cars, cars ahead, cyclists, people who cross the road."""
+"""Moving objects: oncoming cars, cars ahead, cyclists, people who cross the road."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Mover(NamedTuple):
 
 
 def traffic(drive: Drive, motion: Motion, seed: int) -> list[Mover]:
-    """Draw who is met on the drive.
+    """Draw the moving objects of a drive at random.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def paint_traffic(
     position_m: float,
     frame: npt.NDArray[np.float32],
 ) -> None:
-    """Draw those in sight over a frame of the street, the furthest first.
+    """Paint the visible objects over a frame of the street, the farthest first.
 
     Parameters
     ----------

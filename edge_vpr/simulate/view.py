@@ -1,9 +1,10 @@
-"""What the camera sees from a place on the route.
+"""Rendering of the view from a place on the route.
 
 The street is straight and its surfaces are planes along it, so that the ray of one pixel always
 meets a surface at the same height and the same distance ahead: all that changes while the camera
-moves is the column of the texture. These constants are worked out once a drive, and a frame then
-costs a linear interpolation a surface and pixel.
+moves is the column of the texture. These constants are computed once for a drive. A frame then
+takes
+one linear interpolation for each surface and pixel.
 """
 
 from __future__ import annotations
@@ -153,7 +154,7 @@ class View:
         z: npt.NDArray[np.float64],
         distance: npt.NDArray[np.float64],
     ) -> None:
-        """Note one more surface for the rays that meet it at `z` metres ahead."""
+        """Add a surface to the rays that meet it `z` metres ahead."""
         i = np.flatnonzero(met)
         # the length along the route that one pixel covers, and the level whose texel is as long
         covers = z[i] ** 2 / (self.focal * distance[i])

@@ -36,7 +36,7 @@ _GROUND, _SIDE = 21, 22  # one random stream each
 
 @dataclass(frozen=True)
 class World:
-    """What the route leads through.
+    """Parameters of the world along the route.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 def _side(world: World, rng: np.random.Generator) -> tuple[Surface, Surface, Mask]:
-    """Paint both walls of one side, district by district; tell in which columns grass grows."""
+    """Paint both walls of one side, district by district; return the columns with grass."""
     green = np.zeros(world.columns, np.bool_)
     near, far = (
         Surface(np.zeros(shape, np.float32), np.zeros(shape, np.float32))

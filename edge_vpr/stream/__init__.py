@@ -1,5 +1,5 @@
-"""Live from a serial-attached camera: links, protocols, health, and a localiser that keeps up.
+"""Live matching with a camera on a line: links, protocols, health, and the localiser.
 
-`links` are where bytes come from, `protocols` what they mean, `reader` reads the one while the
-other decodes, `live` matches, and `bridge` stands in for a camera.
+`links` provide bytes, `link_reader` reads them, `protocols` decode them, `live` matches the events,
+and `bridge` imitates a camera.
 """

@@ -1,4 +1,4 @@
-"""A camera bridge without a camera: a recording goes out over a link as a device would send it."""
+"""Imitation of a camera bridge: sends a recording over a link as a device would."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from edge_vpr.stream.network_links import TcpServerLink
 from edge_vpr.stream.protocols.protocol import Encoder
 from edge_vpr.stream.serial_links import VirtualLink
 
-#: Events are sent every so often, and an idle device says so.
+#: Intervals at which events are sent, and at which an idle device reports that it is idle.
 SLICE_US = 5_000
 IDLE_US = 100_000
-#: A host that asks for nothing for so long asks for nothing more.
+#: A host that has sent no request for this time is taken as gone.
 GONE_S = 10.0
 _AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
 class LineFaults:
-    """What a bad line does to bytes.
+    """Faults of a bad line.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class LineFaults:
         return cls(garbage=garbage, **values)
 
     def corrupt(self, data: bytes, rng: np.random.Generator) -> bytes:
-        """Return what arrives of `data`."""
+        """Return the bytes that arrive when `data` is sent."""
         raw = np.frombuffer(data, dtype=np.uint8).copy()
         if self.flip:
             hit = rng.random(raw.size) < self.flip
@@ -130,7 +130,7 @@ class Bridge:
         self.sent_events = self.sent_bytes = self.dropped_events = 0
 
     def wait_for_host(self) -> None:
-        """Wait until a host has connected, and has spoken if the protocol lets it speak first."""
+        """Wait until a host has connected and, if the protocol requires it, has sent a request."""
         while not self.stopping.is_set():
             if self._encoder.waits_for_host and self._link.two_way:
                 command = self._link.read(0.1)
@@ -143,12 +143,12 @@ class Bridge:
             elif isinstance(self._link, VirtualLink) and not self._link.opened():
                 self.stopping.wait(0.05)
             else:
-                # a host that is opening a terminal throws away what came before
+                # opening a terminal discards bytes that came before
                 self.stopping.wait(0.5)
                 return
 
     def run(self, recording: Iterable[Events]) -> None:
-        """Send everything, or until `stopping` is set or the host has gone."""
+        """Send everything; stop early if `stopping` is set or the host has gone."""
         try:
             self.wait_for_host()
             garbage = self._rng.integers(0, 256, self._faults.garbage).astype(np.uint8)
@@ -193,7 +193,7 @@ class Bridge:
         self.sent_events += events.size
 
     def _serve(self, timeout: float) -> bool:
-        """Hear the host for at most `timeout` seconds and answer; tell whether it said anything."""
+        """Answer the host for at most `timeout` seconds; return whether it sent anything."""
         command = self._link.read(timeout)
         if command:
             self._send(self._encoder.respond(self._faults.corrupt(command, self._rng)))
@@ -208,7 +208,7 @@ class Bridge:
                 return
 
     def _serve_until_held(self, most: int) -> None:
-        """Let the host fetch what is held for it, until that is no more than `most` events."""
+        """Let the host fetch events until at most `most` are waiting for it."""
         heard = time.monotonic()
         self._serve(0.0)
         while self._encoder.held > most and not self.stopping.is_set():

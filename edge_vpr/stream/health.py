@@ -1,24 +1,24 @@
-"""What a stream has brought and what it has lost, to the byte and to the event."""
+"""Counts of what a stream delivered and lost, in bytes and events."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-#: How much a protocol can know of the events that never arrived.
+#: How exactly a protocol can know the number of lost events.
 EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"
-# counts of what is ordinary, or told by another
+# counts that are no faults, or are included in other counts
 _NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
 _NO_FAULTS |= {"events", "held", "wraps"}
 
 
 @dataclass
 class Health:
-    """Counts since the stream began. Two sums hold at every moment, whatever the line does.
+    """Counts since the stream began. Two sums hold at any time, whatever the line does.
 
-    - ``bytes = decoded_bytes + skipped_bytes + pending_bytes``: no byte vanishes
-    - ``decoded = events + rejected + held``: no event vanishes once it has been decoded
+    - ``bytes = decoded_bytes + skipped_bytes + pending_bytes``: all bytes are accounted for
+    - ``decoded = events + rejected + held``: all decoded events are accounted for
 
-    and a third one between the device and here, as far as the protocol can know it (`accounting`):
+    and a third one between the device and the host, as far as the protocol allows (`accounting`):
     ``made by the device = decoded + lost + device_dropped``.
 
     Attributes
@@ -118,7 +118,7 @@ class Health:
 
     @property
     def losses(self) -> int:
-        """Grows whenever something is known to be missing; a window around that is incomplete."""
+        """Number that grows whenever a loss becomes known; a window with a loss is incomplete."""
         return (
             self.resyncs
             + self.crc_errors
@@ -135,14 +135,14 @@ class Health:
         )
 
     def balanced(self) -> bool:
-        """Tell whether both sums hold."""
+        """Return whether both sums hold."""
         return (
             self.bytes == self.decoded_bytes + self.skipped_bytes + self.pending_bytes
             and self.decoded == self.events + self.rejected + self.held
         )
 
     def __str__(self) -> str:
-        """Name every fault that there was, and how often."""
+        """Return every fault that occurred, with its count."""
         parts = []
         for field in fields(self):
             count = getattr(self, field.name)
@@ -157,7 +157,7 @@ class Health:
         return ", ".join(parts) or "no faults"
 
     def describe_losses(self) -> str:
-        """Say how many events were lost, and how well that is known."""
+        """Return the number of lost events as text, and how exactly it is known."""
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
         restarts = "at least " if self.device_resets else ""
         if self.accounting == EXACT and not self.frames and self.skipped_bytes:

@@ -1,4 +1,4 @@
-"""One line to a device, or to a host, and what can go wrong with it."""
+"""Interface of a link to a device or to a host, and its errors."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ READ_BYTES = 1 << 16
 
 
 class LinkError(EdgeVprError):
-    """A link cannot be opened, or broke."""
+    """A link cannot be opened, or has broken."""
 
 
 class LinkClosed(LinkError):  # noqa: N818, an end is no error of its own
-    """The other side has ended, or the file has."""
+    """The other side has closed the link, or the file has ended."""
 
 
 class Link(ABC):
-    """One line to a device (or, for a bridge, to a host).
+    """A link to a device (or, for a bridge, to a host).
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Link(ABC):
 
     @abstractmethod
     def read(self, timeout: float) -> bytes:
-        """Return what has come, after at most `timeout` seconds; empty if nothing did.
+        """Return the bytes that have arrived, after at most `timeout` seconds; may be empty.
 
         Raises
         ------
@@ -53,36 +53,36 @@ class Link(ABC):
 
     @abstractmethod
     def write(self, data: bytes, timeout: float) -> int:
-        """Send what can be sent within `timeout` seconds; return how many bytes that is."""
+        """Send as much as possible within `timeout` seconds; return the number of bytes sent."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close; again is harmless."""
+        """Close the link; may be called again."""
 
     def line_errors(self) -> int:
-        """Characters that the system says the line damaged or dropped since it was opened."""
+        """Return the number of characters that the system reports as damaged or dropped."""
         return 0
 
     def began_anew(self) -> bool:
-        """Tell whether another stream began with the bytes that were read last."""
+        """Return whether another stream began with the bytes that were read last."""
         return False
 
     def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
-        """Wait until the other side has taken what was sent."""
+        """Wait until the other side has received what was sent."""
 
 
 class DescriptorLink(Link):
-    """A link over one file descriptor."""
+    """Link over a file descriptor."""
 
     def __init__(self, address: str, descriptor: int, *, live: bool = True) -> None:
         super().__init__(address)
         self.live = live
         self._fd = descriptor
-        # read into again and again: bytes made for the most that can come, and then cut short,
-        # leave holes between those that other threads keep
+        # one buffer for all reads: allocating the largest size and truncating it would fragment
+        # the memory
         self._room = bytearray(READ_BYTES)
         if live:
-            # standard input is shared, on a terminal even with the output: it stays as it is
+            # standard input is shared (on a terminal even with the output), and is not changed
             os.set_blocking(descriptor, False)
 
     def read(self, timeout: float) -> bytes:
@@ -122,10 +122,10 @@ class DescriptorLink(Link):
 
 @contextlib.contextmanager
 def as_link_error(address: str) -> Iterator[None]:
-    """Turn the system's errors into ours."""
+    """Convert errors of the system to `LinkError`."""
     try:
         yield
     except (OSError, ValueError) as error:
-        # a closed descriptor is a ValueError to select
+        # select raises ValueError for a closed descriptor
         kind = LinkClosed if isinstance(error, (ConnectionError, ValueError)) else LinkError
         raise kind(f"{address}: {error}: check that the other side is there") from error

@@ -1,8 +1,11 @@
-"""Read a link into a bounded buffer while its caller is late, and open it again when it is lost.
+"""Reading of a link, with a bounded buffer while the caller is late, and with reopening.
 
-A caller in time reads the link itself: no thread has to be woken between bytes and their match. The
-reader's thread looks every `_HELP_S` whether the caller is late, and then reads in its place until
-it is back. Until then the system holds the bytes: 64 KiB of a serial line, 54 ms of 12 Mbaud.
+A caller that is in time reads the link itself, so that no thread has to be woken between bytes and
+their match. A thread of the reader checks every `_HELP_S` whether the caller is late, and then
+reads in
+its place until the caller is back. Until then the system buffers the bytes: 64 KiB for a serial
+line,
+which are 54 ms at 12 Mbaud.
 """
 
 from __future__ import annotations
@@ -17,20 +20,20 @@ from typing import NamedTuple
 
 from edge_vpr.stream.link import Link, LinkClosed, LinkError
 
-#: 0.9 s of a line of 12 Mbaud.
+#: Size of the buffer: 0.9 s of a line of 12 Mbaud.
 BUFFER_BYTES = 1 << 20
-#: Bytes that have waited for so long are dropped, with all that wait behind them.
+#: When bytes have waited for this time, they and all later waiting bytes are dropped.
 MAX_LAG_S = 0.5
 _WAIT_S = 0.1
-#: A caller that has not come back for so long is late.
+#: A caller that has not come back for this time is late.
 _HELP_S = 0.02
-#: The system's count of errors is looked at so often.
+#: Interval at which the system's count of errors is read.
 _LOOK_S = 0.25
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
 
 
 class Chunk(NamedTuple):
-    """Bytes that came together.
+    """Bytes that arrived together.
 
     Attributes
     ----------
@@ -50,7 +53,7 @@ class Chunk(NamedTuple):
 
 
 class LinkReader:
-    """Reads a link for one caller, and in a thread of its own while that caller is late.
+    """Reads a link for one caller; while the caller is late, a thread reads.
 
     Parameters
     ----------
@@ -66,6 +69,9 @@ class LinkReader:
         is live.
     buffer_bytes : int
     max_lag_s : float
+    busy_wait : bool
+        Ask the link again and again while its caller waits, instead of sleeping until bytes come:
+        waking up takes longer than their match.
 
     Attributes
     ----------
@@ -87,10 +93,12 @@ class LinkReader:
         drop: bool | None = None,
         buffer_bytes: int = BUFFER_BYTES,
         max_lag_s: float = MAX_LAG_S,
+        busy_wait: bool = False,
     ) -> None:
         self._open, self._setup, self._teardown = open_link, setup, teardown
         self._retry, self._drop = retry, drop
         self._most, self._max_lag_s = buffer_bytes, max_lag_s
+        self._busy_wait = busy_wait
         self._chunks: deque[Chunk] = deque()
         self._held = 0
         self._changed = threading.Condition()
@@ -99,30 +107,30 @@ class LinkReader:
         self.error: Exception | None = None
         self.line_errors = 0
         self.lost_link = ""
-        # held to send and to close, so that nothing is sent to what has been closed
+        # held while sending and while closing, so that nothing is sent to a closed link
         self._sending = threading.Lock()
-        # whether the caller reads; changed only by who holds the lock, which is held to read
+        # whether the caller reads; changed only under the lock that is held for reading
         self._lent, self._reading = False, threading.Lock()
-        self._wanted = False  # the caller waits, and could read itself
-        self._left_s = time.monotonic()  # when it went away with bytes
-        self._failure: Exception | None = None  # what it met
-        self._reopened = False  # before the next bytes
-        self._awake = threading.Event()  # ends a pause of the thread
-        self._link = open_link()  # the first failure is the caller's to see
+        self._wanted = False  # whether the caller waits, and could read itself
+        self._left_s = time.monotonic()  # time at which the caller left with bytes
+        self._failure: Exception | None = None  # error while reading
+        self._reopened = False  # whether the link was reopened before the next bytes
+        self._awake = threading.Event()  # set to end a pause of the thread
+        self._link = open_link()  # an error of the first opening is raised to the caller
         self.address = self._link.address
         self._thread = threading.Thread(target=self._run, name="edge-vpr reader", daemon=True)
         self._thread.start()
 
     def take(self, timeout: float) -> Chunk | None:
-        """Return all bytes that wait, or None if there are none within `timeout` seconds.
+        """Return all waiting bytes, or None if none arrive within `timeout` seconds.
 
-        Of a host that is late, fewer and longer pieces catch up with the link.
+        A late host gets fewer and longer pieces, and so catches up with the link.
         """
         end = time.monotonic() + timeout
         self._left_s = math.inf
         chunk, left = None, timeout
         while chunk is None and left >= 0 and not self._ended:
-            # first who reads, then what waits: a thread that lends has put all that it read
+            # first the reader, then the waiting bytes: the thread has stored all that it read
             if self._lent and not self._chunks:
                 chunk = self._read_directly(min(left, _WAIT_S))
             else:
@@ -137,13 +145,19 @@ class LinkReader:
             if not self._lent or self._chunks:
                 return None
             try:
-                data = self._link.read(timeout)
+                data = self._read_awake(timeout) if self._busy_wait else self._link.read(timeout)
                 return self._chunk(self._link, data) if data else None
             except Exception as error:
-                # the thread has to open the link again, or to end
+                # the thread has to open the link again, or has to end
                 self._failure, self._lent = error, False
                 self._awake.set()
                 return None
+
+    def _read_awake(self, timeout: float) -> bytes:
+        end = time.monotonic() + timeout
+        while not (data := self._link.read(0)) and time.monotonic() < end:
+            pass
+        return data
 
     def _read_by_thread(self, timeout: float) -> Chunk | None:
         with self._changed:
@@ -155,7 +169,7 @@ class LinkReader:
                 return None
             first = self._chunks.popleft()
             parts = [first.data]
-            # a loss is told before the bytes that it comes before
+            # a loss is reported before the bytes that follow it
             while self._chunks and not (self._chunks[0].lost or self._chunks[0].reopened):
                 parts.append(self._chunks.popleft().data)
             data = b"".join(parts)
@@ -164,24 +178,24 @@ class LinkReader:
             return first._replace(data=data)
 
     def send(self, data: bytes) -> None:
-        """Send to the device from any thread, if the link is open; what does not go out is gone."""
+        """Send to the device from any thread, if the link is open; other bytes are lost."""
         if data:
             with self._sending, contextlib.suppress(LinkError):
                 self._send(self._link, data)
 
     @property
     def remark(self) -> str:
-        """What the user should know of the link now, if anything."""
+        """Message to the user about the present state of the link; empty if there is none."""
         return self._link.remark
 
     @property
     def ended(self) -> bool:
-        """Whether nothing will come any more."""
+        """Whether the link has ended for good."""
         with self._changed:
             return self._ended and not self._chunks
 
     def stop(self) -> None:
-        """End reading and close the link; returns within a second or so."""
+        """Stop reading and close the link; returns within about a second."""
         self._stopping.set()
         self._awake.set()
         with self._changed:
@@ -198,7 +212,7 @@ class LinkReader:
                 except LinkError as error:
                     self._close(link)
                     if not (self._retry and link.live):
-                        # an end is an end; anything else is a failure to tell
+                        # the end of a link is no error; anything else is reported
                         self.error = None if isinstance(error, LinkClosed) else error
                         return
                     self.lost_link = str(error)
@@ -209,10 +223,10 @@ class LinkReader:
                     self._link = again
                 link, self._reopened, self.lost_link = again, True, ""
         except Exception as error:
-            # a thread that fails fails alone: the reader has to be told
+            # an error in the thread would go unnoticed: pass it to the caller
             self.error = error
         finally:
-            with self._reading:  # the caller is in no read of a link that is closed
+            with self._reading:  # the caller is not reading the closed link
                 self._lent = False
             with contextlib.suppress(LinkError):
                 self._send(link, self._teardown)
@@ -245,7 +259,7 @@ class LinkReader:
         return Chunk(data, time.monotonic(), 0, anew)
 
     def _watch_caller(self) -> None:
-        """Pause; then take the link back if the caller is late, and raise an error that it met."""
+        """Pause; then read in the place of a late caller, and raise an error that it found."""
         self._awake.wait(_HELP_S)
         late = time.monotonic() - self._left_s > _HELP_S
         if late and self._reading.acquire(blocking=False):
@@ -297,4 +311,4 @@ class LinkReader:
             except LinkClosed:
                 raise
             except LinkError:
-                return  # a link that only gives, such as a file
+                return  # a link that cannot be written to, such as a file

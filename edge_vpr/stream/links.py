@@ -1,4 +1,4 @@
-"""Which link an address means: serial lines, TCP, UDP, pipes, files, and a virtual line."""
+"""Links by address: serial lines, TCP, UDP, pipes, files, and a virtual line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edge_vpr.stream.serial_links import VirtualLink, open_serial
 
 
 def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
-    """Open a host's end of a link; nothing listens, but for UDP.
+    """Open the host's end of a link; only UDP listens.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
 
 
 def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
-    """Open a device's end, for a bridge.
+    """Open the device's end of a link, for a bridge.
 
     Parameters
     ----------

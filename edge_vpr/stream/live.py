@@ -1,4 +1,4 @@
-"""Bytes in, matches out: decoder, burst filter and localiser, and what of it is complete."""
+"""Live matching: decoder, burst filter and localiser in one, from bytes to matches."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.stream.protocols.protocol import Decoder, synthetic_events
 
-#: A step of the clock over more than this, and over more than so many ticks, is a jump.
+#: A step of the clock is a jump if it is longer than this time and than this number of ticks.
 JUMP_US = 1_000_000
 MOST_TICKS = 10_000
 _NEVER_US = 1 << 62
@@ -43,7 +43,7 @@ class LiveResult(NamedTuple):
 
 
 class LiveLocaliser:
-    """Decodes a stream of bytes and matches it with a map.
+    """Decodes a stream of bytes, and matches its events with a map.
 
     Parameters
     ----------
@@ -55,11 +55,15 @@ class LiveLocaliser:
     causal_bursts : bool
         Remove bursts, if the map's settings ask for it, without waiting for their end: a match
         comes 2 ms earlier, and is no longer to the bit that of the recording.
+    odometry : bool
+        Whether readings of an odometer are to come.
 
     Raises
     ------
     MapError
         If the map is of another sensor.
+    UsageError
+        If readings of an odometer are to come and matching with the map takes none.
     """
 
     def __init__(
@@ -69,15 +73,16 @@ class LiveLocaliser:
         every: MatchSchedule | None = None,
         *,
         causal_bursts: bool = False,
+        odometry: bool = False,
     ) -> None:
         self.decoder = decoder
         self._localiser: Localiser | None = None
         self._bursts: BurstFilter | CausalBurstFilter | None = None
         self._losses = 0
-        self._since = 0  # events at the selected pixels since the newest loss
-        self._whole_us = -1  # first time after it
-        self._reached = self._events = 0  # of the decoder, after the newest piece
-        self._time = 0  # up to which the localiser has followed
+        self._since = 0  # number of events at the selected pixels since the newest loss
+        self._whole_us = -1  # first time after the newest loss
+        self._reached = self._events = 0  # time and events of the decoder, after the newest piece
+        self._time = 0  # time that the localiser has reached
         if reference is not None:
             sensor = reference.pixel_map.sensor
             if sensor != decoder.sensor:
@@ -88,9 +93,9 @@ class LiveLocaliser:
             self._settings = reference.settings
             self._table = reference.pixel_map.table()
             burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
-            _rehearse(reference, every, burst_filter(sensor))
+            _rehearse(reference, every, burst_filter(sensor), odometry)
             self._localiser = Localiser(reference, every=every)
-            # of time, that is matched at once
+            # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
             if reference.settings.remove_bursts:
                 self._bursts = burst_filter(sensor)
@@ -103,7 +108,7 @@ class LiveLocaliser:
     def feed(
         self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False
     ) -> LiveResult:
-        """Take the next bytes.
+        """Decode and match the next bytes.
 
         Parameters
         ----------
@@ -122,13 +127,32 @@ class LiveLocaliser:
         events.append(self.decoder.feed(data, host_us))
         return self._follow(join_events(events))
 
+    def read_odometer(self, distance_m: float) -> int:
+        """Take a reading of the robot's odometer, at the time that the stream has reached.
+
+        Parameters
+        ----------
+        distance_m : float
+            See `Localiser.read_odometer`.
+
+        Returns
+        -------
+        int
+            That time, in microseconds.
+        """
+        if self._localiser is None:
+            return self.decoder.reached_us
+        # all matches due until then have been given
+        self._localiser.read_odometer(self._time, distance_m)
+        return self._time
+
     def finish(self) -> LiveResult:
-        """End the stream: what was held comes out."""
+        """End the stream, and return the matches of events that were held."""
         return self._follow(self.decoder.finish(), last=True)
 
     @property
     def filled(self) -> float:
-        """Share of the first sequence that has been seen, 0 to 1; from 1 on there are matches."""
+        """Share of the first sequence that is complete, 0 to 1; there are matches from 1 on."""
         return 0.0 if self._localiser is None else self._localiser.filled
 
     def _follow(self, events: Events, *, last: bool = False) -> LiveResult:
@@ -142,7 +166,7 @@ class LiveLocaliser:
             self._update(localiser, piece, matches)
         known = reached if self._bursts is None else min(reached, self._bursts.known_us)
         if known > self._time:
-            # events held back are later than this, and a device that sees nothing may say so
+            # held events are later than this; the device may have reported that nothing happened
             self._near(localiser, known, matches)
             if localiser.every.interval_us and localiser.next_match_us <= known:
                 # without a tick, the windows age with the next event
@@ -155,7 +179,7 @@ class LiveLocaliser:
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
     ) -> None:
-        """Match events, of as many as lie within `MOST_TICKS` at a time."""
+        """Match events in parts that each span less than `MOST_TICKS`."""
         while events.size:
             taken, last = events.size, int(events["t"][-1])
             if last - self._time > self._most_us:
@@ -169,10 +193,11 @@ class LiveLocaliser:
     def _near(
         self, localiser: Localiser, time_us: int, matches: list[npt.NDArray[np.void]]
     ) -> None:
-        """Let time pass until `time_us` is less than `MOST_TICKS` ahead.
+        """Advance the time until `time_us` is less than `MOST_TICKS` ahead.
 
-        The ticks give matches, but for those of a jump: no clock and no silence may hold up the
-        run, so that only the last of its ticks does, and the jump is counted.
+        Each tick gives a match. In a jump, however, only the last tick does, so that no clock and
+        no
+        silence can stop the run; the jump is counted.
         """
         if time_us - self._time > max(self._most_us, JUMP_US):
             self.decoder.health.clock_jumps += 1
@@ -191,10 +216,12 @@ class LiveLocaliser:
         ]
 
     def _incomplete(self, pieces: list[Events], before_us: int, now: int) -> bool:
-        """Tell whether a loss is younger than the windows that are compared.
+        """Return whether there was a loss within the windows that are compared.
 
-        The flag may stay a piece too long, and is never lifted too early: the first match of these
-        pieces decides, which is not earlier than `before_us`, where the localiser was before them.
+        The flag can stay one piece too long, but is never removed too early. It is decided for the
+        first match of these pieces, which is not earlier than `before_us`, the time of the
+        localiser
+        before them.
         """
         health = self.decoder.health
         losses = health.losses
@@ -227,12 +254,13 @@ def _rehearse(
     reference: ReferenceMap,
     every: MatchSchedule | None,
     bursts: BurstFilter | CausalBurstFilter,
+    odometry: bool,
 ) -> None:
-    """Compile what matching needs, which takes up to seconds, before the first bytes come."""
-    # of more than a few, the last piece goes by columns
+    """Compile the kernels of matching before the first bytes arrive; this takes up to seconds."""
+    # if there are more than a few, the last part is processed by columns
     events = synthetic_events(2 * FEW)
     localiser = Localiser(reference, every=every)
-    # to Numba one event alone is an array of another kind: without gaps, and aligned or not
+    # for Numba an array of one event has another layout: contiguous, and aligned or not
     for some in (events[:1], events[1:2], events[2:]):
         bursts.update(some)
         localiser.update(some)
@@ -243,7 +271,9 @@ def _rehearse(
         n = max(n, settings.events_per_window)
     pixel = reference.pixel_map
     x, y = np.repeat(pixel.x[:1], n), np.repeat(pixel.y[:1], n)
-    for _ in range(2):
+    for _ in range(3 if odometry else 2):  # a distance is known after two readings
         localiser.update(make_events(np.full(n, last_us), x, y))
+        if odometry:
+            localiser.read_odometer(last_us, 0.0)
         last_us += settings.tau_us
         localiser.advance(last_us)

@@ -1,4 +1,4 @@
-"""TCP and UDP."""
+"""Links over TCP and UDP."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import time
 
 from edge_vpr.stream.link import READ_BYTES, DescriptorLink, Link, LinkError, as_link_error
 
-# a peer that vanished without a word, such as one without power, is missed after 11 s
+# a peer that vanished without closing, for example without power, is noticed after 11 s
 _KEEP_ALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
-#: Fits one packet of Ethernet.
+#: Largest datagram, which fits into one Ethernet packet.
 DATAGRAM_BYTES = 1_400
-#: A sender that is silent for so long gives way to another.
+#: When the sender was silent for this time, another one may take its place.
 GIVES_WAY_S = 2.0
 
 
 class SocketLink(DescriptorLink):
-    """A link over a connected or bound socket."""
+    """Link over a connected or bound socket."""
 
     def __init__(self, address: str, sock: socket.socket) -> None:
         self._socket = sock
@@ -41,10 +41,10 @@ class TcpLink(SocketLink):
 
 
 class UdpHostLink(SocketLink):
-    """A bound UDP socket; it hears one sender at a time, and has nobody to write to.
+    """A bound UDP socket, which receives from one sender at a time and cannot send.
 
-    The first sender is heard until it is silent for `GIVES_WAY_S`. The bytes of two, mixed, would
-    be nobody's stream: those of others are left out meanwhile, and counted in `strangers`.
+    The first sender is received until it is silent for `GIVES_WAY_S`. Mixed bytes of two senders
+    could not be decoded, so that bytes of others are ignored meanwhile, and counted in `strangers`.
     """
 
     two_way = False
@@ -86,7 +86,7 @@ class UdpHostLink(SocketLink):
             self._sender, self.remark = sender, ""
             return True
         self.strangers += 1
-        # of many, the first is told: each could be another
+        # of many, only the first is reported
         self.remark = self.remark or (
             f"{sender[0]}:{sender[1]} sends to {self.address} as well and is left out: give each "
             "device a port of its own"
@@ -103,7 +103,7 @@ class UdpHostLink(SocketLink):
 
 
 class TcpServerLink(Link):
-    """A bridge's TCP port, for one host; others are refused."""
+    """TCP port of a bridge, for one host; others are refused."""
 
     def __init__(self, host: str, port: int) -> None:
         try:
@@ -119,7 +119,7 @@ class TcpServerLink(Link):
         self._host: TcpLink | None = None
 
     def accepted(self, timeout: float) -> bool:
-        """Tell whether a host is there, after at most `timeout` seconds."""
+        """Return whether a host is connected, after at most `timeout` seconds."""
         if self._host is None and select.select([self._server], [], [], timeout)[0]:
             self._host = TcpLink(self.address, self._server.accept()[0])
             self._server.close()
@@ -147,14 +147,14 @@ class TcpServerLink(Link):
 
 
 class UdpSenderLink(SocketLink):
-    """A bridge's UDP sender; whether anybody gets what it sends, it does not learn."""
+    """UDP sender of a bridge, which cannot know whether its datagrams arrive."""
 
     two_way = False
 
     def __init__(self, host: str, port: int) -> None:
         with as_link_error(f"udp://{host}:{port}"):
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            # not connected, or nobody there would be an error
+            # not connected, because a missing receiver would then be an error
             sock = socket.socket(found[0], socket.SOCK_DGRAM)
         self._to = found[4]
         super().__init__(f"udp://{bracketed(host)}:{port}", sock)
@@ -176,11 +176,11 @@ class UdpSenderLink(SocketLink):
 
 
 def address_of(kind: str, sock: socket.socket) -> str:
-    """Name a socket's own address, as it is written in an address of a link."""
+    """Return the own address of a socket, in the form of a link's address."""
     host, port = sock.getsockname()[:2]
     return f"{kind}://{bracketed(host)}:{port}"
 
 
 def bracketed(host: str) -> str:
-    """Put an address of IPv6 into brackets, so that its colons are not taken for the port's."""
+    """Put an IPv6 address into brackets, to separate its colons from that of the port."""
     return f"[{host}]" if ":" in host else host

@@ -1,4 +1,4 @@
-"""Serial ports, and the pseudo-terminal that stands in for one."""
+"""Links over serial ports, and over a pseudo-terminal that imitates one."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ _COUNTERS = struct.Struct("20i")
 
 
 class VirtualLink(DescriptorLink):
-    """The device's end of a pseudo-terminal; `address` is what a host opens."""
+    """The device's end of a pseudo-terminal; a host opens its `address`."""
 
     def __init__(self) -> None:
         master, slave = os.openpty()
         tty.setraw(slave)
         super().__init__(os.ttyname(slave), master)
-        # held open, so that a host may come and go
+        # held open, so that a host can connect and disconnect
         self._slave = slave
         self._as_made = termios.tcgetattr(slave)
 
     def opened(self) -> bool:
-        """Tell whether a host has set the terminal up, as all do that take it for a serial port."""
+        """Return whether a host has configured the terminal, as hosts do with a serial port."""
         return termios.tcgetattr(self._slave) != self._as_made
 
     def drain(self, timeout: float) -> None:
-        """Wait until the host has read all: closing a terminal throws away what it has not."""
+        """Wait until the host has read everything, because closing a terminal discards the rest."""
         import fcntl
 
         end, quiet = time.monotonic() + timeout, 0
@@ -51,10 +51,10 @@ class VirtualLink(DescriptorLink):
 
 
 class SerialLink(DescriptorLink):
-    """A serial port that is set up by pyserial, and read without it.
+    """Serial port that is configured by pyserial, and read without it.
 
-    pyserial sets the port up anew for each change of the time-out, and waits for one byte where
-    thousands come together.
+    pyserial configures the port again for each change of the time-out, and waits for single bytes
+    where thousands arrive together.
     """
 
     def __init__(self, address: str, port: Any) -> None:
@@ -64,7 +64,7 @@ class SerialLink(DescriptorLink):
         self._errors_before = self.line_errors()
 
     def line_errors(self) -> int:
-        """See `Link.line_errors`; 0 as well where the port's driver does not count."""
+        """See `Link.line_errors`; also 0 if the driver of the port does not count."""
         import fcntl
 
         try:
@@ -75,7 +75,7 @@ class SerialLink(DescriptorLink):
         return int(framing + overrun + parity + buffer_overrun) - self._errors_before
 
     def read(self, timeout: float) -> bytes:
-        """See `Link.read`; a port that fails is one whose cable was pulled."""
+        """See `Link.read`; an error means that the cable was disconnected."""
         try:
             return super().read(timeout)
         except LinkError as error:
@@ -96,7 +96,7 @@ class SerialLink(DescriptorLink):
 
 
 class UrlLink(Link):
-    """An address of pyserial's that is no file of the system's, such as ``rfc2217://``."""
+    """Link over an address of pyserial that is no device file, such as ``rfc2217://``."""
 
     def __init__(self, address: str, port: Any) -> None:
         super().__init__(address)
@@ -112,7 +112,7 @@ class UrlLink(Link):
             try:
                 data: bytes = self._port.read(READ_BYTES)
             except (serial.SerialException, OSError, TypeError) as error:
-                # TypeError: pyserial's port that another thread has closed
+                # pyserial raises TypeError for a port that another thread has closed
                 raise LinkClosed(f"{self.address} was lost: {error}") from error
             left = end - time.monotonic()
             if data or left <= 0:
@@ -137,7 +137,7 @@ class UrlLink(Link):
 
 
 def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
-    """Open a serial port, or any other address of pyserial's ``serial_for_url``."""
+    """Open a serial port, or any other address that pyserial's ``serial_for_url`` accepts."""
     import io
 
     import serial
@@ -149,7 +149,7 @@ def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
             timeout=0,
             write_timeout=1,
             rtscts=flow_control,
-            exclusive=True,  # two readers would each get a part of the bytes
+            exclusive=True,  # exclusive, because two readers would each get a part of the bytes
         )
     except (serial.SerialException, OSError, ValueError, termios.error) as error:
         raise LinkError(f"cannot open {address or 'no port'}: {_why(error)}") from error
@@ -161,7 +161,7 @@ def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
 
 
 def _why(error: Exception) -> str:
-    """Say what is wrong with a port, and what to do."""
+    """Return what is wrong with a port, and what to do."""
     number = getattr(error, "errno", None)
     if number == errno.ENOENT:
         return "there is no such file or port: `edge-vpr ports` lists those that are attached"

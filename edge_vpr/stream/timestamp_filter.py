@@ -1,8 +1,8 @@
-"""Filter decoded events: on the sensor, in time order, on a clock that never wraps.
+"""Filter of decoded events: on the sensor, in time order, on a clock that never wraps.
 
-A camera's line has no checksum more often than not, so that a time may be nonsense, and a camera
-may restart while the rover drives. A step of time that is odd is therefore believed only when the
-events after it agree; until then these are held, and dropped if they do not.
+Most protocols of cameras have no checksum, so that a time may be wrong, and a camera may restart
+while the rover drives. An unusual step of time is therefore accepted only when the events after it
+agree. Until then these are held, and dropped if they do not agree.
 """
 
 from __future__ import annotations
@@ -19,19 +19,21 @@ from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.health import Health
 
-#: A step forward of up to this is believed at once.
+#: A step forward of up to this is accepted at once.
 STEP_US = 1_000_000
-#: A longer one, up to this, once it is confirmed; beyond, the clock has started anew.
+#: A longer step of up to this is accepted once confirmed; beyond it, the clock has restarted.
 SILENCE_US = 60_000_000
-#: The same where a checksum vouches for the time; bounded, as each tick of a silence is a match.
+#: The same for times with a checksum; limited because each tick of a silence gives a match.
 VOUCHED_SILENCE_US = 600_000_000
-#: On a clock that wraps, an event that seems this much earlier than the newest is so; else later.
+#: On a clock that wraps, an event up to this much earlier than the newest is late; else it is
+#: later.
 LATE_US = 100_000
-#: So many events in a row that agree with each other confirm a step.
+#: Number of successive events that must agree to confirm a step.
 CONFIRM = 8
 
-# What is kept from chunk to chunk: whether a time is known; the device's newest time, and that time
-# without wraps, in ticks; how many events are held; and what has been counted.
+# State from chunk to chunk: whether a time is known; the device's newest time, and that time
+# without
+# wraps, in ticks; the number of held events; and counts.
 _STATE = np.dtype(
     [
         (name, "<i8")
@@ -43,7 +45,7 @@ _STATE = np.dtype(
 
 
 class _Kept(NamedTuple):
-    """What the kernel works on: its state, events held, and bounds, of times in ticks."""
+    """State of the kernel, held events, and limits, with times in ticks."""
 
     state: npt.NDArray[np.void]
     held: Events
@@ -59,7 +61,7 @@ class _Kept(NamedTuple):
 
 @dataclass(frozen=True)
 class Clock:
-    """A device's clock.
+    """Description of a device's clock.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ class Clock:
 
 
 class TimestampFilter:
-    """Turns decoded columns into event arrays from time 0 on, and counts rejected events.
+    """Converts decoded columns to event arrays from time 0 on, and counts rejected events.
 
     Parameters
     ----------
@@ -89,10 +91,10 @@ class TimestampFilter:
 
     def __init__(self, sensor: Sensor, clock: Clock, health: Health) -> None:
         self.health = health
-        # all in ticks, so that a wrap is a mask
+        # in ticks, so that a wrap is a bit mask
         self._tick = clock.tick_us
         self._period = 1 << clock.bits if clock.bits else 0
-        # an event may be late by little beside the period, or a silence would look like lateness
+        # events may be late only by a small part of the period, else a silence would look like one
         late = max(1, LATE_US // self._tick)
         self._late = min(late, self._period // 64) if clock.bits else late
         silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
@@ -108,12 +110,12 @@ class TimestampFilter:
 
     @property
     def boxed(self) -> Boxed:
-        """What `start_clock` and `admit_columns` take; call `report` then."""
+        """State for `start_clock` and `admit_columns`; call `report` after them."""
         return self._box.boxed
 
     @property
     def most_held(self) -> int:
-        """Events that may be held from chunk to chunk."""
+        """Largest number of events that are held from chunk to chunk."""
         return self._held.size
 
     def reach(self, time: int) -> None:
@@ -126,11 +128,11 @@ class TimestampFilter:
 
     @property
     def reached_us(self) -> int:
-        """Time of the newest event, or of what `reach` told since: no later event is earlier."""
+        """Time of the newest event or of a later `reach`; no following event is earlier."""
         return int(self._state["now"].item()) * self._tick
 
     def admit(self, columns: Columns) -> Events:
-        """Take decoded events in the order of the stream.
+        """Filter decoded events, in the order of the stream.
 
         Returns
         -------
@@ -144,7 +146,7 @@ class TimestampFilter:
         return out[:n]
 
     def take_over_from(self, other: TimestampFilter) -> None:
-        """Continue after `other`, which had another clock; the order of events is kept."""
+        """Continue after `other`, which had another clock, in order of time."""
         other.finish()
         self._state[:] = other._state
         state = self._state[0]
@@ -154,14 +156,14 @@ class TimestampFilter:
         self.report(0, 0)
 
     def finish(self) -> None:
-        """End the stream: what is still held was never confirmed."""
+        """End the stream; events that are still held were not confirmed and are dropped."""
         state = self._state[0]
         state["leaps"] += state["held"]
         state["held"] = 0
         self.report(0, 0)
 
     def report(self, decoded: int, delivered: int) -> None:
-        """Count events of a chunk, and what the kernel has counted."""
+        """Add the events of a chunk, and the counts of the kernel, to the health."""
         health = self.health
         _, _, _, held, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
         health.decoded += decoded
@@ -172,14 +174,14 @@ class TimestampFilter:
 
 @njit(cache=True, nogil=True)
 def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
-    """Time from one event to the next; on a wrapping clock, late by little or else forward."""
+    """Return the time between two events; on a clock that wraps, forward or slightly late."""
     step = later - earlier
     return ((step + late) & (period - 1)) - late if period else step
 
 
 @njit(cache=True, nogil=True)
 def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-def]
-    """Count events held and dropped: the first of them is late by little, or its time far off."""
+    """Count dropped events that were held: as late if the first is slightly late, else as leaps."""
     if -late <= _step(last, first, period, late) < 0:
         state["late"] += held
     else:
@@ -193,7 +195,7 @@ def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def start_clock(box, time):  # type: ignore[no-untyped-def]
-    """Take the device's `time` as 0, unless events came before."""
+    """Set time 0 to the device's `time`, unless there were events before."""
     s = _Kept(*box.value).state[0]
     if not s["dated"]:
         s["dated"], s["last"] = 1, time
@@ -215,7 +217,7 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
             dated, last = 1, time
         step = _step(last, time, period, late)
         if 0 <= step <= step_limit:
-            if n_held:  # a good event after those held: they were nonsense
+            if n_held:  # a good event after held ones: their times were wrong
                 _drop(s, last, held[0]["t"], n_held, period, late)
                 n_held = 0
             s["wraps"] += _wrapped(last, time, period)

@@ -7,7 +7,7 @@ from collections import Counter
 from firmware_model.comparator import MatchResult, accepts
 from firmware_model.descriptor import DescriptorModel, Event, WindowResult
 from firmware_model.design import Design
-from firmware_model.machine import Machine
+from firmware_model.machine import Machine, Trace
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.filter_coverage import FilterCoverage
 
@@ -65,7 +65,12 @@ CORNERS = {
 
 
 def coverage(case: Case) -> dict[str, int]:
-    """Count how often a case reaches each of `CORNERS`.
+    """Count how often a case reaches each of `CORNERS`; see `watched_trace`."""
+    return watched_trace(case)[1]
+
+
+def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
+    """Run the model over a case, and count how often it reaches each of `CORNERS`.
 
     Parameters
     ----------
@@ -73,10 +78,13 @@ def coverage(case: Case) -> dict[str, int]:
 
     Returns
     -------
-    dict of str to int
+    done : Trace
+        As of `Case.trace`.
+    reached : dict of str to int
         All corners, also those that are not reached: of a design with the filter or own-mean codes
         also `FILTER_CORNERS`.
     """
+    done = Trace()
     machine = Machine(case.memories, case.start)
     found: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))
     filtered = FilterCoverage(machine) if case.design.filters or case.design.own_mean else None
@@ -86,6 +94,7 @@ def coverage(case: Case) -> dict[str, int]:
         _see_event(machine.descriptor, event, before, found)
         ended = 0
         for result in machine.take(event):
+            done.add(result)
             if isinstance(result, WindowResult):
                 ended += 1
                 _see_window(machine, result, found)
@@ -101,7 +110,7 @@ def coverage(case: Case) -> dict[str, int]:
             elif isinstance(result, MatchResult):
                 _see_match(case.design, result, rows, found)
         found["gap"] += ended >= 3
-    return dict(found) | (dict(filtered.found) if filtered is not None else {})
+    return done, dict(found) | (dict(filtered.found) if filtered is not None else {})
 
 
 def _see_event(

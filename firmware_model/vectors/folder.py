@@ -26,12 +26,12 @@ def load_manifest(folder: str | Path) -> Manifest:
     if values.get("schema") != SCHEMA:
         raise VectorError(
             f"{path} has schema {values.get('schema')!r} and this version reads {SCHEMA}: make "
-            "the vectors anew"
+            "the vectors again"
         )
     try:
         return Manifest.from_json(values)
     except (VectorError, DesignError) as error:
-        raise VectorError(f"{path} is damaged: {error}: make the vectors anew") from error
+        raise VectorError(f"{path} is damaged: {error}: make the vectors again") from error
 
 
 def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> bytes:
@@ -59,9 +59,11 @@ def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> byte
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise VectorError(f"cannot read {path}: {error.strerror}: make the vectors anew") from error
+        raise VectorError(
+            f"cannot read {path}: {error.strerror}: make the vectors again"
+        ) from error
     if hashlib.sha256(data).hexdigest() != case.files[name].sha256:
-        raise VectorError(f"{path} was changed since it was made: make the vectors anew")
+        raise VectorError(f"{path} was changed since it was made: make the vectors again")
     return data
 
 

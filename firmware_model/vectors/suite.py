@@ -21,7 +21,7 @@ from firmware_model.vectors import formats
 from firmware_model.vectors.case import Case, in_order, records, to_binary
 from firmware_model.vectors.case_files import arrays, csv_files, word_tables
 from firmware_model.vectors.corners import corner_cases
-from firmware_model.vectors.coverage import CORNERS, coverage
+from firmware_model.vectors.coverage import CORNERS, watched_trace
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.filter_coverage import FILTER_CORNERS
 from firmware_model.vectors.manifest import (
@@ -124,7 +124,7 @@ def write_suites(
 def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) -> CaseEntry:
     place = folder / suite / case.name
     place.mkdir(parents=True)
-    done = case.trace()
+    done, reached = watched_trace(case)
     packed = word_tables(case, done)
     files: dict[str, str | bytes] = {"design.toml": case.design.to_toml()}
     for name, (_, table) in packed.items():
@@ -169,6 +169,6 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         widths={name: form.width for name, form in case.design.formats.items()},
         reference_firmware=firmware,
         words={name: packing.places() for name, (packing, _) in packed.items()},
-        coverage=coverage(case),
+        coverage=reached,
         files=entries,
     )

@@ -122,6 +122,62 @@ def _played(
     return np.array([1e6 * (read_s[n * FRAME_US] - written[n]) for n in asked])
 
 
+#: Sends back what comes: the least that a program between a line and a pipe can do.
+_ECHO = """
+import os, select, sys, termios
+line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+settings = termios.tcgetattr(line)
+settings[4:6] = [termios.B115200] * 2  # so that the other side sees that it is open
+termios.tcsetattr(line, termios.TCSANOW, settings)
+wait = 0 if "busy" in sys.argv else None
+while True:
+    if select.select([line], [], [], wait)[0]:
+        os.write(1, os.read(line, 4096))
+"""
+
+
+def echo(number: int, how: list[str]) -> npt.NDArray[np.float64]:
+    """Measure what a pseudo-terminal, a pipe and the system take, without any work in between.
+
+    Parameters
+    ----------
+    number : int
+    how : list of str
+        ``busy``: the program in between does not sleep.
+
+    Returns
+    -------
+    ndarray of float64, shape (number,)
+        Microseconds.
+    """
+    link, taken = VirtualLink(), np.empty(number)
+    line = link.fileno()
+    command = [sys.executable, "-c", _ECHO, link.address, *how]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0) as process:
+        assert process.stdout is not None
+        while not link.opened():
+            time.sleep(0.01)
+        for i in range(number):
+            time.sleep(FRAMES * FRAME_US / 1e6)
+            begin = time.perf_counter()
+            os.write(line, b"x")
+            os.read(process.stdout.fileno(), 1)
+            taken[i] = 1e6 * (time.perf_counter() - begin)
+        process.kill()
+    link.close()
+    return taken
+
+
+def tell(what: str, taken: npt.NDArray[np.float64]) -> None:
+    """Print a row."""
+    half, most = np.percentile(taken, [50, 99])
+    print(
+        f"{what}: {half:,.0f} us median, {most:,.0f} us for 99 %, {taken.max():,.0f} us at most, "
+        f"of {taken.size:,}",
+        flush=True,
+    )
+
+
 def main() -> None:
     """Print a row of the table for each rate."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -129,13 +185,13 @@ def main() -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=[2_000, 100_000])
     parser.add_argument("--burst-filter", default="causal", choices=("exact", "causal"))
     args = parser.parse_args()
+    busy = ("--busy-wait",)
+    tell("an echo of the bytes, asleep in between", echo(args.matches, []))
+    tell("an echo of the bytes, busy", echo(args.matches, ["busy"]))
     for rate in args.rates:
-        taken = byte_to_match(rate, args.matches, args.burst_filter)
-        half, most = np.percentile(taken, [50, 99])
-        print(
-            f"{rate:,.0f} events/s, {args.burst_filter}: {half:,.0f} us median, {most:,.0f} us for "
-            f"99 %, {taken.max():,.0f} us at most, of {taken.size:,} matches"
-        )
+        for how, more in (("", ()), (" --busy-wait", busy)):
+            taken = byte_to_match(rate, args.matches, args.burst_filter, more)
+            tell(f"{rate:,.0f} events/s, {args.burst_filter}{how}", taken)
 
 
 if __name__ == "__main__":

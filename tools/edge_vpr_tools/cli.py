@@ -1,4 +1,4 @@
-"""The command `edge-vpr`: run a verb, and turn errors into one line and an exit code."""
+"""The command `edge-vpr`: run a verb, and print errors as one line with an exit code."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0, 1 for a failed run, 2 for wrong use, 130 after an interrupt.
+        0 for success, 1 for a failed run, 2 for wrong use, 130 after an interrupt.
     """
     argv = sys.argv[1:] if argv is None else argv
     try:
@@ -38,10 +38,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         run(argv)
         sys.stdout.flush()
     except KeyboardInterrupt:
-        error_line("interrupted; nothing half written was left")
+        error_line("interrupted; no incomplete file was left")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # the reader of our output has had enough, as `head` does
+        # the program that reads our output has closed the pipe, for example `head`
         sys.stderr.close()
         return 0
     except Exception as error:
@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def run(argv: Sequence[str]) -> None:
-    """Run one command and let its errors through.
+    """Run one command without catching its errors.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ def _help() -> str:
         lines += ["", f"{group}:"]
         lines += [f"  {verb:<16} {text}" for verb, text in verbs.items()]
     lines += ["", "general:"]
-    lines += ["  COMMAND --help   what a command takes, with defaults and examples"]
-    lines += ["  -q, -v, --debug  say less; say more; show where an error came from"]
+    lines += ["  COMMAND --help   show the flags of a command, with defaults and examples"]
+    lines += ["  -q, -v, --debug  print less; print more; show the traceback of an error"]
     lines += ["  --version        print the version", "", "examples:", EXAMPLES]
     return "\n".join(lines)
 
@@ -129,7 +129,7 @@ def _report(error: Exception) -> int:
         text, code = f"{error}: check the path, its permissions and the free space", EXIT_FAILED
     elif "cannot cache function" in str(error):
         text = (
-            "Numba finds no folder where it may keep compiled code: set NUMBA_CACHE_DIR to one "
+            "Numba finds no folder to store compiled code in: set NUMBA_CACHE_DIR to a folder "
             "that can be written to"
         )
         code = EXIT_FAILED

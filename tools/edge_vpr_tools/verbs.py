@@ -1,45 +1,45 @@
-"""The verbs of the command line by group, each with the one line that helps."""
+"""The commands (verbs) of the command line, by group, each with its one line of help."""
 
 from __future__ import annotations
 
-#: `edge-vpr VERB` has its arguments in `arguments.VERB_arguments`, which imports nothing heavy, and
-#: `run(args)` in `commands.VERB`, which is imported only when it runs. A space in a verb of two
-#: words is an underscore there.
+#: The arguments of `edge-vpr VERB` are in `arguments.VERB_arguments`, which imports nothing heavy.
+#: Its function `run(args)` is in `commands.VERB`, which is imported only when the verb runs. In the
+#: names of these modules, the space in a verb of two words is an underscore.
 GROUPS: dict[str, dict[str, str]] = {
     "first steps": {
-        "demo": "simulate two drives of a street, map one, match the other, and report",
-        "simulate": "simulate two drives of one route as recordings, with ground truth",
+        "demo": "simulate two drives of a street, map one, match the other, write a report",
+        "simulate": "write simulated recordings of two drives of one route, with ground truth",
     },
     "recognise places": {
-        "map": "make a reference map of one drive",
-        "match": "match a query drive against a map",
-        "evaluate": "compare matches with a ground truth",
-        "sweep": "compute variants x drives x seeds, on this machine or on a cluster",
-        "compare": "put runs and sweeps into one table and one figure",
-        "calibrate": "learn the probability of a right match from an evaluated drive",
+        "map": "make a reference map from a recording of one drive",
+        "match": "find the place of the map for each window of another drive",
+        "evaluate": "compare matches with the ground truth: precision, recall, figures",
+        "sweep": "run many settings on many drives, on this machine or on a cluster",
+        "compare": "show the results of several runs and sweeps in one table and one figure",
+        "calibrate": "learn how probable right matches are, from a drive with ground truth",
     },
     "recordings": {
-        "info": "say what a recording holds: sensor, events, duration, rate, polarity, faults",
+        "info": "show what a recording holds: sensor, events, duration, rate, polarity, faults",
         "convert": "convert a recording to another format",
     },
     "live cameras": {
         "stream": "localise live from a camera on a serial line, TCP, UDP, a pipe or a file",
-        "bridge": "replay a recording over a line, as a camera would send it",
-        "ports": "list serial ports, with a guess which protocol fits",
+        "bridge": "replay a recording over a serial line or a network, like a camera",
+        "ports": "list the serial ports and the protocol that each device probably uses",
     },
     "hardware": {
         "estimate": "estimate operations, memory, time and modelled energy of a design",
-        "golden": "write golden vectors for firmware and FPGA designs",
-        "golden verify": "check golden vectors, and a device's results against them",
+        "golden": "write test vectors for firmware and FPGA: inputs with exact expected outputs",
+        "golden verify": "check test vectors, and the results of a device against them",
         "hardware": "write the hardware core of a design as a project for an FPGA board",
-        "profile": "measure speed, latency, memory and, with a power sensor, joules a match",
+        "profile": "measure speed, latency, memory and, with a power sensor, energy per match",
         "profile compare": "compare two profiles",
-        "profile trace": "add the joules of an external meter's trace to a profile",
+        "profile trace": "add the energy that an external power meter recorded to a profile",
     },
     "this program": {
-        "doctor": "check this machine: libraries, kernels, ports, sensors, and what is missing",
-        "experiment": "repeat the experiments whose figures the documentation quotes",
-        "completion": "print the completion script of a shell",
+        "doctor": "check this machine: libraries, kernels, ports, sensors; show what is missing",
+        "experiment": "repeat an experiment whose figures the documentation quotes",
+        "completion": "print a script by which a shell completes commands and flags",
     },
 }
 VERBS = {verb: text for verbs in GROUPS.values() for verb, text in verbs.items()}
@@ -59,7 +59,8 @@ def module_name(verb: str) -> str:
 def find_verb(words: list[str]) -> tuple[str, list[str]]:
     """Split a command line into its verb and the other words.
 
-    Flags may stand anywhere; the longest verb wins, so that ``golden verify`` is not ``golden``.
+    Flags may stand anywhere. ``golden verify`` is taken as the verb of two words, not as ``golden``
+    with an argument.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def find_verb(words: list[str]) -> tuple[str, list[str]]:
     Returns
     -------
     verb : str
-        Empty if there is no word that is not a flag. It need not exist.
+        Empty if all words are flags. Whether such a verb exists is not checked.
     rest : list of str
         All other words, in order.
     """
@@ -87,5 +88,5 @@ def find_verb(words: list[str]) -> tuple[str, list[str]]:
     return words[first], rest
 
 
-#: flags of every verb, which may stand before it too
+#: flags that every verb has; they may stand before the verb
 GENERAL_FLAGS = ("-h", "--help", "-q", "--quiet", "-v", "--verbose", "--debug")

@@ -82,7 +82,7 @@ class EdvsDecoder(Decoder):
         return join_events(events)
 
     def gap(self, lost_bytes: int = 0) -> Events:
-        """Learn that bytes are missing; see `Decoder.gap`."""
+        """Handle missing bytes; see `Decoder.gap`."""
         return super().gap(lost_bytes) if self._inner is None else self._inner.gap(lost_bytes)
 
     def finish(self) -> Events:
@@ -114,7 +114,7 @@ class EdvsDecoder(Decoder):
         return [], data
 
     def _find_format(self, data: bytes, *, last: bool = False) -> bytes:
-        """Take bytes until their format shows; give back those that are to be decoded then."""
+        """Collect bytes until their format is found; then return those that are to be decoded."""
         health = self.health
         health.bytes += len(data)
         early = self._pending + data
@@ -152,7 +152,7 @@ class EdvsDecoder(Decoder):
         return health.bytes, health.skipped_bytes, health.decoded, health.rejected
 
     def _doubt(self) -> None:
-        """Find the format anew if most bytes or times do not fit it: noise may have looked so."""
+        """Search for the format again if most bytes or times do not fit it."""
         now = self._so_far()
         received, skipped, decoded, rejected = np.subtract(now, self._since).tolist()
         if received < DOUBT_BYTES or self._inner is None:

@@ -1,4 +1,4 @@
-"""Which eDVS format a device sends, found from its bytes."""
+"""Recognition of the eDVS format of a device from its bytes."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class EvprDecoder(Decoder):
         yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
 
     def setup(self) -> bytes:
-        """Say that the host is there, by an empty frame."""
+        """Return an empty frame, which reports that the host is there."""
         return FRAME_END
 
     def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:

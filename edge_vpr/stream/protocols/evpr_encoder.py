@@ -53,11 +53,11 @@ class EvprEncoder(Encoder):
         self.dropped = 0
 
     def start(self) -> bytes:
-        """Give a frame without events at time 0, so that the host's time 0 is the device's."""
+        """Return a frame without events at time 0, so that the host has the same time 0."""
         return self.idle(0)
 
     def idle(self, now_us: int) -> bytes:
-        """Give a frame without events: the device is alive, and nothing was lost."""
+        """Return a frame without events: the device is alive, and nothing was lost."""
         return self._frame_of(b"", now_us)
 
     def encode(self, events: Events) -> bytes:
@@ -77,7 +77,7 @@ class EvprEncoder(Encoder):
     def _words_of(
         self, events: Events
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-        """Lay out words; tell which are events, and what time it is before each."""
+        """Return words, which of them are events, and the time before each."""
         t = events["t"]
         steps = np.diff(t, prepend=t[0])
         pause = (1 << (8 * self._width - self._t_at)) - 1

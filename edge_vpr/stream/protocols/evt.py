@@ -81,7 +81,7 @@ class EvtDecoder(WordDecoder):
 
 @njit(cache=True, nogil=True)
 def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
-    """Tell of a word, or of the upper half of a longer one, whether it cannot be."""
+    """Return whether a word, or the upper half of a longer one, is not valid."""
     if evt3:
         kind, value = word >> 12, word & 2047
         if not (_KINDS_EVT3 >> kind) & 1:
@@ -95,7 +95,7 @@ def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
-    """Count the words before the first that cannot be."""
+    """Return the number of words before the first invalid one."""
     for i in range(words.size):
         if _bad(np.int64(words[i] >> shift), evt3, width, height):
             return i
@@ -104,7 +104,7 @@ def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyped-def]
-    """Count the words that can be, and find the first of them, from each offset."""
+    """Return the number of valid words, and the first of them, from each offset."""
     readings = np.zeros((min(size, raw.size - size + 1), 2))
     for offset in range(len(readings)):
         words = min(most, (raw.size - offset) // size)
@@ -119,14 +119,14 @@ def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyp
 
 
 class EvtEncoder(Encoder):
-    """Knows when a camera says the high bits of the time again."""
+    """Decides when the high bits of the time are sent again, as a camera does."""
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self._slot = -1
 
     def _says_time(self, t: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """Tell before which events, at least one, the high bits are said."""
+        """Return before which events, at least one, the high bits are sent."""
         slot = t >> _SLOT_BITS
         new = np.diff(slot, prepend=self._slot) != 0
         self._slot = int(slot[-1])

@@ -1,4 +1,4 @@
-"""The host's side of a conversation with an OpenMV camera: what to ask next.
+"""The host's side of the dialogue with an OpenMV camera: decides which command comes next.
 
 Synchronise, agree on capabilities, list the channels, and then poll, ask for the size and read,
 again and again. One number counts the packets of both directions: a command has the number of the
@@ -120,7 +120,7 @@ class Session:
         return self._pause or 0.1
 
     def send(self, now_s: float) -> bytes:
-        """Tell what to send now."""
+        """Return what to send now."""
         out, self._acknowledgements = self._acknowledgements, b""
         if self._moment is None:
             self._moment = now_s + (self._pause if self._command else self._patience)
@@ -131,7 +131,7 @@ class Session:
         return out
 
     def overdue(self, now_s: float) -> bool:
-        """Tell whether an answer is late; more patience is had with the next."""
+        """Return whether an answer is late; the limit for the next one is then longer."""
         late = not self._command and self._moment is not None and now_s >= self._moment
         if late:
             self._patience = min(2 * self._patience, max(LONGEST_S, self._patience))
@@ -150,16 +150,16 @@ class Session:
             self._moment = None
 
     def acknowledge(self, packet: Packet) -> None:
-        """Tell the camera that a packet has come."""
+        """Add the acknowledgement of a packet to the bytes to send."""
         self._acknowledgements += pack(packet.opcode, packet.sequence, packet.channel, Flag.ACK)
 
     def hear_event(self, packet: Packet) -> None:
-        """Take what the camera says unasked: channels come and go with the script on it."""
+        """Handle an event of the camera: channels appear and disappear with its script."""
         if packet.channel == 0:
             self._relist = True
 
     def hear(self, packet: Packet) -> None:
-        """Take an answer that is no data."""
+        """Handle an answer without data."""
         if packet.opcode == Opcode.SYNC and packet.flags & Flag.ACK:
             # also where none is awaited: it was asked twice, and the camera has forgotten the rest
             self.restart()
@@ -193,7 +193,7 @@ class Session:
             self.restart()
 
     def _go_on(self, answer: bytes) -> None:
-        """Ask what follows an answer."""
+        """Choose the command that follows an answer."""
         if self.awaited == Opcode.GET_CAPS:
             self._offered = max(_LEAST_PAYLOAD, CAPS.unpack_from(answer)[1])
             wanted = CAP_CRC | CAP_SEQ | CAP_EVENTS | (CAP_ACK if self._acknowledge else 0)
@@ -220,7 +220,7 @@ class Session:
                 self._ask(Opcode.POLL, pause=POLL_S)
 
     def poll(self) -> None:
-        """Ask whether there is more, once all has been read."""
+        """Ask for more data, when all has been read."""
         self._ask(Opcode.LIST if self._relist else Opcode.POLL)
 
     def _choose(self, answer: bytes) -> None:

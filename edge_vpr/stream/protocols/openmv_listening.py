@@ -1,4 +1,4 @@
-"""From OpenMV's packets to events, for whoever asks for them or only listens."""
+"""Decoding of OpenMV's packets to events, for decoders that send commands or only listen."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class PacketDecoder(Decoder):
         return parts, data[finder.at :]
 
     def _aim(self, finder: PacketFinder) -> None:
-        """Say which fragments can be joined, and what to believe."""
+        """Set which fragments can be joined, and the limits for valid packets."""
         raise NotImplementedError
 
     def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
@@ -100,7 +100,7 @@ class PacketDecoder(Decoder):
 
 
 class ListeningDecoder(PacketDecoder):
-    """Decodes the packets of one channel as they come, of a device that asks for no question.
+    """Decodes the packets of one channel of a device that sends them without commands.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What every protocol does: bytes in any pieces become events, events become bytes."""
+"""Interface of protocols: decoders from bytes in pieces of any size to events, and encoders."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ class Decoder:
         self.health = Health(accounting)
         self._pending = b""
         self._host_us = 0
-        # what the device's clock says after the newest event, where a protocol tells; else -1
+        # time of the device after the newest event, if the protocol states it; else -1
         self._idle_at = -1
         self._timestamps = TimestampFilter(sensor, clock, self.health)
 
     def adopt(self, health: Health) -> None:
-        """Count in another's `health` from now on."""
+        """Count in the `health` of another decoder from now on."""
         self.health = self._timestamps.health = health
 
     @property
@@ -158,7 +158,7 @@ class Decoder:
         return join_events(events)
 
     def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
-        """Do as `_decode`, and filter the events."""
+        """Decode as `_decode` does, and filter the events."""
         parts, rest = self._decode(data, final=final)
         return [self._timestamps.admit(part) for part in parts], rest
 
@@ -171,7 +171,7 @@ class Decoder:
         raise NotImplementedError
 
     def _lose_sync(self) -> None:
-        """Forget what was known of where the next event begins."""
+        """Forget where the next event begins."""
 
 
 class Encoder(ABC):
@@ -189,7 +189,7 @@ class Encoder(ABC):
         """Encode events, in time order, after all those before."""
 
     def idle(self, now_us: int) -> bytes:
-        """Say that nothing happened until `now_us`, where the protocol can."""
+        """Report that nothing happened until `now_us`, if the protocol can."""
         return b""
 
     def respond(self, command: bytes) -> bytes:
@@ -197,7 +197,7 @@ class Encoder(ABC):
         return b""
 
     def to_send(self, now_s: float) -> bytes:
-        """Tell what to send now unasked; asked again and again."""
+        """Return what to send now without a request; called repeatedly."""
         return b""
 
     #: Whether the host speaks first, so that a device is silent until then.
@@ -251,7 +251,7 @@ class OptionReader:
         return int(value)
 
     def done(self) -> None:
-        """Refuse what was not read."""
+        """Raise for options that were not read."""
         if self._left:
             known = ", ".join(self._known) or "none"
             raise UsageError(

@@ -1,4 +1,4 @@
-"""Which protocol a name means: built-in ones, and those that other packages register."""
+"""Protocols by name: built-in ones, and those that other packages register."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GROUP = "edge_vpr.protocols"
 
 @dataclass(frozen=True)
 class Protocol:
-    """A protocol and the module that speaks it, imported when it is first used."""
+    """A protocol and its module, which is imported when first used."""
 
     name: str
     title: str

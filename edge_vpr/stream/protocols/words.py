@@ -1,7 +1,9 @@
-"""Streams of words of one size with no frame around them, and where a word begins in them.
+"""Streams of words of one size without frames, and the search for the beginning of words.
 
-Nothing marks the beginning, so that it is found by what words must look like. A reader that has
-lost its place tries every offset over the next words and takes the one where most look right.
+Nothing marks the beginning of a word, so that it is found by what valid words look like. A decoder
+that has lost the beginning tries every offset over the next words, and takes the one with most
+valid
+words.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ class WordDecoder(Decoder):
 
     @abstractmethod
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
-        """Judge up to `most` words from each offset; nothing is remembered."""
+        """Count valid words among up to `most` from each offset, without changing the state."""
 
     @abstractmethod
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
@@ -124,7 +126,7 @@ class WordDecoder(Decoder):
         return parts, data[at:]
 
     def _search(self, raw: Raw) -> int:
-        """Find how many bytes to skip to the next word; stay lost if it is nowhere near."""
+        """Return the number of bytes to skip to the next word; stay lost if none is near."""
         size = self._size
         most = min(self._search_words, raw.size // size)
         # the first byte from which a word looks right at all

@@ -19,7 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="MAP.npz",
-        help="map to write, with its table of probabilities (default: the map in RESULTS)",
+        help="map to write, which holds the learnt table of probabilities (default: the map in "
+        "RESULTS)",
     )
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     add_truth_flags(parser.add_argument_group("ground truth"))

@@ -13,4 +13,4 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("shell", choices=SHELLS, help="the shell: bash, zsh or fish")
+    parser.add_argument("shell", choices=SHELLS, help="shell to complete in: bash, zsh or fish")

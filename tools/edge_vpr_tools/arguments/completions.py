@@ -1,4 +1,4 @@
-"""Answer a shell that asks how a command line could go on."""
+"""Completion of command lines in a shell."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from edge_vpr_tools.verbs import VERBS, find_verb, module_name
 
 
 def answer() -> None:
-    """Write the completions that the environment asks for, and end the process."""
-    # the completed line says which verb's arguments are needed: the others are not imported
+    """Write the completions that the shell asked for by its environment, and end the process."""
+    # only the arguments of the verb on the line are needed: those of the others are not imported
     words = os.environ.get("COMP_LINE", "").split()[1:]
     argcomplete.autocomplete(tree(find_verb(words)[0]))
 
 
 def tree(chosen: str) -> argparse.ArgumentParser:
-    """Build a parser of all verbs, of which only the chosen one has its arguments."""
+    """Build a parser of all verbs, with arguments for the chosen verb only."""
     top = argparse.ArgumentParser(prog="edge-vpr")
     top.add_argument("--version", action="store_true", help="print the version")
     below = {"": top.add_subparsers()}

@@ -16,4 +16,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="DIR", default="results/demo", help="folder for the report"
     )
     group.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
-    group.add_argument("--seed", type=int, default=0, help="another seed, another street")
+    group.add_argument("--seed", type=int, default=0, help="seed of the simulated street")

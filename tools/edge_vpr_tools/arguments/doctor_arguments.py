@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--compile",
         action="store_true",
-        help="compile the kernels of a live run first, so that it needs no time for that",
+        help="compile the functions that a live run needs now, so that it starts at once later",
     )
     output = parser.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print JSON, for programs")

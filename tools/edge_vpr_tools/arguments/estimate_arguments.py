@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-#: events a second of a street seen by a DAVIS346, about; stated with every estimate
+#: rough number of events per second of a DAVIS346 on a street; printed with every estimate
 EVENTS_PER_S = 1e5
 PLACES = 1_000
-#: defaults of the flags that make a design; a map or a file has its own
+#: defaults of the flags that make a design; not used with --map or --design
 DESIGN_FLAGS = {
     "sensor": "346x260",
     "pixels": 150,
@@ -31,9 +31,9 @@ def _default(name: str) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    design = parser.add_argument_group("design", "of a map, of a file, or of these flags")
+    design = parser.add_argument_group("design", "given by a map, by a file, or by the other flags")
     design.add_argument("--map", metavar="MAP.npz", help="take design and event rates from a map")
-    design.add_argument("--design", metavar="FILE.toml", help="design of a device")
+    design.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
     design.add_argument("--sensor", metavar="WxH", help=f"size of the sensor {_default('sensor')}")
     design.add_argument(
         "--pixels", type=int, metavar="J", help=f"number of selected pixels {_default('pixels')}"
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--places",
         type=int,
         metavar="K",
-        help=f"number of places (default: of the route, the map, or {PLACES})",
+        help=f"number of places (default: that of the route or of the map, else {PLACES})",
     )
     design.add_argument(
         "--sequence-length",
@@ -52,23 +52,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="windows in a sequence (default: 5)",
     )
     design.add_argument(
-        "--matching", metavar="KIND", help=f"sequence or filter {_default('matching')}"
+        "--matching", metavar="KIND", help=f"method: sequence or filter {_default('matching')}"
     )
     design.add_argument(
         "--counter-code",
         metavar="KIND",
-        help=f"linear, sqrt, log or own-mean {_default('counter_code')}",
+        help=f"code of the counters: linear, sqrt, log or own-mean {_default('counter_code')}",
     )
     design.add_argument(
-        "--counter-bits", type=int, metavar="B", help=f"bits of a code {_default('counter_bits')}"
+        "--counter-bits", type=int, metavar="B", help=f"bits per code {_default('counter_bits')}"
     )
     design.add_argument(
-        "--polarity", action="store_true", default=None, help="count ON and OFF apart"
+        "--polarity", action="store_true", default=None, help="count ON and OFF events separately"
     )
     design.add_argument("--tau", metavar="TIME", help=f"length of a window {_default('tau')}")
     design.add_argument(
         "--window-events", type=int, metavar="N",
-        help="windows of so many events at the selected pixels instead of a time (default: none)",
+        help="number of events at the selected pixels in a window, instead of a fixed time "
+        "(default: none)",
     )  # fmt: skip
     design.add_argument(
         "--lanes", type=int, metavar="P", default=8, help="parallel lanes of an FPGA"
@@ -78,18 +79,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--event-rate",
         type=float,
         metavar="N",
-        help=f"events a second of the sensor (default: the map's, or {EVENTS_PER_S:g})",
+        help=f"events per second of the sensor (default: the map's, or {EVENTS_PER_S:g})",
     )
     mission.add_argument(
         "--selected-share", type=float, metavar="S",
-        help="of them at selected pixels (default: as of any J pixels)",
+        help="share of these events at the selected pixels, 0 to 1 (default: the map's, or their "
+        "share of all pixels)",
     )  # fmt: skip
     mission.add_argument(
-        "--match-rate", type=float, metavar="N", help="matches a second (default: one a window)"
+        "--match-rate",
+        type=float,
+        metavar="N",
+        help="matches per second (default: one in each window)",
     )
     mission.add_argument(
         "--every", metavar="WHEN", default="window",
-        help="when to match, as of edge-vpr match: window, event, a number of events, 100ms",
+        help="when to match, as in edge-vpr match: window, event, a number of events, or a time "
+        "such as 100ms",
     )  # fmt: skip
     mission.add_argument(
         "--route-km",
@@ -102,39 +108,47 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="N",
         default=0.1,
-        help="places on a metre of the route",
+        help="number of places per metre of the route",
     )
     asked = parser.add_argument_group("answers")
     asked.add_argument(
         "--target", action="append", metavar="NAME",
-        help="a target, or a TOML file of your own; may be repeated (default: all)",
+        help="processor or FPGA to estimate for, or a TOML file that describes one; may be "
+        "repeated (default: all)",
     )  # fmt: skip
     asked.add_argument(
         "--vs", metavar="DESIGN", help="compare with all-pixels, or with the design in a TOML file"
     )
     asked.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
-        help="what fits 64KiB, or 10mW: the largest J, K and bits of one --target; may be repeated",
+        help="find the largest J, K and bits that stay below a limit, such as 64KiB or 10mW; needs "
+        "one --target; may be repeated",
     )  # fmt: skip
     asked.add_argument(
-        "--calibrate", metavar="PROFILE.json", help="energy of a cycle from your board's profile"
+        "--calibrate",
+        metavar="PROFILE.json",
+        help="take the energy per clock cycle from a profile of your board",
     )
     asked.add_argument(
         "--pareto", metavar="DIR",
-        help="accuracy of the evaluated runs below DIR against energy and bytes, drawn",
+        help="draw the accuracy of all evaluated runs below DIR against energy and bytes",
     )  # fmt: skip
     asked.add_argument(
         "--accuracy-on", nargs="+", metavar="DRIVE",
-        help="try designs on two drives now: REFERENCE QUERY with --ground-truth, or `simulated`",
+        help="run designs on two drives and evaluate them: REFERENCE QUERY together with "
+        "--ground-truth, or `simulated`",
     )  # fmt: skip
-    asked.add_argument("--ground-truth", nargs="+", metavar="FILE", help="as of edge-vpr evaluate")
-    asked.add_argument("--tolerance", type=float, metavar="T", help="as of edge-vpr evaluate")
+    asked.add_argument(
+        "--ground-truth", nargs="+", metavar="FILE", help="same as in edge-vpr evaluate"
+    )
+    asked.add_argument("--tolerance", type=float, metavar="T", help="same as in edge-vpr evaluate")
     asked.add_argument(
         "--figure", metavar="FILE.png",
-        help="where accuracy against cost is drawn (DIR/pareto.png); needs one --target",
+        help="file for the figure of accuracy against cost (default: DIR/pareto.png); needs one "
+        "--target",
     )  # fmt: skip
     asked.add_argument(
         "--sources", action="store_true",
-        help="print what is assumed, and the source of each constant",
+        help="print all assumptions, and the source of each constant",
     )  # fmt: skip
-    asked.add_argument("--json", metavar="FILE", help="write everything as JSON too")
+    asked.add_argument("--json", metavar="FILE", help="also write all results as JSON")

@@ -1,4 +1,4 @@
-"""The drives, or evaluated runs, that the flags of `edge-vpr estimate` name."""
+"""The drives or evaluated runs on which `edge-vpr estimate` takes the accuracy of designs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from firmware_model.design import Design
 
 
 def tried_designs(args: argparse.Namespace, design: Design) -> Tried | None:
-    """Find evaluated runs, or try designs on two drives; None if neither is asked for.
+    """Read evaluated runs, or run designs on two drives; None without flags for either.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def tried_designs(args: argparse.Namespace, design: Design) -> Tried | None:
     if args.pareto is not None:
         if args.accuracy_on is not None:
             raise UsageError(
-                "--pareto takes runs that are there, --accuracy-on makes some: name one"
+                "--pareto takes finished runs and --accuracy-on makes new ones: give only one"
             )
         return Tried("its own drives", evaluated_runs(Path(args.pareto)))
     if args.accuracy_on is None:

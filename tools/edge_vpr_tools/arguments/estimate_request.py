@@ -1,4 +1,4 @@
-"""What the command line of `edge-vpr estimate` asks for."""
+"""Conversion of the flags of `edge-vpr estimate` to a `Question`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from firmware_model.errors import DesignError
 
 
 def question_of(args: argparse.Namespace) -> Question:
-    """Build the question that the command line asks; designs are tried on drives if it says so.
+    """Build the question from the flags; runs designs on drives if the flags ask for it.
 
     Raises
     ------
@@ -39,14 +39,14 @@ def question_of(args: argparse.Namespace) -> Question:
     evaluated = args.pareto is not None or args.accuracy_on is not None
     alone = len(targets) == 1
     if not evaluated and args.figure is not None:
-        raise UsageError("--figure draws evaluated designs: name --pareto or --accuracy-on too")
+        raise UsageError("--figure draws evaluated designs: give --pareto or --accuracy-on too")
     if args.accuracy_on is None and args.ground_truth is not None:
-        raise UsageError("--ground-truth is of two drives: name them by --accuracy-on")
+        raise UsageError("--ground-truth needs two drives: name them with --accuracy-on")
     if not alone and (args.figure is not None or (args.fit and not evaluated)):
-        raise UsageError("--fit and --figure are held against one target: name it by --target")
+        raise UsageError("--fit and --figure need one target: name it with --target")
     measured = None if args.calibrate is None else calibrated(Path(args.calibrate))
     if measured is not None and (not alone or targets[0].kind != "processor"):
-        raise UsageError("--calibrate is of one board: name its processor by --target")
+        raise UsageError("--calibrate is for one board: name its processor with --target")
     try:
         design, mission = design_and_mission(args)
         other = None if args.vs is None else Other(args.vs, compared(args.vs, design, mission))
@@ -68,7 +68,9 @@ def question_of(args: argparse.Namespace) -> Question:
 
 
 def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
-    """Build them of the flags, a file or a map; a route, or its places, goes before the map's.
+    """Build the design and the mission from the flags, a file or a map.
+
+    The number of places of ``--places`` or ``--route-km`` overrides that of the map or the file.
 
     Raises
     ------
@@ -76,7 +78,7 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
         If a file cannot be read or a value is wrong.
     """
     if args.map is not None and args.design is not None:
-        raise UsageError("--map and --design are two designs: name one")
+        raise UsageError("--map and --design both give a design: give only one")
     rate, share, places = EVENTS_PER_S, None, _places(args)
     if args.map is None and args.design is None:
         design = _of_flags(args, PLACES if places is None else places)
@@ -84,8 +86,8 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
         for name in DESIGN_FLAGS:
             if getattr(args, name) is not None:
                 raise UsageError(
-                    f"--{name.replace('_', '-')} makes a design, and --map and --design have one: "
-                    "leave it out"
+                    f"--{name.replace('_', '-')} describes a design, which --map and --design give "
+                    "already: leave it out"
                 )
         if args.map is not None:
             reference = ReferenceMap.load(args.map)
@@ -103,12 +105,12 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
     if matches is None:
         matches = _matches_per_s(args.every, design, rate * share)
     elif args.every != "window":
-        raise UsageError("--match-rate and --every both say how often to match: name one")
+        raise UsageError("--match-rate and --every both say how often to match: give only one")
     return design, Mission(rate, share, matches)
 
 
 def _places(args: argparse.Namespace) -> int | None:
-    """Tell K of the route, if one is named."""
+    """Return the number of places that the flags give; None if they give none."""
     km, density = args.route_km, args.places_per_metre
     if not density > 0 or not (km is None or km > 0):
         raise UsageError(
@@ -118,7 +120,7 @@ def _places(args: argparse.Namespace) -> int | None:
         places: int | None = args.places
         return places
     if args.places is not None:
-        raise UsageError("--route-km and --places both say how many places: name one")
+        raise UsageError("--route-km and --places both give the number of places: give only one")
     return math.ceil(km * 1_000 * density)
 
 
@@ -151,7 +153,7 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
 
 
 def compared(name: str, design: Design, mission: Mission) -> Side:
-    """Give what a design is compared with, and its mission: the share of events that it counts."""
+    """Return the design to compare with, and its mission, which has its own share of events."""
     if name == "all-pixels":
         return Side(EveryPixel.beside(design), replace(mission, selected_share=1.0))
     other = Design.load(name)
@@ -160,7 +162,7 @@ def compared(name: str, design: Design, mission: Mission) -> Side:
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
-    """Return how often a match is given, as `edge-vpr match --every` reads it."""
+    """Return the number of matches per second for a value of ``--every``."""
     schedule = read_every(every)
     if schedule is None:
         by_count = design.window == "count"

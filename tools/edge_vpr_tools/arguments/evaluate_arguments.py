@@ -22,16 +22,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
-        help="what the threshold of the precision-recall curve is on (default: trust of the place "
-        "filter, distance of sequences)",
+        help="figure of a match to which the thresholds of the precision-recall curve apply "
+        "(default: trust with the place filter, distance with sequences)",
     )  # fmt: skip
     metrics.add_argument(
         "--recall-denominator",
         choices=("rejected-correct", "all-with-place"),
         default="rejected-correct",
-        help="what counts as missed: rejected queries whose best match was right (the released "
-        "code), or every query with a true place that did not get it",
+        help="which queries count as missed: those rejected although their match was right "
+        "(rejected-correct, as in the authors' released code), or all that have a true place in "
+        "the map and did not get it (all-with-place)",
     )
     metrics.add_argument(
-        "--thresholds", type=int, metavar="N", help="N even thresholds (default: all)"
+        "--thresholds",
+        type=int,
+        metavar="N",
+        help="use N evenly spaced thresholds (default: every value that occurs)",
     )

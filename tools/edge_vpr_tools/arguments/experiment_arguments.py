@@ -14,20 +14,20 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "name", choices=tuple(EXPERIMENTS), help=f"which one: {', '.join(EXPERIMENTS)}"
+        "name", choices=tuple(EXPERIMENTS), help=f"experiment: {', '.join(EXPERIMENTS)}"
     )
     group = parser.add_argument_group("experiment")
     group.add_argument(
         "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
     )
     group.add_argument(
-        "--figure", metavar="FILE", help="also draw the figure, where the experiment has one"
+        "--figure", metavar="FILE", help="also draw the figure, if the experiment has one"
     )
     group.add_argument(
         "--figures",
         metavar="FORMATS",
-        help="with --figure, formats to write it in beside one another: png, pdf, svg, or several "
-        "with commas (default: by its suffix)",
+        help="with --figure, formats of the figure: png, pdf, svg, or several separated by commas "
+        "(default: by the suffix of FILE)",
     )
     group.add_argument(
         "--table",
@@ -35,5 +35,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to write the two tables of probabilities to (calibration only)",
     )
     group.add_argument(
-        "--seeds", type=int, default=5, metavar="N", help="trials with different seeds"
+        "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
     )

@@ -1,3 +1,3 @@
-"""The flag by which commands are told how to write figures."""
+"""Help of the flag for the formats of figures, which several commands have."""
 
-FIGURES_HELP = "formats of the figures: png, pdf, svg, or several with commas"
+FIGURES_HELP = "formats of the figures: png, pdf, svg, or several separated by commas"

@@ -14,26 +14,37 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    design = parser.add_argument_group("design", "one of --design and --map is needed")
-    design.add_argument("--design", metavar="FILE.toml", help="design of the device")
-    design.add_argument("--map", metavar="MAP.npz", help="take the design and the places from it")
-    design.add_argument("--lanes", type=int, default=8, metavar="P", help="with --map, P")
+    design = parser.add_argument_group("design", "--design or --map is needed")
+    design.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
+    design.add_argument("--map", metavar="MAP.npz", help="take the design and the places of a map")
+    design.add_argument(
+        "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
+    )
     vectors = parser.add_argument_group("vectors")
     vectors.add_argument(
-        "--recording", metavar="QUERY", help="with --map, a drive for the suite `recording`"
+        "--recording",
+        metavar="QUERY",
+        help="with --map, also write vectors of a recorded drive, as suite `recording`",
     )
     vectors.add_argument(
         "--max-events",
         metavar="N",
         type=int,
         default=20_000,
-        help="events of the recording to take, from its start",
+        help="number of events to take from the start of the recording",
     )
-    vectors.add_argument("--seed", type=int, default=0, help="of the random suite")
+    vectors.add_argument(
+        "--suite",
+        action="append",
+        choices=("corners", "random", "filter", "recording"),
+        default=[],
+        help="make this suite only; may be given several times (default: all)",
+    )
+    vectors.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
     vectors.add_argument(
         "--rtl",
         action="store_true",
-        help="add the hardware core, its parameters for each case, and a testbench",
+        help="also write the hardware core, its parameters for each case, and a testbench",
     )
     output = parser.add_argument_group("output")
     output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")

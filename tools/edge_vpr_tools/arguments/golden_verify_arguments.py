@@ -14,12 +14,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("vectors", metavar="VECTORS", help="folder that edge-vpr golden wrote")
     group = parser.add_argument_group("results of a device")
     group.add_argument(
-        "--results", metavar="FILE", help="what the device returned (default: check the files only)"
+        "--results", metavar="FILE",
+        help="file with the results of the device (default: check the vectors only)",
+    )  # fmt: skip
+    group.add_argument(
+        "--case", metavar="SUITE/NAME", help="case to which results without a case belong"
     )
-    group.add_argument("--case", metavar="SUITE/NAME", help="the case of results that name none")
     group.add_argument(
         "--only",
         metavar="KINDS",
         default="event,window,match",
-        help="what the device returns, separated by commas",
+        help="kinds of result that the device returns, separated by commas",
     )

@@ -24,26 +24,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     track.add_argument(
         "--track",
         metavar="FILE",
-        help="track of this drive (NMEA, GPX, or CSV with time_s and metres or degrees): matches "
-        "then say where they are, and the interval along the route",
+        help="track of this drive (NMEA, GPX, or CSV with time_s and metres or degrees), from "
+        "which each match gets a position and an interval along the route",
     )
     track.add_argument(
         "--track-offset",
         type=float,
         metavar="S",
-        help="where time 0 of the track is in the recording, in seconds; negative if the log began "
-        "earlier (default: 0)",
+        help="time in the recording at which the track has its time 0, in seconds; negative if the "
+        "track began earlier (default: 0)",
     )
     track.add_argument(
         "--odometry",
         metavar="FILE",
-        help="odometry of this drive (CSV with time_s and distance_m or speed_mps): match "
-        "--odometry then knows how far places are from each other, without a track",
+        help="odometry of this drive (CSV with time_s and distance_m or speed_mps); with it, match "
+        "--odometry needs no track",
     )
     track.add_argument(
         "--jumps",
         metavar="FILE",
-        help="pairs of places (CSV with from,to) that one step may join, as where a loop closes",
+        help="pairs of places (CSV with from,to) between which a vehicle can go in one step, for "
+        "example where a loop closes",
     )
     add_window_argument(add_reading_arguments(parser))
     add_map_flags(parser)

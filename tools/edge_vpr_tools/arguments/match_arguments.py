@@ -30,19 +30,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     online = parser.add_argument_group("online matching")
     online.add_argument(
-        "--online", action="store_true", help="match event by event, as on the board"
-    )
+        "--online", action="store_true",
+        help="match as the events come, like a device, without using later events",
+    )  # fmt: skip
     online.add_argument(
         "--every",
         metavar="WHEN",
-        help="with --online, when to give a match: event (at a selected pixel), N events, a time "
-        "such as 10ms, window, or change (of the best place) (default: event)",
+        help="with --online, when to give a match: event (after each one at a selected pixel), "
+        "after N events, after a time such as 10ms, window (after each one), or change (when the "
+        "place changes) (default: event)",
     )
     parser.add_argument_group("mounting").add_argument(
         "--register",
         action="store_true",
-        help="estimate the shift of the camera's image from the query's first 128 windows, and "
-        "move the map's pixels by it",
+        help="estimate from the first 128 windows of the query by how many pixels the image is "
+        "shifted against the map, and move the pixels of the map by it",
     )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",

@@ -1,4 +1,4 @@
-"""The parser of one verb: whole names only, suggestions for typos, and every default shown."""
+"""The argument parser of one verb: no abbreviated flags, hints at typos, all defaults shown."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class VerbParser(argparse.ArgumentParser):
     ----------
     verb : str
     examples : str, optional
-        Command lines, one a line, shown at the end of the help.
+        Example commands, one in each line, shown at the end of the help.
     """
 
     def __init__(self, verb: str, examples: str = "") -> None:
@@ -45,18 +45,16 @@ class VerbParser(argparse.ArgumentParser):
         """Add the flags of every verb, as the last group."""
         group = self.add_argument_group("general")
         group.add_argument("-h", "--help", action="help", help="show this help and exit")
+        group.add_argument("-q", "--quiet", action="store_true", help="print errors only")
+        group.add_argument("-v", "--verbose", action="store_true", help="print more while running")
         group.add_argument(
-            "-q", "--quiet", action="store_true", help="no progress, notes or summary; errors stay"
-        )
-        group.add_argument("-v", "--verbose", action="store_true", help="say more while running")
-        group.add_argument(
-            "--debug", action="store_true", help="show where in the program an error came from"
+            "--debug", action="store_true", help="show the Python traceback of an error"
         )
 
         self.usage = self._short_usage()
 
     def _short_usage(self) -> str:
-        """Name what is required; the help lists the rest."""
+        """Return the usage line with the required arguments only; the help lists the others."""
         needed = []
         for action in self._actions:
             if action.required and action.option_strings:
@@ -90,7 +88,7 @@ class VerbParser(argparse.ArgumentParser):
         return args
 
     def error(self, message: str) -> NoReturn:
-        """Raise what argparse would print.
+        """Raise the error that argparse would print.
 
         Raises
         ------
@@ -100,7 +98,7 @@ class VerbParser(argparse.ArgumentParser):
         raise UsageError(f"{self.verb}: {message} (edge-vpr {self.verb} --help shows all)")
 
     def _joined(self, words: Sequence[str]) -> list[str]:
-        """Join a flag and a value such as -1s, which argparse would take for a flag."""
+        """Join a flag with a value such as -1s, which argparse would take for another flag."""
         joined: list[str] = []
         for word in words:
             action = self._option_string_actions.get(joined[-1]) if joined else None
@@ -112,7 +110,7 @@ class VerbParser(argparse.ArgumentParser):
         return joined
 
     def _refuse_unknown_flags(self, words: Sequence[str]) -> None:
-        """Name a flag that does not exist, before one that is missing because of it."""
+        """Raise for an unknown flag, before argparse reports a missing one in its place."""
         known = self._option_string_actions
         for word in words:
             if word == "--":
@@ -142,12 +140,12 @@ class _Formatter(argparse.RawDescriptionHelpFormatter):
 
 
 def takes_value(action: argparse.Action) -> bool:
-    """Whether an action is a flag that takes a value."""
+    """Return whether an action is a flag that takes a value."""
     return bool(action.option_strings) and action.nargs != 0
 
 
 def _checked(action: argparse.Action) -> Any:
-    """Return the type of an action, with clear errors in place of argparse's own."""
+    """Return the type of an action, with clearer errors than those of argparse."""
     if action.choices is not None and action.type is None:
         return _OneOf(list(action.choices))
     if action.type is int:
@@ -156,7 +154,7 @@ def _checked(action: argparse.Action) -> Any:
 
 
 class _OneOf:
-    """A choice, with a suggestion for a typo."""
+    """Type of an argument with a few allowed values; its error suggests a correction of typos."""
 
     def __init__(self, choices: Sequence[str]) -> None:
         self.choices = choices

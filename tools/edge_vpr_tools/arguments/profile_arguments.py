@@ -23,46 +23,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     load = parser.add_argument_group("load", "a simulated street, or a map and a recording")
     load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
     load.add_argument("--recording", metavar="QUERY", help="recording of the query drive")
-    load.add_argument("--seed", type=int, default=0, help="of the simulated street")
+    load.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
     load.add_argument(
         "--every", metavar="WHEN", default="window",
         help="when to match: window, event, change, a number of events, or a time such as 10ms",
     )  # fmt: skip
     load.add_argument(
         "--ground-truth", nargs="+", metavar="FILE",
-        help="as of edge-vpr evaluate: how right the map, and smaller ones, are",
+        help="same as in edge-vpr evaluate; with it, the accuracy of the map, and of smaller ones, "
+        "is measured too",
     )  # fmt: skip
-    load.add_argument("--tolerance", type=float, metavar="T", help="as of edge-vpr evaluate")
-    load.add_argument("--rows", choices=("reference", "query"), help="as of edge-vpr evaluate")
-    load.add_argument("--packet", type=int, default=512, metavar="N", help="events a call")
+    load.add_argument("--tolerance", type=float, metavar="T", help="same as in edge-vpr evaluate")
+    load.add_argument("--rows", choices=("reference", "query"), help="same as in edge-vpr evaluate")
+    load.add_argument(
+        "--packet", type=int, default=512, metavar="N", help="number of events in one call"
+    )
     how = parser.add_argument_group("measuring")
-    how.add_argument("--pairs", type=int, default=5, metavar="N", help="idle and load windows")
+    how.add_argument(
+        "--pairs", type=int, default=5, metavar="N",
+        help="number of pairs of an idle period and a period under load",
+    )  # fmt: skip
     how.add_argument(
         "--window-s", type=float, metavar="S",
-        help="length of each in seconds (default: 10, or 1 with --quick)",
+        help="length of each period in seconds (default: 10, or 1 with --quick)",
     )  # fmt: skip
     how.add_argument(
-        "--quick", action="store_true", help="windows shorter than 10 s, in a result marked so"
-    )
-    how.add_argument("--no-designs", action="store_true", help="compare no other designs")
+        "--quick", action="store_true",
+        help="use periods shorter than 10 s; the result is marked as quick",
+    )  # fmt: skip
+    how.add_argument("--no-designs", action="store_true", help="do not compare other designs")
     how.add_argument(
-        "--mission-rate", type=float, default=1.0, metavar="N", help="matches a second of a mission"
-    )
+        "--mission-rate", type=float, default=1.0, metavar="N",
+        help="matches per second of the mission that the energy is stated for",
+    )  # fmt: skip
     sensor = parser.add_argument_group("power sensor")
     sensor.add_argument(
-        "--sensor-name", metavar="NAME", help="which power sensor (default: the best found)"
+        "--sensor-name", metavar="NAME", help="power sensor to use (default: the best one found)"
     )
     sensor.add_argument(
         "--meter-port", metavar="PORT",
-        help="serial port of a UM24C, UM25C or UM34C, for example /dev/rfcomm0",
+        help="serial port of a USB meter UM24C, UM25C or UM34C, for example /dev/rfcomm0",
     )  # fmt: skip
     sensor.add_argument(
         "--shunt-mohm", type=float, metavar="R",
-        help="the shunt that the monitor really has (default: the driver's)",
+        help="resistance of the power monitor's shunt in milliohms, if its driver assumes another "
+        "(default: the driver's)",
     )  # fmt: skip
     sensor.add_argument(
         "--meter", action="store_true",
-        help="alternate idle and load for an external meter; add its trace by profile trace",
+        help="measure with an external meter, whose recording edge-vpr profile trace reads",
     )  # fmt: skip
-    sensor.add_argument("--sysroot", metavar="DIR", default="/", help="where /sys is, for tests")
+    sensor.add_argument(
+        "--sysroot", metavar="DIR", default="/", help="folder that holds /sys, for tests"
+    )
     add_reading_arguments(parser)

@@ -11,6 +11,6 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("first", metavar="A.json", help="a profile")
-    parser.add_argument("second", metavar="B.json", help="another one")
+    parser.add_argument("second", metavar="B.json", help="another profile")
     output = parser.add_argument_group("output")
-    output.add_argument("--csv", metavar="FILE", help="write the table for a spreadsheet too")
+    output.add_argument("--csv", metavar="FILE", help="also write the table as CSV")

@@ -1,4 +1,4 @@
-"""The load that the flags of `edge-vpr profile` name."""
+"""The work to be measured, as the flags of `edge-vpr profile` describe it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edge_vpr_tools.runs.truth_files import load_truth
 
 
 def load_of(args: argparse.Namespace) -> Load:
-    """Open what the command line of `edge-vpr profile` names, or simulate a street.
+    """Open the map and the recording that the flags name, or simulate a street.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def load_of(args: argparse.Namespace) -> Load:
                 frame_period=args.frame_period,
             )  # fmt: skip
 
-        # once at the door: it is needed again after minutes of measuring
+        # so that a wrong ground truth is an error now, and not after minutes of measuring
         queries = describe_query(reference, recording)
         truth_of(reference.places.centre_us, queries.centre_us)
     events = list(cleaned(recording, reference.settings))

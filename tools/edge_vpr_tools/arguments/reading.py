@@ -1,4 +1,4 @@
-"""Open recordings as the flags say, and describe their faults."""
+"""Open recordings with the flags of the command line, and describe their faults."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from edge_vpr_tools.output.messages import warning
 def open_from(
     args: argparse.Namespace, path: str | Path, *, on_fault: str | None = None
 ) -> Recording:
-    """Open `path` as the flags of :func:`add_reading_arguments` say.
+    """Open a recording with the flags of :func:`add_reading_arguments`.
 
-    What is implausible about it is printed as a warning.
+    Prints a warning if something in the recording is implausible.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def open_from(
 
 
 def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:
-    """Open `path` as events, or as published windows where ``--frames-as-windows`` asks for it.
+    """Open a recording as events, or with ``--frames-as-windows`` as windows of counts.
 
     Raises
     ------
@@ -70,5 +70,5 @@ def _crop_of(args: argparse.Namespace) -> TimeCrop | None:
 
 
 def describe_faults(recording: Recording | PublishedWindows) -> str:
-    """Say what the newest pass dropped as the end of a sentence; empty if nothing."""
+    """Return the end of a sentence on the events that were dropped; empty if there were none."""
     return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""

@@ -8,8 +8,10 @@ import argparse
 def add_reading_arguments(
     parser: argparse.ArgumentParser, *, on_fault: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add the flags that `reading.open_from` reads, in a group of their own, and return it."""
-    group = parser.add_argument_group("reading", "for files that do not say it themselves")
+    """Add a group with the flags that `reading.open_from` reads, and return the group."""
+    group = parser.add_argument_group(
+        "reading", "needed where a file does not hold this information"
+    )
     group.add_argument(
         "--sensor", metavar="WxH", help="size of the sensor, such as 346x260 (default: the file's)"
     )
@@ -18,26 +20,33 @@ def add_reading_arguments(
             "--on-fault",
             choices=("error", "drop"),
             default="error",
-            help="stop at faulty events, or leave them out and count them",
+            help="stop at the first faulty event, or leave faulty events out and count them",
         )
     group.add_argument(
-        "--frame-period", metavar="S", help="seconds a count frame lasts, for example 1/30"
+        "--frame-period",
+        metavar="S",
+        help="duration of a frame of counts in seconds, for example 1/30",
     )
     group.add_argument(
-        "--format", metavar="NAME", help="format, if name and content mislead (default: by both)"
+        "--format",
+        metavar="NAME",
+        help="format of the file (default: recognised by its name and content)",
     )
     group.add_argument(
-        "--topic", metavar="NAME", help="topic or stream, if there are several (default: the one)"
+        "--topic",
+        metavar="NAME",
+        help="topic or stream to read, if the file has several (default: the only one)",
     )
     group.add_argument(
         "--time-unit",
         choices=("s", "ms", "us", "ns"),
-        help="unit of the times in a table (default: s if they have fractions, else us)",
+        help="unit of the times in a table (default: s if they have decimals, else us)",
     )
     group.add_argument(
         "--columns",
         metavar="ORDER",
-        help="order of unnamed columns, for example xytp (default: the format's)",
+        help="order of the columns in a table without names, for example xytp (default: the usual "
+        "one of the format)",
     )
     crop = parser.add_argument_group("part of the recording")
     crop.add_argument(
@@ -47,16 +56,16 @@ def add_reading_arguments(
     crop.add_argument(
         "--start-offset",
         metavar="S",
-        help="second on the file's own clock that --start and --end count from, for example "
-        "1587452582.35 (default: the first of the recording)",
+        help="time on the clock of the file from which --start and --end count, in seconds, for "
+        "example 1587452582.35 (default: the start of the recording)",
     )
     return group
 
 
 def add_window_argument(group: argparse._ArgumentGroup) -> None:
-    """Add the flag that `reading.open_source` reads besides."""
+    """Add the further flag that `reading.open_source` reads."""
     group.add_argument(
         "--frames-as-windows",
         action="store_true",
-        help="take each count frame as one window, instead of expanding it to events",
+        help="take each frame of counts as one window, instead of turning it into events",
     )

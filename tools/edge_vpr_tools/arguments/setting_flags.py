@@ -1,4 +1,4 @@
-"""Flags of the settings, shared by the commands that map and match; made from the settings."""
+"""Flags of the settings, made from their descriptions; shared by the commands map and match."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from edge_vpr.settings import (
 from edge_vpr_tools.output.messages import warning
 
 DEFAULT_PRESET = "default"
-#: the group of those that can be changed after a map is made
+#: the group of settings that can be changed after a map is made
 _MATCHING = "matching"
 
 
 def add_map_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of every setting that decides a map, and how it is matched."""
+    """Add the flags of all settings."""
     group = parser.add_argument_group(
         "settings",
-        f"flags go over --config, which goes over --preset; defaults are those of {DEFAULT_PRESET}",
+        "a flag overrides the file of --config, and the file overrides --preset; the defaults "
+        f"shown are those of the preset {DEFAULT_PRESET!r}",
     )
     group.add_argument(
-        "--preset", choices=tuple(PRESETS), default=DEFAULT_PRESET, help="a set of settings"
+        "--preset", choices=tuple(PRESETS), default=DEFAULT_PRESET, help="named set of settings"
     )
     group.add_argument("--config", metavar="FILE", help="TOML file with settings")
     for title in ("pixels", "windows", "counters", "cleaning"):
@@ -37,19 +38,19 @@ def add_map_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> None:
-    """Add the flags of the settings that decide how a map is matched.
+    """Add the flags of the settings of matching.
 
     Parameters
     ----------
     parser : parser or group
     default : str, optional
-        Whose value holds where a flag is not given; empty for the preset's.
+        Text that the help shows as the default; empty for the value of the preset.
     """
     _add_flags(parser, _MATCHING, default)
 
 
 def map_settings(args: argparse.Namespace) -> Settings:
-    """Resolve the settings that the flags of `add_map_flags` ask for.
+    """Return the settings that result from the flags of `add_map_flags`.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def map_settings(args: argparse.Namespace) -> Settings:
         If a value is wrong.
     """
     flags = {field.key: getattr(args, field.key) for field in SETTING_FIELDS.values()}
-    if flags["hot_pixels"] not in (None, "find", "keep"):  # a file: those listed are left out
+    if flags["hot_pixels"] not in (None, "find", "keep"):  # a file, which is read elsewhere
         flags["hot_pixels"] = "find"
     settings = resolve_settings(args.preset, args.config, flags)
     _warn_of_no_effect(args, settings, SETTING_FIELDS.values())
@@ -65,20 +66,20 @@ def map_settings(args: argparse.Namespace) -> Settings:
 
 
 def given_map_flags(args: argparse.Namespace) -> list[str]:
-    """List the flags given that decide a map, and not how it is matched; not ``--preset``."""
+    """Return the given flags that belong to making a map and not to matching; no ``--preset``."""
     decide = [field for field in SETTING_FIELDS.values() if field.group != _MATCHING]
     given = ["--config"] if args.config is not None else []
     return given + [field.flag for field in decide if getattr(args, field.key) is not None]
 
 
 def match_flags(args: argparse.Namespace) -> dict[str, Any]:
-    """Collect the flags of `add_match_flags` that are given, by the key of the setting."""
+    """Return the given flags of `add_match_flags`, by the key of the setting."""
     values = {field.key: getattr(args, field.key) for field in _of_group(_MATCHING)}
     return {key: value for key, value in values.items() if value is not None}
 
 
 def with_match_flags(args: argparse.Namespace, settings: Settings) -> Settings:
-    """Return the settings of a map with those that the flags of `add_match_flags` give.
+    """Return the settings of a map, changed by the flags of `add_match_flags`.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def with_match_flags(args: argparse.Namespace, settings: Settings) -> Settings:
 def _warn_of_no_effect(
     args: argparse.Namespace, settings: Settings, known: Iterable[SettingField]
 ) -> None:
-    """Warn of each flag given that the other settings make void; ``--no-...`` asks for nothing."""
+    """Warn of each given flag that has no effect with the other settings; not of ``--no-...``."""
     for field in known:
         if getattr(args, field.key) in (None, False) or field.needs is None:
             continue
@@ -107,10 +108,10 @@ def _warn_of_no_effect(
 
 
 def check_not_smooth(asked: bool | None) -> None:
-    """Raise UsageError if ``--smooth`` was given to a run that knows no later windows."""
+    """Raise UsageError if ``--smooth`` was given to an online run, which has no later windows."""
     if asked:
         raise UsageError(
-            "--smooth takes the windows after each one, which are not known online: leave it out"
+            "--smooth needs the windows after each one, which are not known online: leave it out"
         )
 
 
@@ -127,7 +128,7 @@ def _add_flags(parser: argparse._ActionsContainer, group: str, default: str = ""
 
 
 def _form(field: SettingField) -> dict[str, Any]:
-    """Return how the parser reads a flag: a switch, one of a few words, or a value."""
+    """Return the arguments by which argparse reads a flag: a switch, a choice, or a value."""
     if field.kind is bool and not field.words:
         return {"action": argparse.BooleanOptionalAction}
     if field.choices:
@@ -141,7 +142,7 @@ def _form(field: SettingField) -> dict[str, Any]:
 
 
 def _checked(field: SettingField) -> Callable[[str], str]:
-    """Return a function that refuses words that the setting does not take, and returns others."""
+    """Return a function that checks a given value, raises if it is wrong, and returns it."""
 
     def word(given: str) -> str:
         try:

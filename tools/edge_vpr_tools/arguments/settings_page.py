@@ -1,4 +1,4 @@
-"""The reference page of all settings, made from the settings themselves.
+"""The reference page of all settings, made from their descriptions.
 
 ``python -m edge_vpr_tools.arguments.settings_page > docs/settings.md``
 """
@@ -11,10 +11,11 @@ from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
 
 _HEAD = """# Settings
 
-Every setting has a key in the TOML file that `--config` reads, and a flag of `edge-vpr map` (those
-of matching also of `match`): the key `filter_steps` is the flag `--filter-steps`. Both take the
-same values. A flag overrides the file, and the file the preset (`--preset`, or `preset = "tiny"` in
-the file). A map keeps its settings, and a query is described with the same ones.
+Every setting can be given in two ways: as a key of a TOML file, which `--config` reads, and as a
+flag of `edge-vpr map`. The key `filter_steps` is the flag `--filter-steps`, and both take the same
+values. The settings of matching are flags of `edge-vpr match` too. A flag overrides the file, and
+the file overrides the preset (`--preset`, or `preset = "tiny"` in the file). A map stores its
+settings, and the query is described with the same settings.
 
 This page is made by `python -m edge_vpr_tools.arguments.settings_page`.
 
@@ -28,12 +29,12 @@ filter_steps = [1, 0, 1]   # or "1,0,1", as the flag takes it
 
 In Python, the attributes of `edge_vpr.Settings` have the same names, except `tau_us` (in
 microseconds), `remove_hot_pixels` and `remove_bursts` (true or false). Files may use these names
-too. None stands for `none` and `auto`; older files, in which 0 stands for them, are still read.
+too. In Python, `none` and `auto` are None. In older files they are 0, which is still read.
 
-The default is that of `--preset default`; in brackets is what other presets have.
+The table shows the defaults of `--preset default`, and in brackets those of other presets.
 """
 
-#: a page that a meaning names
+#: the name of a page in the text of a meaning
 _PAGE = re.compile(r"(?:docs/)?(\w+\.md)")
 
 
@@ -47,7 +48,7 @@ def page() -> str:
 
 
 def _defaults(field: SettingField) -> str:
-    """Say the default, and what presets have in its place."""
+    """Return the default, with the values of other presets in brackets."""
     default = _word(field, "default")
     found = {name: _word(field, name) for name in PRESETS}
     others = [f"{name}: {word}" for name, word in found.items() if word != default]
@@ -62,7 +63,7 @@ def _word(field: SettingField, preset: str) -> str:
 
 
 def _values(field: SettingField) -> str:
-    """Say what values a setting takes."""
+    """Return the values that a setting takes, as text."""
     if field.choices:
         return ", ".join(f"`{choice}`" for choice in field.choices)
     if field.kind is bool and not field.words:

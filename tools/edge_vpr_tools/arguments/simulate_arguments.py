@@ -15,8 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o", "--output", metavar="DIR", required=True,
-        help="folder to write: reference.npz, query.npz, and the track and wheel odometry of each "
-        "as .csv",
+        help="folder to write the recordings reference.npz and query.npz to, each with its track "
+        "and its wheel odometry as .csv",
     )  # fmt: skip
     output.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
     drives = parser.add_argument_group("the two drives")
@@ -26,15 +26,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: %(default)s)",
     )  # fmt: skip
     drives.add_argument(
-        "--seed", type=int, default=0, help="another seed, another world, camera and drives"
+        "--seed", type=int, default=0, help="seed of the street, the camera and the drives"
     )
     drives.add_argument(
         "--length", type=float, default=900.0, metavar="M", help="length of the route in metres"
     )
     drives.add_argument(
         "--speed-range", type=float, default=2.0, metavar="F",
-        help="the query's speed wanders from 1/F to F times the reference's",
+        help="the speed of the query varies between 1/F and F times that of the reference",
     )  # fmt: skip
     drives.add_argument(
-        "--stops", type=int, default=0, metavar="N", help="how often the query halts"
+        "--stops", type=int, default=0, metavar="N", help="number of stops of the query"
     )

@@ -1,4 +1,4 @@
-"""Refuse arguments of `edge-vpr stream` that make no sense together."""
+"""Checks of the arguments of `edge-vpr stream`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edge_vpr_tools.publishing.mqtt import parse_url
 
 
 def check_arguments(args: argparse.Namespace) -> None:
-    """Refuse what cannot be, before the camera is opened or a file is touched.
+    """Check the arguments before the camera is opened or a file is written.
 
     Raises
     ------
@@ -28,9 +28,13 @@ def check_arguments(args: argparse.Namespace) -> None:
     if args.sensor is None and args.map is None:
         raise UsageError("the size of the sensor is not known: pass --sensor WIDTHxHEIGHT or --map")
     if not args.learn and (flags := given_map_flags(args)):
-        raise UsageError(f"{flags[0]} is decided when a map is made: leave it out, or --learn anew")
+        raise UsageError(
+            f"{flags[0]} belongs to making a map, and --map has one already: leave it out, or make "
+            "a new map with --learn"
+        )
     if args.baud is not None and args.baud < 1:
         raise UsageError(f"--baud {args.baud}: expected the speed of a serial port, such as 921600")
+    _check_odometry(args)
     if args.serve is not None:
         parse_address(args.serve)
     if args.mqtt is not None:
@@ -38,11 +42,29 @@ def check_arguments(args: argparse.Namespace) -> None:
     _check_files(args)
 
 
+def _check_odometry(args: argparse.Namespace) -> None:
+    if args.odometry is None:
+        return
+    if args.map is None and not args.learn:
+        raise UsageError("--odometry is for --map and --learn: give one of them, or leave it out")
+    if args.odometry == args.port:
+        raise UsageError(
+            f"--odometry {args.odometry} is the camera's --port: give the odometer one of its own"
+        )
+    if Path(args.odometry).is_file():
+        raise UsageError(
+            f"--odometry {args.odometry} is a file, and stream reads the odometer as the robot "
+            "drives: match a recording with edge-vpr match --odometry"
+        )
+
+
 def _check_files(args: argparse.Namespace) -> None:
     known = [suffix for entry in FORMATS.values() if entry.writable for suffix in entry.suffixes]
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
     if len(of_events) > (0 if args.learn else 1):
-        raise UsageError("one file of events can be recorded, and none with --learn: use .bin")
+        raise UsageError(
+            "--record can write one file of events, and none with --learn: record bytes (.bin)"
+        )
     for name in of_events:
         if Path(name).suffix not in known:
             raise UsageError(f"--record {name}: expected .bin for bytes, or {', '.join(known)}")
@@ -51,7 +73,7 @@ def _check_files(args: argparse.Namespace) -> None:
     for name in filter(None, [*args.record, args.log, args.output, saved]):
         path = Path(name)
         if path.resolve() in seen:
-            raise UsageError(f"{path} is named twice: give each file a name of its own")
+            raise UsageError(f"{path} is named twice: give each file another name")
         seen.add(path.resolve())
         check_output(path, [given for given in (args.port, args.map) if given])
         if path.exists() and not args.overwrite:

@@ -12,20 +12,19 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("plan", metavar="SWEEP.toml", help="variants, drives and seeds")
+    parser.add_argument("plan", metavar="SWEEP.toml", help="plan with variants, drives and seeds")
     parser.add_argument_group("output").add_argument(
         "-o", "--output", metavar="DIR", required=True,
-        help="folder of the results; what is there already is not computed again",
+        help="folder of the results; results that it has already are not computed again",
     )  # fmt: skip
     group = parser.add_argument_group("workers")
     group.add_argument(
-        "--workers", type=int, metavar="N", help="processes of this machine (default: its cores)"
-    )
+        "--workers", type=int, metavar="N",
+        help="number of processes on this machine (default: its number of cores)",
+    )  # fmt: skip
     group.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="scheduler of a Dask cluster to run on instead, for example tcp://10.0.0.1:8786",
+        help="run on the Dask cluster of this scheduler instead, for example tcp://10.0.0.1:8786",
     )
-    group.add_argument(
-        "--retry-failed", action="store_true", help="compute those again that failed before"
-    )
+    group.add_argument("--retry-failed", action="store_true", help="try again what failed before")

@@ -1,4 +1,4 @@
-"""The results and the ground truth that the flags name."""
+"""Load the results and the ground truth that the flags name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from edge_vpr_tools.runs.truth_files import load_truth
 
 #: places times queries of the ground truth: 64 MB
 _MOST_CELLS = 1 << 26
-#: so many more matches must be right with the logs in the other order to say so; by judgement
+#: swapped logs are reported if this share of the matches becomes right by it; chosen by judgement
 _SWAPPED_BY = 0.3
 
 
@@ -28,7 +28,7 @@ def _share_right(matches: Matches, truth: GroundTruth) -> float:
 
 
 def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, GroundTruth]:
-    """Read a folder of results and the truth of its matches, and note what is doubtful.
+    """Read a folder of results and its ground truth, and print notes on doubtful inputs.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
     if (folder / results.QUERIES).is_file():
         arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
         queries_us = Descriptors.from_arrays(arrays).centre_us
-    else:  # matched event by event: each match is a query of its own
+    else:  # matched online: each match is a query
         matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
         queries_us = matches.time_us
     truth_of = partial(
@@ -65,11 +65,11 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
     right = _share_right(matches, truth)
     if len(args.ground_truth) == 2 and right < 1 - _SWAPPED_BY:
         offsets = None if args.offset is None else args.offset[::-1]
-        with suppress(GroundTruthError):  # tracks that fit these drives in one order alone
+        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
             swapped = _share_right(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
             if swapped > right + _SWAPPED_BY:
                 note(
-                    f"with the two logs in the other order {swapped:.0%} of the matches would be "
-                    f"right instead of {right:.0%}: the reference's comes first"
+                    f"with the two logs in the other order, {swapped:.0%} of the matches would be "
+                    f"right instead of {right:.0%}: name the log of the reference first"
                 )
     return reference, matches, truth

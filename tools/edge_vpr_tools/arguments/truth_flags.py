@@ -12,30 +12,32 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         nargs="+",
         required=True,
         metavar="FILE",
-        help="two tracks, reference then query (NMEA, GPX, or CSV with time_s and metres or "
+        help="two tracks, first that of the reference (NMEA, GPX, or CSV with time_s and metres or "
         "degrees); or one alignment (CSV with the columns query_s,reference_s or "
-        "query_frame,reference_frame); or one 0/1 matrix (.npz, .npy)",
+        "query_frame,reference_frame); or one matrix of 0 and 1 (.npz, .npy)",
     )
     group.add_argument(
         "--tolerance",
         type=float,
         metavar="T",
-        help="largest error of a right match: metres for tracks, the unit of an alignment; needed "
-        "for both",
+        help="largest error of a right match: in metres for tracks, in the unit of the file for an "
+        "alignment; needed for both",
     )
     group.add_argument(
         "--rows",
         choices=("reference", "query"),
-        help="what a row of a matrix stands for; needed for a matrix",
+        help="whether the rows of a matrix are reference places or queries; needed for a matrix",
     )
     group.add_argument(
         "--offset",
         nargs=2,
         type=float,
         metavar=("REF_S", "QUERY_S"),
-        help="where time 0 of each track is in its recording, in seconds; negative if the log "
-        "began earlier (default: 0 0)",
+        help="time in each recording at which its track has its time 0, in seconds; negative if "
+        "the track began earlier (default: 0 0)",
     )
     group.add_argument(
-        "--frame-period", metavar="S", help="of an alignment in frames, in seconds: 1/30"
+        "--frame-period",
+        metavar="S",
+        help="duration of a frame in seconds, for an alignment in frames, for example 1/30",
     )

@@ -1,4 +1,4 @@
-"""`edge-vpr bridge`: a recording goes out as if a camera sent it."""
+"""`edge-vpr bridge`: replay a recording over a line, like a camera."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     link = open_device_link(args.port, baud=args.baud, flow_control=args.flow_control)
     try:
         bridge = Bridge(link, encoder, speed=args.speed, faults=faults, seed=args.seed)
-        # a host finds out the options of a device, but for its channel or its layout
+        # a host recognises the options of a device, except its channel or its layout
         name = args.protocol.partition(":")[0]
         host = args.protocol if name in ("openmv", "aer") else name
         address = printable(link.address)

@@ -1,4 +1,4 @@
-"""`edge-vpr calibrate`: how probable is it that a match is right? Learns it from a drive."""
+"""`edge-vpr calibrate`: learn the probability of a right match from a drive."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import note, summary
 from edge_vpr_tools.runs.calibration import calibrate
 
-#: with fewer, even matches that were all right would not promise a precision of 0.99
+#: with fewer matches, even if all are right, the table cannot reach a precision of 0.99
 FEW_MATCHES = 100
 
 
@@ -36,15 +36,18 @@ def run(args: argparse.Namespace) -> None:
     reference, matches, truth = load_evaluated(args)
     found = calibrate(reference, matches, truth)
     if found.settings_changed:
-        note(f"{output} has the settings that the drive was matched with, which the table is of")
+        note(
+            f"{output} has the settings that the drive was matched with; the table holds for these"
+        )
     found.reference.save(output)
 
     if found.matches < FEW_MATCHES:
         note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")
     if not (folder / results.QUERIES).is_file():
         note(
-            "matches event by event repeat one another, so that the probabilities are bolder than "
-            "the drive allows: calibrate from matches without --online, or with --every window"
+            "matches after every event are almost copies of each other, so that the "
+            "probabilities are more extreme than the drive justifies: calibrate from matches "
+            "without --online, or with --every window"
         )
     if found.off_map == 0:
         note(

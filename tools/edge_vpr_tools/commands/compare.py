@@ -1,4 +1,4 @@
-"""`edge-vpr compare`: runs in one table and one figure."""
+"""`edge-vpr compare`: show several runs in one table and one figure."""
 
 from __future__ import annotations
 

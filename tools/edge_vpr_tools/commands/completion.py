@@ -1,4 +1,4 @@
-"""`edge-vpr completion`: the script by which a shell completes command lines."""
+"""`edge-vpr completion`: print a script by which a shell completes command lines."""
 
 from __future__ import annotations
 

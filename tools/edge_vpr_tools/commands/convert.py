@@ -1,4 +1,4 @@
-"""`edge-vpr convert`: one recording into another format."""
+"""`edge-vpr convert`: convert a recording to another format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`edge-vpr demo`: the whole job on a simulated street, in half a minute."""
+"""`edge-vpr demo`: simulate, map, match and evaluate a street, in half a minute."""
 
 from __future__ import annotations
 

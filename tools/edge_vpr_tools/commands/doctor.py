@@ -1,4 +1,4 @@
-"""`edge-vpr doctor`: what this machine has, what it lacks, and how to get it."""
+"""`edge-vpr doctor`: show what this machine has, what is missing, and how to install it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`edge-vpr estimate`: what a design needs, before it is built."""
+"""`edge-vpr estimate`: estimate the cost of a design before it is built."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _figure(args: argparse.Namespace, question: Question) -> Path | None:
-    """Return where accuracy against cost is drawn, if it is."""
+    """Return the file for the figure of accuracy against cost; None without a figure."""
     if args.figure is not None:
         return Path(args.figure)
     alone = args.pareto is not None and question.alone is not None

@@ -1,4 +1,4 @@
-"""`edge-vpr evaluate`: are the matches right? Compares them with a ground truth."""
+"""`edge-vpr evaluate`: compare matches with a ground truth."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _print_trust(matches: Matches, found: Evaluation) -> None:
-    """Print what is known of probabilities, rejected matches and queries off the map."""
+    """Print figures on probabilities, rejected matches and queries off the map."""
     rejection = found.rejection
     if found.reliability is not None:
         answer(

@@ -1,4 +1,4 @@
-"""`edge-vpr experiment`: the figures that the documentation quotes, made anew."""
+"""`edge-vpr experiment`: compute the figures that the documentation quotes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _figure_files(named: Path, formats: str | None) -> list[Path]:
-    """Return the file that was named, or one of its stem for each format."""
+    """Return the given file, or one with its stem for each format."""
     if formats is None:
         return [named]
     return [named.with_suffix(f".{kind}") for kind in read_formats(formats)]

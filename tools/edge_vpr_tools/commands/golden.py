@@ -1,4 +1,4 @@
-"""`edge-vpr golden`: write vectors that a device is held against."""
+"""`edge-vpr golden`: write golden vectors, with which devices are tested."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edge_vpr_tools.device.vectors import check_vectors_folder, missed_corners, 
 from edge_vpr_tools.estimate.of_map import design_of
 from edge_vpr_tools.output.messages import note, summary
 from firmware_model import Design
-from firmware_model.vectors import standard_suites, write_suites
+from firmware_model.vectors import Case, standard_suites, write_suites
 
 
 @design_errors()
@@ -27,14 +27,16 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong.
     """
     if (args.design is None) == (args.map is None):
-        raise UsageError("vectors are made of one of --design and --map: name one")
+        raise UsageError("golden needs either --design or --map: give one of them")
     if args.recording is not None and args.map is None:
-        raise UsageError("--recording needs a map: name it by --map")
+        raise UsageError("--recording needs a map: name it with --map")
+    if "recording" in args.suite and args.recording is None:
+        raise UsageError("--suite recording needs a drive: name one with --recording")
     output = Path(args.output)
     inputs = (args.design, args.map, args.recording)
     check_output(output, [given for given in inputs if given is not None])
     check_vectors_folder(output, args.overwrite)
-    recorded = []
+    recorded: list[Case] = []
     if args.map is None:
         design = Design.load(args.design)
     else:
@@ -43,15 +45,13 @@ def run(args: argparse.Namespace) -> None:
         if args.recording is not None:
             recording = open_from(args, args.recording)
             recorded = [recorded_case(reference, design, recording, args.max_events)]
-    suites = standard_suites(design, args.seed)
-    if recorded:
-        suites["recording"] = recorded
+    suites = _suites(args, design, recorded)
     with replacing_folder(output) as folder:
         manifest = write_suites(folder, design, suites, args.seed, rtl=args.rtl)
     for suite in manifest.suites:
         missed = missed_corners(suite)
         if missed:
-            note(f"no corner case of this design reaches: {', '.join(missed)}")
+            note(f"no case of this design reaches these corners: {', '.join(missed)}")
     for suite in manifest.suites:
         events, windows, matches = (
             sum(getattr(case, what) for case in suite.cases)
@@ -62,3 +62,19 @@ def run(args: argparse.Namespace) -> None:
             f"{args.output}/{suite.name}: {len(suite.cases)} cases, {events:,} events, "
             f"{windows} windows, {matches} matches, {reached} of {len(suite.coverage)} corners"
         )
+
+
+def _suites(
+    args: argparse.Namespace, design: Design, recorded: list[Case]
+) -> dict[str, list[Case]]:
+    """Make the suites that are wanted, by default all."""
+    if not args.suite:
+        suites = standard_suites(design, args.seed)
+        return suites | {"recording": recorded} if recorded else suites
+    suites = {}
+    for name in args.suite:
+        made = {name: recorded} if name == "recording" else standard_suites(design, args.seed, name)
+        if not made:
+            raise UsageError(f"--suite {name}: this design has no place filter and no own means")
+        suites |= made
+    return suites

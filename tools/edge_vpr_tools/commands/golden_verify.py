@@ -1,4 +1,4 @@
-"""`edge-vpr golden verify`: check vectors, and compare a device's results with them."""
+"""`edge-vpr golden verify`: check vectors, and compare the results of a device with them."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong.
     """
     if (args.design is None) == (args.map is None):
-        raise UsageError("hardware is made of one of --design and --map: name one")
+        raise UsageError("hardware needs either --design or --map: give one of them")
     output = Path(args.output)
     check_output(output, [given for given in (args.design, args.map) if given is not None])
     check_parent(output)
@@ -36,7 +36,9 @@ def run(args: argparse.Namespace) -> None:
     if args.map is None:
         design = Design.load(args.design)
         memories = blank_memories(design)
-        note("a design has no pixels: those of the tables are for tests, --map has real ones")
+        note(
+            "a design file has no pixels, so that those of the tables are for tests only; use --map"
+        )
     else:
         reference = ReferenceMap.load(args.map)
         design = design_of(reference, args.lanes)

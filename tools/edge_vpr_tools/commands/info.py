@@ -1,4 +1,4 @@
-"""`edge-vpr info`: what a recording holds, faults included."""
+"""`edge-vpr info`: show what a recording holds, including its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`edge-vpr map`: one drive becomes a reference map."""
+"""`edge-vpr map`: make a reference map of a drive."""
 
 from __future__ import annotations
 

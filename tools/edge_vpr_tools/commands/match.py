@@ -1,4 +1,4 @@
-"""`edge-vpr match`: a query drive is matched against a map."""
+"""`edge-vpr match`: match a query drive with a map."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     reference = ReferenceMap.load(args.map)
     settings = with_match_flags(args, reference.settings)
     asked = reference.matched_with(settings)
-    _ = asked.judge  # a precision that cannot be promised is refused before the work
+    _ = asked.judge  # a precision that the table cannot reach is an error before any work is done
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
@@ -96,9 +96,11 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
-    """Refuse a matrix that cannot be written, before any work is done."""
+    """Check that a matrix can be written, before any work is done."""
     if args.online:
-        raise UsageError("--matrix is of windows, and --online matches events: leave one out")
+        raise UsageError(
+            "--matrix needs whole windows, and --online matches single events: leave one out"
+        )
     if matrix.suffix != ".npy":
         raise UsageError(f"matrix {matrix} does not end in .npy: name it for example distances.npy")
     check_output(matrix, inputs)

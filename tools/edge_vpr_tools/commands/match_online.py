@@ -1,4 +1,4 @@
-"""`edge-vpr match --online`: a match after every event, as the board would give it."""
+"""`edge-vpr match --online`: match a recording event by event, as a device does."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from edge_vpr_tools.runs.schedule import parse_every
 def match_online(
     args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
 ) -> None:
-    """Feed the recording to a localiser and write what it said.
+    """Feed the recording to a localiser and write its matches.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`edge-vpr ports`: what is attached, and which protocol fits."""
+"""`edge-vpr ports`: list serial ports and their probable protocols."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> None:
     for one in found:
         how = f"--protocol {one.protocol}" if one.protocol else "-"
         how += f" --baud {one.baud}" if one.baud else ""
-        # a device says what it is called, and may say anything
+        # the name comes from the device and can contain anything
         name, what = printable(one.port), printable(one.description, 80)
         print(f"{name}  {one.usb or '-'}  {what}  {how}")
     if not found:

@@ -1,4 +1,4 @@
-"""`edge-vpr profile`: measure what a match takes on this machine."""
+"""`edge-vpr profile`: measure the cost of a match on this machine."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def run(args: argparse.Namespace) -> None:
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")
     if args.ground_truth is not None and args.map is None:
-        raise UsageError("--ground-truth is of a recording: name --map and --recording too")
+        raise UsageError("--ground-truth needs a recording: give --map and --recording too")
     if args.meter and args.meter_port is not None:
-        raise UsageError("--meter is for a CSV that comes later, --meter-port for now: name one")
+        raise UsageError("--meter reads a file later and --meter-port a meter now: give only one")
     plan = Plan.checked(args.pairs, args.window_s, args.quick)
     request = Request(
         every=args.every,

@@ -1,4 +1,4 @@
-"""`edge-vpr profile compare`: two profiles side by side."""
+"""`edge-vpr profile compare`: show two profiles side by side."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from edge_vpr_tools.energy.show import compare
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print both profiles, and write them for a spreadsheet if asked.
+    """Print both profiles, and write them as CSV if asked to.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`edge-vpr profile trace`: the joules of an external meter."""
+"""`edge-vpr profile trace`: add the energy that an external meter measured."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from edge_vpr_tools.output.messages import is_quiet, summary
 
 
 def run(args: argparse.Namespace) -> None:
-    """Add the joules of a trace to a profile, in place.
+    """Add the energy of a trace to a profile file.
 
     Raises
     ------

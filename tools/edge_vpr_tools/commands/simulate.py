@@ -1,4 +1,4 @@
-"""`edge-vpr simulate`: two drives of one route as recordings, with their ground truth."""
+"""`edge-vpr simulate`: write simulated recordings of two drives, with ground truth."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def write_odometry(path: Path, odometry: Odometry) -> None:
-    """Write an odometer's readings as ``time_s,distance_m``, which map and match read."""
+    """Write readings of an odometer as ``time_s,distance_m``, for map and match."""
     with path.open("w", encoding="utf-8") as file:
         file.write("time_s,distance_m\n")
         for time_us, way_mm in zip(
@@ -77,7 +77,7 @@ def write_odometry(path: Path, odometry: Odometry) -> None:
 
 
 def write_track(path: Path, recording: SimulatedRecording) -> None:
-    """Write where the camera was as ``time_s,position_m``, which `edge-vpr evaluate` reads."""
+    """Write the track of the camera as ``time_s,position_m``, for `edge-vpr evaluate`."""
     track = recording.track
     with path.open("w", encoding="utf-8") as file:
         file.write("time_s,position_m\n")

@@ -1,4 +1,4 @@
-"""`edge-vpr stream`: localise live from a camera on a line, or learn a map from it."""
+"""`edge-vpr stream`: localise live with a camera on a line, or make a map with it."""
 
 from __future__ import annotations
 
@@ -37,12 +37,15 @@ def run(args: argparse.Namespace) -> None:
     reference = None if args.map is None else _with_flags(args, ReferenceMap.load(args.map))
     every = None if reference is None else parse_every(args.every, reference)
     causal = args.burst_filter == "causal"
-    follow_line(_line(args, reference), output, reference, every, causal_bursts=causal)
+    follow_line(
+        _line(args, reference), output, reference, every,
+        causal_bursts=causal, odometry=args.odometry,
+    )  # fmt: skip
 
 
 def _learn(args: argparse.Namespace, output: LiveOutput) -> None:
     settings, target = map_settings(args), Path(args.output)
-    reference, removed = learn_map(_line(args, None), output, settings, target)
+    reference, removed = learn_map(_line(args, None), output, settings, target, args.odometry)
     warn_if_much(removed, args.port, "keep them with --bursts keep")
     if not args.json:
         summary(
@@ -59,7 +62,7 @@ def _line(args: argparse.Namespace, reference: ReferenceMap | None) -> Line:
         port=args.port, protocol=args.protocol, sensor=sensor, baud=args.baud,
         flow_control=args.flow_control, once=args.once,
         drop=None if args.on_overload is None else args.on_overload == "drop",
-        max_lag_s=duration_us(args.max_lag) / 1e6,
+        max_lag_s=duration_us(args.max_lag) / 1e6, busy_wait=args.busy_wait,
     )  # fmt: skip
 
 

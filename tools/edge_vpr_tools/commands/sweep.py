@@ -1,4 +1,4 @@
-"""`edge-vpr sweep`: variants x drives x seeds, each computed once."""
+"""`edge-vpr sweep`: run variants x drives x seeds, each only once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_SHOWN = 5
 
 
 def run(args: argparse.Namespace) -> None:
-    """Compute what is missing, and print the table of all.
+    """Run the missing trials, and print the table of all.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""In what condition the machine is: governor, clock, temperature, throttling."""
+"""Condition of the machine: governor, clock, temperature, throttling."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NOW = {0: "under-voltage", 1: "frequency capped", 2: "throttled", 3: "soft temp
 
 @dataclass(frozen=True)
 class Conditions:
-    """What may change a measurement; None is not known.
+    """Conditions that affect a measurement; None means not known.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Conditions:
 
     @classmethod
     def now(cls, root: Path = ROOT) -> Conditions:
-        """Look them up."""
+        """Read the present conditions."""
         cpu = root / "sys/devices/system/cpu/cpu0/cpufreq"
         clock = _number(cpu / "scaling_cur_freq")
         zones = [_number(p) for p in (root / "sys/class/thermal").glob("thermal_zone*/temp")]
@@ -54,7 +54,7 @@ class Conditions:
         )
 
     def __str__(self) -> str:
-        """Tell what is known, with units."""
+        """Return the known conditions, with units."""
         told = []
         if self.governor is not None:
             told.append(f"governor {self.governor}")
@@ -70,13 +70,13 @@ class Conditions:
 
     @property
     def faults(self) -> list[str]:
-        """What throttles the machine now."""
+        """Causes that throttle the machine now."""
         bits = self.throttled or 0
         return [text for bit, text in _NOW.items() if bits >> bit & 1]
 
 
 def void_because(*moments: Conditions) -> str:
-    """Why a run through these moments says nothing; empty if nothing is known against it."""
+    """Return why a run with these conditions is void; empty if it is valid as far as known."""
     faults = [fault for moment in moments for fault in moment.faults]
     before, after = moments[0], moments[-1]
     if before.throttled is not None and after.throttled is not None:

@@ -1,4 +1,4 @@
-"""Several designs on the same drives: how right each is, and what a match of it takes here."""
+"""Accuracy and measured cost of several designs on the same drives."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Known = tuple[ReferenceMap, Outcome]
 
 @dataclass(frozen=True, kw_only=True)
 class DesignResult:
-    """How right a design is, and what a match of it takes.
+    """Accuracy of a design, and the cost of its match.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ def compare(
     rate: float,
     known: Known,
 ) -> list[DesignResult]:
-    """Evaluate each design, and measure what a match of it takes.
+    """Evaluate each design, and measure the cost of its match.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Designs to compare: maps of one drive at other numbers of pixels, with fewer bits, or smaller."""
+"""Designs to compare: maps of one drive with other numbers of pixels or fewer bits."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class Compared:
 
 
 def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
-    """Give a map of a drive, and map it at other numbers of pixels, with fewer bits, and at all.
+    """Return maps of a drive: as given, with other numbers of pixels, fewer bits, and all pixels.
 
-    Windows by count hold as many events as those of tau do on average at the same pixels, so that
-    a match is of as long a drive in all designs.
+    Fixed-count windows hold the average number of events in tau at the same pixels, so that a match
+    covers the same length of drive in all designs.
     """
     settings = main.settings.replaced({"events_per_pixel": None}, "designs")
     for pixels in PIXELS:
@@ -44,7 +44,7 @@ def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
 
 
 def of_map(reference: ReferenceMap) -> Iterator[Compared]:
-    """Give a map's first pixels, and all of its pixels.
+    """Return maps with the first pixels of a map, and with all of its pixels.
 
     Pixels are kept in the order in which they were drawn, so that the first ones are a smaller
     draw. Windows by count ended by the events of all of them, so that such a map is taken alone.
@@ -66,7 +66,7 @@ def of_map(reference: ReferenceMap) -> Iterator[Compared]:
                     places=replace(
                         reference.places,
                         counts=np.ascontiguousarray(counts[:, kept]),
-                        # codes do not tell how many of the events were at these pixels
+                        # the number of events at these pixels cannot be computed from codes
                         selected=reference.places.activity * pixels // whole,
                     ),
                     full_scale=None if scale is None else scale[kept],

@@ -1,4 +1,4 @@
-"""What a profile runs: a map and a drive of the user's, or a simulated street."""
+"""Drives of a profile: the user's map and drive, or a simulated street."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _STREET_M = 400.0
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What is run: a map, the events of a query drive, and designs to compare, if truth is known.
+    """The load: a map, the events of a query drive and, if its truth is known, designs to compare.
 
     Attributes
     ----------

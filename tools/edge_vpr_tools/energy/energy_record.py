@@ -1,4 +1,4 @@
-"""The energy of a match: measured, void because the machine was throttled, or not measured."""
+"""The energy of a match: measured, void because of throttling, or not measured."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Bounds = tuple[float, float]
 
 
 class Bounded(NamedTuple):
-    """A figure with its 95 % interval; None is not resolved, or not known."""
+    """A figure with its 95 % interval; None if not resolved or not known."""
 
     value: float | None
     low: float | None = None
@@ -29,7 +29,7 @@ class Bounded(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """What windows of idle and load say of the energy of a match.
+    """Figures on the energy of a match, from idle and load periods.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Figures:
 
     @property
     def resolved(self) -> bool:
-        """Whether the energy of the work stands out of the noise."""
+        """Whether the energy of the work is larger than the noise."""
         return self.marginal_j_per_match is not None
 
     def bounded(self) -> dict[str, Bounded]:
@@ -97,7 +97,7 @@ class PowerTrace(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Readings:
-    """What was read, and by what; it stays where the figures are void.
+    """Readings and their sensor, which are kept even if the figures are void.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class Energy:
         return self.figures is not None and self.figures.resolved
 
     def void(self) -> Energy:
-        """Take the figures away, which a throttled machine gave."""
+        """Return the same without figures, because the machine was throttled."""
         return replace(self, figures=None)
 
     def brief(self) -> Energy:
@@ -186,7 +186,7 @@ class Energy:
 
 @dataclass(frozen=True)
 class NotMeasured:
-    """Why there is no energy.
+    """The reason why no energy was measured.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ def against_rate(energy: Energy, figures: Figures) -> Figure:
 
 
 def accuracy(designs: Sequence[DesignResult]) -> Figure:
-    """Draw how right each design is against what a match of it takes, measured.
+    """Draw the accuracy of each design against the measured cost of its match.
 
     Against joules where they were measured and resolved, else against processor time.
     """

@@ -1,4 +1,4 @@
-"""What paired windows of idle and load say: a median, its interval, and whether it is resolved."""
+"""Statistics of pairs of idle and load periods: median, interval, whether it is resolved."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Estimate:
 
     @property
     def resolved(self) -> bool:
-        """Whether the interval leaves zero out, above it."""
+        """Whether the whole interval is above zero."""
         return self.low > 0
 
     def with_gain(self, error: float) -> tuple[float, float]:
-        """Widen the interval by a meter's gain error, which no repetition takes away."""
+        """Widen the interval by the gain error of a meter, which repetition does not reduce."""
         low, high = self.low, self.high
         return (
             low / (1 + error) if low > 0 else low / (1 - error),
@@ -117,7 +117,7 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
 def interval_of_times(seconds: Floats, seed: int = 0) -> Estimate:
     """Median of repeated timings, or of their ratios, and its interval by that of their logarithms.
 
-    What disturbs a timing multiplies it, and none is below zero.
+    Disturbances multiply a timing, and no timing is below zero.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Idle and load by turns, and the energy of a match from their differences."""
+"""Measurement of the energy of a match by alternating idle and load periods."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edge_vpr_tools.energy.sensors.sensor import About, Sensor
 from edge_vpr_tools.output.interrupt import check_interrupted
 from edge_vpr_tools.output.messages import note
 
-#: runs the load for so many seconds and gives the number of matches
+#: function that runs the load for some seconds and returns the number of matches
 Load = Callable[[float], int]
 
 #: of a window, for a figure that can be published
@@ -26,7 +26,7 @@ _LEAST_QUICK_S = 0.1
 
 @dataclass(frozen=True)
 class Plan:
-    """How long to measure.
+    """Number and length of the periods of a measurement.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
     """
     idle_w, load_w = paired_energy(trace, windows)
     loads = [window for window in windows if window.load]
-    # by the matches of its own window: a slow window is not a cheap match
+    # divided by the matches of the same period, so that a slow period does not look cheap
     a_match_s = np.array([(w.end_s - w.start_s) / max(w.matches, 1) for w in loads])
     marginal = interval((load_w - idle_w) * a_match_s)
     saturated = interval(load_w * a_match_s)

@@ -96,7 +96,7 @@ def check_turns(windows: Sequence[Window]) -> None:
             raise ValueError(f"{window} is no span after {end:g} s")
         end = window.end_s
     if any(a.load == b.load for a, b in zip(windows[::2], windows[1::2], strict=True)):
-        raise ValueError("a pair of windows has two of one kind")
+        raise ValueError("a pair has two idle or two load windows")
 
 
 def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:

@@ -1,4 +1,4 @@
-"""What a profile says, in words and with units: rows of its tables, and the notes beside them."""
+"""Text of a profile, with units: rows of its tables, and notes."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def designs(found: Profile) -> list[list[str]]:
 
 
 def notes(found: Profile) -> list[str]:
-    """Return what has to be said beside the figures."""
+    """Return notes on the figures."""
     said = []
     if found.quick:
         said.append("--quick: windows too short for a figure to be published.")

@@ -1,4 +1,4 @@
-"""One profile: the load, the conditions, the speed, and the joules where there is a sensor."""
+"""Making of a profile: load, conditions, speed and, with a sensor, energy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from edge_vpr_tools.runs.schedule import parse_every
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is measured of a load.
+    """What to measure of a load.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def profile(
     before = Conditions.now(request.root)
     note(f"speed: {_duration(plan.window_s)}")
     throughput = measure_throughput(workload, plan.window_s)
-    # at once: a governor lowers the clock of a processor that rests
+    # at once, because a governor lowers the clock of an idle processor
     loaded = Conditions.now(request.root)
     because = tuple(str(one) for one in missing)
     energy: Outcome = NotMeasured(because)
@@ -154,7 +154,7 @@ def profile(
 
 
 def with_meter(path: Path, meter: Path, rate: float) -> Profile:
-    """Add the joules of an external meter's trace to a profile that took turns for it.
+    """Add the energy of an external meter's trace to a profile that was made for it.
 
     Raises
     ------

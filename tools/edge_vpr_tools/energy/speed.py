@@ -1,7 +1,7 @@
 """The paper's speed claim, measured again: few pixels against all of them (Fischer & Milford, IV).
 
-Counting and matching apart; the two variants by turns, so that they share what else the machine
-does.
+Counting and matching are timed separately. The two variants alternate, so that other work of the
+machine affects both.
 """
 
 from __future__ import annotations

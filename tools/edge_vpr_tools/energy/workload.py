@@ -1,4 +1,4 @@
-"""The pipeline as a load: a recording fed to a localiser in packets, round after round."""
+"""The pipeline as a load: a recording is fed to a localiser in packets, again and again."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Workload:
         self.reset()
 
     def reset(self) -> None:
-        """Begin to count anew."""
+        """Reset the counts."""
         self.events = self.matches = 0
         self.busy_s = 0.0
         self.latencies_s: list[float] = []
@@ -87,7 +87,7 @@ class Workload:
             self._feed()
 
     def run(self, seconds: float) -> int:
-        """Feed for so long; give the number of matches."""
+        """Feed events for some seconds; return the number of matches."""
         end, before = time.perf_counter() + seconds, self.matches
         while time.perf_counter() < end:
             self._feed()

@@ -1,1 +1,1 @@
-"""What a design needs before it is built: exact counts, instructions by tables, modelled energy."""
+"""Estimate of a design's cost: exact counts, instructions from tables, modelled energy."""

@@ -1,4 +1,4 @@
-"""How right designs of several sizes are on two drives: made, matched and evaluated at once."""
+"""Accuracy of designs of several sizes on two drives, which are mapped, matched and evaluated."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DRAWS = 3
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """Two drives of one route, and what is known of them.
+    """Two drives of one route, with their ground truth.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Drives:
 
 
 def simulated(seed: int = 0) -> Drives:
-    """Simulate a street, driven twice: what there is without recordings."""
+    """Simulate a street that is driven twice, for use without recordings."""
     reference, query = (drive.keep() for drive in simulate_pair(seed))
     length = reference.world.length_m
     name = f"the simulated street of {length:g} m (seed {seed}, within {TOLERANCE_M:g} m)"
@@ -113,7 +113,7 @@ def try_designs(drives: Drives, design: Design, on_start: Callable[[str], None])
 def _coded(
     drives: Drives, settings: Settings, design: Design
 ) -> Iterator[tuple[int, tuple[ReferenceMap, float, int]]]:
-    """Put one draw's counts into codes of each width; give map, P@100R and queries."""
+    """Code the counts of one draw with each width; yield map, P@100R and number of queries."""
     mapped = map_traverse(drives.reference, settings)
     queries = describe(drives.query, mapped.pixel_map, mapped.settings)
     truth = drives.truth_of(mapped.places.centre_us, queries.centre_us)

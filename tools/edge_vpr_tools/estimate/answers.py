@@ -12,7 +12,7 @@ from firmware_model.design import Design
 
 
 def answer_lines(found: Estimation) -> list[str]:
-    """Return the answer: a sentence a target, and how far the accuracy is known.
+    """Return the answer: a sentence for each target, and one on the accuracy.
 
     Parameters
     ----------

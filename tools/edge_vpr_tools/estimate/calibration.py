@@ -1,4 +1,4 @@
-"""The energy of a processor's cycle, of the profile of a board with a power sensor."""
+"""Energy of a processor's clock cycle, from the profile of a board with a power sensor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edge_vpr_tools.estimate.targets import Constant, Spread
 def calibrated(path: Path) -> Constant:
     """Return the energy of a cycle that a profile measured.
 
-    One point: marginal joules for each second of processor time, over the clock.
+    It is a single point: marginal joules per second of processor time, divided by the clock.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def calibrated(path: Path) -> Constant:
             f"{path}: energy was not measured or not resolved, or the clock is not known: "
             "profile a board with a power sensor, for longer"
         )
-    # an external meter's windows do not tell the processor time: the throughput does
+    # periods of an external meter have no processor time, which is taken from the throughput
     seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
     low, high = figures.marginal_j_per_match_interval
     with understood(path, "energy and clock", "profile the board again"):

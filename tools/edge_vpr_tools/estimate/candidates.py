@@ -25,7 +25,7 @@ from firmware_model.errors import DesignError
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """How right a map was on two drives.
+    """Accuracy of a map on two drives.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Evaluated:
 
 
 class Accuracy(NamedTuple):
-    """What `edge-vpr evaluate` found out, as far as it is read here."""
+    """The part of the result of `edge-vpr evaluate` that is needed here."""
 
     precision_at_100_recall: float
     queries: int
@@ -87,7 +87,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Asked:
-    """What a candidate has to keep: a target, budgets, and the mission.
+    """Requirements for a candidate: a target, budgets, and the mission.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ def candidates(evaluated: Iterable[Evaluated], asked: Asked) -> list[Candidate]:
 
 
 def answer(found: Sequence[Candidate], asked: Asked, on: str) -> str:
-    """Say in a sentence what one can have, how right it is, and what limits it."""
+    """Return a sentence on the best design that fits, its accuracy, and what limits it."""
     within = " and ".join(budget.text for budget in asked.budgets) or "no budget"
     head = f"{asked.target.name}, within {within}: "
     fitting = [one for one in found if not one.limited_by]

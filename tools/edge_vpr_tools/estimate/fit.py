@@ -27,7 +27,7 @@ MOST_BITS = 8
 
 @dataclass(frozen=True)
 class Budget:
-    """An upper limit: so many bytes of memory, or watts."""
+    """An upper limit in bytes of memory, or in watts."""
 
     text: str
     quantity: str
@@ -146,7 +146,7 @@ def broken_by(
     budgets: Sequence[Budget],
     cycle_energy: Constant | None = None,
 ) -> str:
-    """Name what keeps a design from fitting: a budget, or the firmware's limits; empty if nothing.
+    """Return which budget or limit of the firmware a design exceeds; empty if none.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def broken_by(
             used: float = memory_bytes(design, target)
         else:
             of = cost(design, target, mission, cycle_energy)
-            # a board that takes more at rest needs no figure of its work
+            # a board that takes more at rest needs no figure for its work
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
             used = budget.limit + 1 if at_rest else _watts(of, target)
         if used > budget.limit:

@@ -1,8 +1,9 @@
 """What a design costs on a target: instructions or cycles, time, and modelled energy.
 
-The layers stay apart: counts are exact (`counts`), instructions come from tables that the emulated
-firmware wrote, time needs an assumed number of cycles per instruction, and energy a cited constant.
-What has no constant is None, which is shown as unknown.
+The layers are separate: counts are exact (`counts`), instructions come from tables that were
+counted
+on the emulated firmware, time needs an assumed number of cycles per instruction, and energy a cited
+constant. Without a constant the energy is None, which is shown as unknown.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _ZERO = Spread(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Mission:
-    """What a device has to keep up with.
+    """Rates of events and matches that a device has to process.
 
     Attributes
     ----------
@@ -81,7 +82,7 @@ def work(design: Design) -> dict[str, Work]:
 
 @dataclass(frozen=True)
 class Firmware:
-    """What the table beside the C sources says of a processor."""
+    """Figures of a processor in the table next to the C sources."""
 
     compiler: str
     event_selected: int

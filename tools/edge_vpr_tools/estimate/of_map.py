@@ -1,4 +1,4 @@
-"""The design of a device that matches as a saved map says."""
+"""The design of a device for a saved map."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from edge_vpr_tools.report.style import BLUE, ORANGE, figure, name_label, quanti
 
 
 def frontier(found: Sequence[Candidate], cost_of: Callable[[Candidate], float]) -> list[Candidate]:
-    """Those that no other one beats: as accurate or more, at a lower cost."""
+    """Return the designs for which no other is as accurate at a lower cost."""
     best: list[Candidate] = []
     for one in sorted(found, key=lambda c: (cost_of(c), -c.accuracy)):
         if not best or one.accuracy > best[-1].accuracy:

@@ -30,7 +30,7 @@ _SHOWN = 12
 
 
 def show(found: Estimation, *, with_sources: bool = False) -> None:
-    """Print an estimate: the answer first, then what it rests on.
+    """Print an estimate: first the answer, then the tables behind it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What an estimate assumes, what it models from which source, and what is unknown."""
+"""Assumptions, sources and unknown values of an estimate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of each target, and the cited constants: TOML files, and what the user adds."""
+"""Targets and cited constants, from TOML files here and from the user."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a run writes and shows: folders of results, progress, live views."""
+"""Output of a run: folders of results, progress, live views."""

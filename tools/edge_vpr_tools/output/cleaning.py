@@ -1,4 +1,4 @@
-"""Say what cleaning left out of a recording, and warn where it is much."""
+"""Texts on what cleaning removed from a recording, with a warning if it was much."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from edge_vpr.settings import Settings
 from edge_vpr_tools.output.messages import warning
 from edge_vpr_tools.output.provenance import RemovedEvents
 
-#: a larger share of the events is not what single bursts of a sensor make
+#: share of events that a few bursts of a sensor do not reach
 MUCH = 0.05
 
 

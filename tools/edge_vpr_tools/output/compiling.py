@@ -1,4 +1,4 @@
-"""Say that kernels are being compiled, which takes long once on each machine."""
+"""Note that kernels are being compiled, which takes long once on each machine."""
 
 from __future__ import annotations
 

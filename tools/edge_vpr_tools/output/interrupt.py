@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a terminal that is closed as a wish to end well, with files and summary."""
+"""Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def stopped_by_signals(stopping: threading.Event) -> Iterator[None]:
     caught = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.getsignal(number) for number in caught}
     if before[signal.SIGHUP] is signal.SIG_IGN:
-        del before[signal.SIGHUP]  # `nohup` asked to go on
+        del before[signal.SIGHUP]  # `nohup` wants the run to continue
 
     def stop(number: int, frame: FrameType | None) -> None:
         if stopping.is_set():
@@ -39,10 +39,11 @@ _interrupted = threading.Event()
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that nothing half written is left.
+    """Let SIGTERM end the block as Ctrl-C does, so that no incomplete file is left.
 
-    Python drops an interrupt that is raised while a library calls back from C, as Numba does where
-    it loads and looks up kernels. So it is kept in mind, for `check_interrupted`.
+    Python drops an interrupt that is raised in a callback from C, which Numba makes when it loads
+    and
+    looks up kernels. The interrupt is therefore stored for `check_interrupted`.
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:

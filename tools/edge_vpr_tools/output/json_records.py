@@ -1,7 +1,8 @@
-"""Frozen dataclasses as values of JSON, and back: the one door through which such files are read.
+"""Conversion of frozen dataclasses to and from JSON, with all checks of such files.
 
-The names of the fields are the names in the file. Fields that a file has and the class has not are
-passed over, so that a file of a newer version with the same schema can be read.
+The names of the fields are the names in the file. Fields that the class does not have are ignored,
+so
+that a file of a newer version with the same schema can be read.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _NUMBERS = {float: "a number", int: "an integer", str: "text", bool: "true or fa
 
 
 class RecordError(EdgeVprError):
-    """Values out of a file are not those of the record that was expected."""
+    """Values from a file do not fit the expected record."""
 
 
 def to_json(value: Any) -> Any:
@@ -92,7 +93,7 @@ def from_json(kind: type[T], value: object, where: str = "") -> T:
 
 
 def fields_from_json(kind: type[T], values: Mapping[str, Any], where: str = "") -> T:
-    """Build a record of its fields, for a `from_json` that makes some of them itself."""
+    """Build the fields of a record, for a `from_json` that makes some of them itself."""
     record: Any = kind
     given = {}
     for name, hint in _hints(record).items():
@@ -136,7 +137,7 @@ def _value(hint: Any, value: object, where: str) -> Any:
     if hint is Any:
         return value
     if hint in _NUMBERS:
-        # JSON writes 1.0 as 1 in some programs; a truth value is no number
+        # some programs write 1.0 as 1; true and false are not numbers
         fits = isinstance(value, int | float if hint is float else hint)
         if not fits or (isinstance(value, bool) and hint is not bool):
             raise RecordError(f"{where} is {value!r}: expected {_NUMBERS[hint]}")

@@ -1,4 +1,4 @@
-"""The view of a live run on a terminal; it fills the screen, so that a resize leaves nothing."""
+"""The full-screen view of a live run on a terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rich.text import Text
 _SHOWN, _KEPT = 6, 50
 _BAR_WIDTH = 50
 _STALE, _WARNING = "bright_black", "yellow"
-#: What is of no use any more once nothing comes.
+#: Texts that have no meaning once nothing arrives.
 _OF_THE_NEWEST = {"place", "certainty", "latency"}
 
 
@@ -50,14 +50,14 @@ class Panel:
         self.lost = False
 
     def notice(self, kind: str, text: str, *, over: bool) -> None:
-        """Add a notice; it is shown as a warning until one of its kind says that it is over."""
+        """Add a notice, shown as a warning until a notice of its kind says that it is over."""
         self._notices.append(Notice(kind, time.strftime("%H:%M:%S"), text))
         self.settle(kind)
         if not over:
             self._standing.add(kind)
 
     def settle(self, kind: str) -> None:
-        """Show the notices of a kind as ones of the past."""
+        """Show the notices of a kind as past."""
         self._standing.discard(kind)
 
     def show(self, rows: Mapping[str, str], share: float | None, *, stale: bool) -> None:

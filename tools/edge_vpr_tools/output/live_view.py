@@ -1,4 +1,4 @@
-"""What a live run shows: a view on a terminal, plain lines in a pipe, JSON for programs."""
+"""Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from edge_vpr_tools.publishing.match_rows import MatchRows
 from edge_vpr_tools.publishing.publisher import Publisher
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
-#: A silence of so long is told.
+#: Length of a silence that is reported.
 SILENT_S = 1.0
 
 
 class Lags:
-    """How long pieces took from their arrival to their match, in bins of 0.1 ms up to a second."""
+    """Histogram of the time from arrival to match, in bins of 0.1 ms up to a second."""
 
     def __init__(self) -> None:
         self._pieces = np.zeros(10_001, dtype=np.int64)
@@ -40,7 +40,7 @@ class Lags:
         self._pieces[min(int(1e4 * lag_s), self._pieces.size - 1)] += 1
 
     def percentile_ms(self, share: float) -> float | None:
-        """Lag that this share of the pieces stayed under, to 0.1 ms; None without pieces."""
+        """Return the lag below which this share of pieces stayed, to 0.1 ms; None if none."""
         sums = np.cumsum(self._pieces)
         if not sums[-1]:
             return None
@@ -105,18 +105,18 @@ class View:
         if result.matches.size:
             host_us = time.time_ns() // 1_000 - int(1e6 * lag_s)
             lines = list(self._rows.lines(result, host_us))
-            if self._json:  # first: a program at the other end of a pipe waits for this
+            if self._json:  # first: a program may wait at the other end of a pipe
                 self._print(*lines)
             self._last, self.matched = lines[-1], self.matched + len(lines)
             for line in lines:
                 self._hand_on("match", line)
 
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
-        """Say that something happened, or that it is over."""
+        """Report that something happened, or that it is over."""
         self._write({"kind": kind, "text": text})
         if kind == "link":
             self._closed = not over
-        # what a device or the system says may hold anything
+        # texts of a device or of the system can contain anything
         text = printable(text)
         if self._panel is not None:
             self._panel.notice(kind, text, over=over)
@@ -125,13 +125,17 @@ class View:
         elif not (self._json or over):
             warning(text)
 
+    def odometry(self, time_us: int, distance_m: float) -> None:
+        """Write a reading of the odometer."""
+        self._write({"kind": "odometry", "t": time_us, "distance_m": distance_m})
+
     def give_up(self, text: str) -> None:
-        """Say that a file is given up; the run goes on without it."""
+        """Report that a file is given up; the run continues without it."""
         self.unwritten = text
         self.say("file", f"{text}; going on without it")
 
     def tick(self, live: LiveLocaliser) -> None:
-        """Show how things are, if it is time to."""
+        """Update the view, if it is time to."""
         for publisher in self._publishers:
             for text, good in publisher.notices():
                 self.say(publisher.name, text, over=good)
@@ -154,12 +158,12 @@ class View:
             self._print(" | ".join(self._said(health, live.filled).values()))
 
     def summary(self, health: Health, bursts_removed: int) -> None:
-        """Say how it went."""
+        """Write the summary of the run."""
         self._write({**self._health(health), "kind": "summary", "matches": self.matched})
         if self._quiet:
             return
         if self._panel is not None:
-            # notices go with the screen
+            # notices disappear with the screen
             self._panel.close()
             self._print(*self._panel.history())
         seconds = time.monotonic() - self._begin
@@ -183,7 +187,7 @@ class View:
         }
 
     def _said(self, health: Health, filled: float) -> dict[str, str]:
-        """Name what there is to say, and say it."""
+        """Report new notices."""
         said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
         if (silent_s := self._silent_s()) > SILENT_S:
             said["silent"] = f"nothing came for {silent_s:.0f} s"
@@ -215,12 +219,12 @@ class View:
         return time.monotonic() - self._heard
 
     def _position(self) -> float:
-        """Share of the route that lies behind the newest match."""
+        """Share of the route before the newest match."""
         assert self._last is not None
         return float(json.loads(self._last)["place"] / max(1, self._places - 1))
 
     def _share(self, filled: float) -> float:
-        """Share of the route, or of the first sequence until it is full."""
+        """Share of the route, or of the first sequence until it is complete."""
         return filled if self._last is None else self._position()
 
     def _write(self, row: dict[str, Any]) -> None:
@@ -230,7 +234,7 @@ class View:
             self._print(text)
 
     def _hand_on(self, kind: str, text: str) -> None:
-        """Give a row to the publishers and to the log."""
+        """Pass a row to the publishers and to the log."""
         for publisher in self._publishers:
             publisher.send(kind, text)
         if self._log is not None:
@@ -243,9 +247,9 @@ class View:
                 self.give_up(ends_early(name, error))
 
     def _print(self, *text: str) -> None:
-        """Print lines at once; a reader that has gone ends the run well.
+        """Print lines at once; end the run in an orderly way if the reader has gone.
 
-        So does a second signal while the reader neither goes nor reads.
+        A second signal ends it too, if the reader does not read.
         """
         try:
             if text:
@@ -259,7 +263,7 @@ class View:
 
 
 def ends_early(path: str, error: OSError) -> str:
-    """Say that no more can be written to a file."""
+    """Report that no more can be written to a file."""
     return (
         f"{printable(path)} ends early: {error.strerror}: check its permissions and the free space"
     )
@@ -283,6 +287,6 @@ def open_view(
                 yield View(as_json, file, reference, panel, publishers)
     finally:
         if file is not None:
-            # lines are flushed as they are written, and what failed then was told then
+            # every line was flushed when written, and failures were reported then
             with suppress(OSError):
                 file.close()

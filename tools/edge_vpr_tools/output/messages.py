@@ -1,4 +1,4 @@
-"""Notes on standard error and summaries on standard output, as ``-q`` and ``-v`` ask for."""
+"""Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from edge_vpr.errors import escaped, printable
 
 
 class Verbosity(IntEnum):
-    """How much a command says while it runs."""
+    """How much a command prints while it runs."""
 
     QUIET = -1
     NORMAL = 0
@@ -23,7 +23,7 @@ _now = [Verbosity.NORMAL]
 
 @contextmanager
 def verbosity(level: Verbosity) -> Iterator[None]:
-    """Say as much as `level` within the block."""
+    """Print as much as `level` allows within the block."""
     _now.append(level)
     try:
         yield
@@ -32,18 +32,18 @@ def verbosity(level: Verbosity) -> Iterator[None]:
 
 
 def is_quiet() -> bool:
-    """Whether neither progress nor notes nor summaries are wanted."""
+    """Return whether progress, notes and summaries are off."""
     return _now[-1] <= Verbosity.QUIET
 
 
 def summary(text: str) -> None:
-    """Print what a command wrote, a line on standard output; not if quiet."""
+    """Print a line of the summary on standard output; not if quiet."""
     if not is_quiet():
         answer(text)
 
 
 def answer(text: str) -> None:
-    """Print a line that a command was asked for, on standard output, whatever was asked for."""
+    """Print a line of a command's result on standard output, even if quiet."""
     print(escaped(text), flush=True)
 
 
@@ -54,24 +54,24 @@ def note(text: str) -> None:
 
 
 def detail(text: str) -> None:
-    """Print a line on standard error if more was asked for."""
+    """Print a line on standard error if verbose."""
     if _now[-1] >= Verbosity.VERBOSE:
         _line(text)
 
 
 def detail_settings(settings: Mapping[str, object]) -> None:
-    """Print each setting in effect, if more was asked for."""
+    """Print each setting in effect if verbose."""
     for name, value in settings.items():
         detail(f"setting {name} = {value}")
 
 
 def warning(text: str) -> None:
-    """Print a warning on standard error, whatever was asked for."""
+    """Print a warning on standard error, even if quiet."""
     _line(f"warning: {text}")
 
 
 def error_line(text: str) -> None:
-    """Print why a command ended, on standard error."""
+    """Print the error that ended a command, on standard error."""
     _line(text)
 
 

@@ -48,7 +48,7 @@ class Tracked:
             TextColumn("left:"),
             TimeRemainingColumn(),
         )
-        # transient: the bar goes when the pass ends, and the command's own lines stay
+        # transient: the bar disappears when the pass ends, and the lines of the command stay
         with Progress(*columns, console=console, transient=True) as progress:
             task = progress.add_task(self._label, total=None, events="")
             n = 0
@@ -78,12 +78,12 @@ def tracked(recording: Any, label: str) -> Any:
 
 
 def keep_shown(recording: SimulatedRecording, label: str) -> SimulatedRecording:
-    """Simulate a drive under a progress bar, and hold its events in memory."""
+    """Simulate a drive with a progress bar, and keep its events in memory."""
     return recording.keep(partial(tracked, label=label))
 
 
 @contextmanager
 def status(text: str) -> Iterator[Callable[[str], None]]:
-    """Show what is being done, on a terminal; give a function that shows what is next."""
+    """Show the present stage on a terminal; yield a function that shows the next one."""
     with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
         yield shown.update

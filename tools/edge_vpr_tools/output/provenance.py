@@ -17,7 +17,7 @@ from edge_vpr.archive import damaged, replacing
 from edge_vpr.errors import MapError
 from edge_vpr_tools.output.json_records import LEFT_OUT, to_json
 
-#: longer files are told by their size and beginning: hashing 3 GB takes longer than mapping them
+#: longer files are identified by size and beginning: hashing 3 GB takes longer than mapping them
 _HASHED_BYTES = 64 << 20
 
 
@@ -50,7 +50,7 @@ class InputFile:
 
 @dataclass(frozen=True)
 class RemovedEvents:
-    """Events that cleaning left out of a recording."""
+    """Numbers of events that cleaning removed from a recording."""
 
     events_read: int
     burst_events: int
@@ -60,7 +60,7 @@ class RemovedEvents:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run: what `run.json` holds.
+    """The record of a run, stored as `run.json`.
 
     Attributes
     ----------
@@ -122,11 +122,11 @@ def run_record(
 
 
 def processor_name() -> str:
-    """Name the processor as the system does."""
+    """Return the name of the processor from the system."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             key, _, value = line.partition(":")
-            # "Model" is how a Raspberry Pi names its board
+            # "Model" is the name of the board on a Raspberry Pi
             if key.strip() in ("model name", "Model"):
                 return value.strip()
     except OSError:

@@ -1,4 +1,4 @@
-"""Say by how much a query's mounting has moved."""
+"""Report of the shift of a query's image."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from edge_vpr_tools.runs.registration import Mounted
 
 
 def report_shift(found: Mounted, mapped: ReferenceMap) -> None:
-    """Warn of a shift, or say that none is clear; say nothing where none was asked for.
+    """Warn of a shift, or note that there is no clear one; nothing without registration.
 
     Parameters
     ----------
@@ -25,5 +25,5 @@ def report_shift(found: Mounted, mapped: ReferenceMap) -> None:
     lost = len(mapped.pixel_map) - len(found.reference.pixel_map)
     warning(
         f"the camera's image is shifted by ({shift.dx}, {shift.dy}) pixels: the map's pixels are "
-        f"moved, {lost} of {len(mapped.pixel_map)} are lost: fix the mounting, or map anew"
+        f"moved, {lost} of {len(mapped.pixel_map)} are lost: fix the mounting, or make a new map"
     )

@@ -1,4 +1,4 @@
-"""What a live run sends to the Rerun viewer: events as pictures, and curves of the matches."""
+"""Output of a live run in the Rerun viewer: events as pictures, matches as curves."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from edge_vpr.errors import MissingExtraError
 from edge_vpr.events import Sensor
 from edge_vpr.stream.live import LiveResult
 
-#: A picture shows the events of so long.
+#: Time span of the events in a picture.
 PICTURE_US = 33_000
 _ON, _OFF, _NONE = (255, 255, 255), (70, 110, 255), (20, 20, 20)
 
 
 class RerunView:
-    """Sends pictures and matches on the stream's own clock.
+    """Sends pictures and matches, with times on the clock of the stream.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class RerunView:
             self._picture[part["y"], part["x"]] = colours
         matches = result.matches
         if matches.size:
-            # of one piece the newest match is enough for the eye
+            # only the newest match of a piece is visible
             match = matches[-1]
             self._recording.set_time("stream", duration=match["t"] / 1e6)
             self._recording.log("match/place", rerun.Scalars(float(match["place"])))

@@ -1,4 +1,4 @@
-"""A folder of results: whole or not there at all."""
+"""Folders of results, which are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 def check_output_folder(
     path: Path, overwrite: bool, inputs: Iterable[str | Path | None] = ()
 ) -> None:
-    """Refuse a folder that cannot be written, before any work is done.
+    """Check that a folder can be written, before any work is done.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def check_output_folder(
 
 
 def check_parent(path: Path) -> None:
-    """Refuse an output whose folder is missing or not writable, before any work is done.
+    """Check that the folder of an output exists and is writable, before any work is done.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _is_ours(file: Path) -> bool:
 
 @contextmanager
 def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Give an empty folder that becomes `path` when the block ends well, see `replacing_folder`.
+    """Yield an empty folder that becomes `path` if the block succeeds, see `replacing_folder`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Tables of measured values as CSV files, with names out of files in them."""
+"""CSV files of measured values, which also contain names from files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from edge_vpr.archive import replacing
 from edge_vpr.errors import printable
 
-#: a spreadsheet takes a cell that begins so for a formula, which may run programs
+#: a spreadsheet takes a cell that begins like this as a formula, which can run programs
 _OF_FORMULAS = ("=", "+", "-", "@")
 
 

@@ -1,4 +1,4 @@
-"""Tables and lines on the terminal, in a width of their own where the output is no terminal."""
+"""Tables and lines on the terminal, with a fixed width if the output is a file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich.text import Text
 
 from edge_vpr.errors import escaped
 
-#: columns of a table that goes into a file
+#: width of a table in a file, in characters
 WIDTH = 118
 
 
@@ -43,12 +43,12 @@ def table(
 
 
 def say(text: str, *, width: int = WIDTH, markup: bool = False, quiet: bool = False) -> None:
-    """Print a paragraph, see `table`; `markup` is for texts without a word out of a file."""
+    """Print a paragraph, see `table`; use `markup` only for texts without words from a file."""
     _console(width, quiet).print(text if markup else _plain(text), highlight=False)
 
 
 def _plain(text: str) -> Text:
-    """Return text without mark-up and escapes, which names of files and devices may hold."""
+    """Return text without the mark-up and escapes that names of files and devices can contain."""
     return Text("\n".join(map(escaped, text.split("\n"))))
 
 

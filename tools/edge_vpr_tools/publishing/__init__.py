@@ -1,1 +1,1 @@
-"""Matches of a live run for other programs: rows of JSON, over TCP and MQTT."""
+"""Publishing of live matches to other programs: rows of JSON, over TCP and MQTT."""

@@ -1,4 +1,4 @@
-"""Rows of JSON, a line each, for every program that connects to a TCP port."""
+"""Server that sends rows of JSON, one in each line, to every program that connects."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from edge_vpr.errors import UsageError
 from edge_vpr.stream.link import LinkError
 from edge_vpr.stream.network_links import bracketed
 
-#: Lines that wait for one reader; of more, the oldest are left out for it.
+#: Largest number of lines that wait for a reader; beyond it, its oldest lines are left out.
 WAITING_LINES = 1_000
-#: Readers at once; another is turned away.
+#: Largest number of readers; others are refused.
 MOST_READERS = 32
-#: What the system keeps for a slow reader, in bytes.
+#: Buffer of the system for a slow reader, in bytes.
 _SYSTEM_BYTES = 65_536
-#: At the end, so long is waited for readers to take what waits for them.
+#: Time at the end for readers to read their waiting lines, in seconds.
 _LAST_S = 1.0
 _ADDRESS = re.compile(r"(?:(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]*)):)?(?P<port>\d{1,5})")
 
@@ -51,7 +51,7 @@ def parse_address(address: str) -> tuple[str, int]:
 
 
 class _Reader:
-    """One connection, and what waits for it."""
+    """A connection and the lines that wait for it."""
 
     def __init__(self, sock: socket.socket) -> None:
         self.socket = sock
@@ -60,7 +60,7 @@ class _Reader:
         self._rest = b""
 
     def add(self, line: bytes) -> None:
-        """Keep a line, in place of the oldest if too many wait."""
+        """Add a line, in place of the oldest if too many wait."""
         if len(self.lines) == WAITING_LINES:
             self.lines.popleft()
             self.left_out += 1
@@ -72,7 +72,7 @@ class _Reader:
         return bool(self._rest or self.lines)
 
     def next_bytes(self) -> bytes:
-        """Return what is to be sent next; lines are left out whole, and their number is sent."""
+        """Return the next bytes to send; the number of lines left out is sent in their place."""
         if not self._rest:
             if self.left_out:
                 note = {"kind": "left_out", "lines": self.left_out}
@@ -88,10 +88,10 @@ class _Reader:
 
 
 class LineServer:
-    """Sends each row to every reader; what a reader sends is thrown away.
+    """Sends each row to every reader; bytes from readers are ignored.
 
-    A slow reader loses lines of its own, and gets a row ``{"kind": "left_out", "lines": n}`` where
-    they were. Rows are not kept for readers that come later.
+    A slow reader loses only its own lines, and gets a row ``{"kind": "left_out", "lines": n}`` in
+    their place. Rows are not stored for readers that connect later.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class LineServer:
             yield self._notices.popleft()
 
     def close(self) -> None:
-        """Let readers take what waits for them, for a second, and close; once is enough."""
+        """Give readers a second to read waiting lines, then close; may be called again."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -168,7 +168,7 @@ class LineServer:
         self.close()
 
     def _rouse(self) -> None:
-        # full: the thread is about to look anyway
+        # full: the thread will wake up anyway
         with suppress(BlockingIOError):
             self._wake.send(b"\0")
 
@@ -224,7 +224,7 @@ class LineServer:
             self._leave(reader)
 
     def _listen_to(self, reader: _Reader) -> None:
-        """Ask for the socket's readiness to send only while something waits."""
+        """Wait for the socket to be ready to send only while lines wait."""
         wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if reader.waits else 0)
         if self._selector.get_key(reader.socket).events != wanted:
             self._selector.modify(reader.socket, wanted, reader)

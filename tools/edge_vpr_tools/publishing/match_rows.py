@@ -1,4 +1,4 @@
-"""The row of JSON that a live match is."""
+"""Conversion of live matches to rows of JSON."""
 
 from __future__ import annotations
 
@@ -61,9 +61,9 @@ class MatchRows:
             yield row
 
     def lines(self, result: LiveResult, host_us: int) -> Iterator[str]:
-        """Yield the rows of `of` as text, in a third of the time.
+        """Yield the rows of `of` as text, which takes a third of the time.
 
-        A reader waits for each of them.
+        The time matters because a reader waits for each row.
 
         Parameters
         ----------

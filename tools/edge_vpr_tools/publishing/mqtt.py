@@ -1,4 +1,4 @@
-"""Rows of JSON for a broker of MQTT."""
+"""Publisher that sends rows of JSON to an MQTT broker."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from urllib.parse import unquote
 
 from edge_vpr.errors import MissingExtraError, UsageError
 
-#: Messages that wait for the broker; of more, the newest are left out.
+#: Largest number of messages that wait for the broker; beyond it, the newest are left out.
 WAITING_MESSAGES = 1_000
-#: The environment's variable of the password; an argument could be read by other users.
+#: Environment variable with the password; other users could read an argument.
 PASSWORD = "EDGE_VPR_MQTT_PASSWORD"
 _KEEP_ALIVE_S = 10
 _LAST_S = 1.0
@@ -28,7 +28,7 @@ _URL = re.compile(
 
 
 class Broker(NamedTuple):
-    """Where messages go.
+    """Address of a broker, and topic of the messages.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Broker(NamedTuple):
 
 
 def parse_url(url: str) -> Broker:
-    """Return what ``mqtt://[USER@]HOST[:PORT]/TOPIC`` names.
+    """Parse ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
 
     Raises
     ------
@@ -73,9 +73,9 @@ def parse_url(url: str) -> Broker:
 
 
 class MqttPublisher:
-    """Hands rows to a client of paho-mqtt, which connects again by itself.
+    """Passes rows to a client of paho-mqtt, which reconnects by itself.
 
-    Messages are sent once (QoS 0). While there is no broker, none are kept.
+    Messages are sent with QoS 0. While there is no broker, they are not stored.
 
     Parameters
     ----------
@@ -118,20 +118,20 @@ class MqttPublisher:
         self._tried.wait(seconds)
 
     def close(self) -> None:
-        """Let the broker take what waits for it, for a second, and leave it."""
+        """Give the broker a second to receive waiting messages, then disconnect."""
         end = time.monotonic() + _LAST_S
         while self._there.is_set() and self._waiting and time.monotonic() < end:
             time.sleep(0.01)
         self._client.on_disconnect = None
         self._client.disconnect()
         if self._waiting and (sock := self._client.socket()) is not None:
-            # or the client would wait for a broker that hangs until it misses a ping
+            # otherwise the client would wait for a hanging broker until a ping times out
             with suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
 
     def _say(self, text: str, good: bool) -> None:
-        if text != self._said:  # each attempt fails alike
+        if text != self._said:  # each attempt fails in the same way
             self._said = text
             self._notices.append((text, good))
         self._tried.set()
@@ -162,7 +162,7 @@ class MqttPublisher:
 
 @contextmanager
 def open_mqtt(url: str) -> Iterator[MqttPublisher]:
-    """Connect to a broker; one that is not there is tried again while the run goes on.
+    """Connect to a broker; if it cannot be reached, try again during the run.
 
     Parameters
     ----------

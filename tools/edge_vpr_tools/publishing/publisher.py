@@ -1,4 +1,4 @@
-"""What carries the rows of a live run to other programs, and how it is named on a command line."""
+"""Interface of publishers, which send the rows of a live run to other programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from edge_vpr_tools.publishing.mqtt import open_mqtt
 
 
 class Publisher(Protocol):
-    """Takes rows without ever waiting for those that read them.
+    """Sends rows to readers, without ever waiting for a reader.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class Publisher(Protocol):
     name: str
 
     def send(self, kind: str, line: str) -> None:
-        """Hand over a row of JSON.
+        """Send a row of JSON.
 
         Parameters
         ----------
@@ -33,12 +33,12 @@ class Publisher(Protocol):
         """
 
     def notices(self) -> Iterator[tuple[str, bool]]:
-        """Yield what happened since the last call, and whether it is good."""
+        """Yield what happened since the last call, and whether it is good news."""
 
 
 @contextmanager
 def open_publishers(serve: str | None, mqtt: str | None) -> Iterator[tuple[Publisher, ...]]:
-    """Open what was asked for, until the block ends.
+    """Open the requested publishers, until the block ends.
 
     Parameters
     ----------

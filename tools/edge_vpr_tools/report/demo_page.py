@@ -1,4 +1,4 @@
-"""The report of the demo: its table, what the table shows, and the figures."""
+"""The report of the demo: table, remarks on it, and figures."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ HEADER = ("variant", "P@100R", "R@99P", "us per match", "bytes per place")
 
 
 def remarks(trials: dict[str, Trial], latencies: dict[str, Latency]) -> list[str]:
-    """Return what the table shows, in a line each, and the latencies."""
+    """Return remarks on the table, one line each, and the latencies."""
     return [*_reading(trials), _latency_line(latencies)]
 
 
 def _reading(trials: dict[str, Trial]) -> list[str]:
-    """Say in one line each what the table shows, whatever it shows."""
+    """Yield remarks on the table, worded for its actual values."""
     share = {name: trial.evaluation.precision_at_100_recall for name, trial in trials.items()}
 
     def compare(claim: str, first: str, second: str) -> str:

@@ -31,7 +31,7 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
     what = "mean" if reference.settings.strategy == "seed-code" else "variance"
     with figure(7.0, 1.5 + 5.2 * sensor.height / sensor.width) as (drawing, axes):
         shown = np.where(reference.hot, np.nan, reference.saliency)
-        # a few pixels may vary a thousand times more than most: a root keeps the others visible
+        # a few pixels can vary a thousand times more than most: the root keeps the others visible
         image = axes.imshow(np.sqrt(shown), cmap="cividis", interpolation="nearest")
         axes.scatter(
             reference.pixel_map.x,
@@ -66,7 +66,7 @@ def distance_matrix(
     query_scale: Scale | None = None,
     place_scale: Scale | None = None,
 ) -> Figure:
-    """Draw the distances of all places to all queries, the matches, and where they should be.
+    """Draw the distances of all places to all queries, the matches, and the true places.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
 
 
 def reliability_diagram(found: Reliability) -> Figure:
-    """Draw how often matches are right against the probability that they were given."""
+    """Draw the share of right matches against their stated probability."""
     with figure(6.5, 5.2) as (drawing, axes):
         axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="probability equals share")
         axes.plot(found.probability, found.right, color=BLUE, lw=1.5)
@@ -210,7 +210,7 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
 
 
 def online_places(matches: Matches, place_scale: Scale | None = None) -> Figure:
-    """Draw which place was matched when; matches of little trust are light.
+    """Draw the matched places over time; matches with little trust are light.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def online_places(matches: Matches, place_scale: Scale | None = None) -> Figure:
         Of the map's places: a second axis.
     """
     with figure(7.5, 5.0) as (drawing, axes):
-        # a picture shows no more than some ten thousand points
+        # more than some ten thousand points cannot be distinguished in a picture
         shown = matches.every(1 + len(matches) // 20_000)
         points = axes.scatter(
             shown.time_us / 1e6, shown.place, c=shown.trust, s=3, cmap="cividis_r", rasterized=True
@@ -239,7 +239,7 @@ def online_places(matches: Matches, place_scale: Scale | None = None) -> Figure:
 def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-def]
     places, queries = truth.correct.shape
     widened = truth.correct.copy()
-    # one place among hundreds would be thinner than a pixel of the picture
+    # one of hundreds of places would be thinner than a pixel of the picture
     for shift in range(1, 1 + places // 250):
         widened[shift:] |= truth.correct[:-shift]
         widened[:-shift] |= truth.correct[shift:]

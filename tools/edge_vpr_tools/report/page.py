@@ -17,9 +17,9 @@ from edge_vpr.archive import replacing
 
 #: Matplotlib draws at 130 dots an inch, a browser shows 96
 _SHOWN = 96 / 130
-#: longer cells are read as text, also where they begin with a figure
+#: longer cells are text, even if they begin with a number
 _LONGEST_NUMBER = 28
-#: a figure, and behind it a space, a per cent sign or nothing; or a dash
+#: a number, followed by a space, a per cent sign or nothing; or a dash
 _NUMBER = re.compile(r"(-?\d[\d,.]*(e[+-]?\d+)?|-)([ %]|$)")
 
 
@@ -37,7 +37,7 @@ class _Table:
 
     @property
     def is_number(self) -> tuple[bool, ...]:
-        """Whether each column holds numbers, which are aligned on the right."""
+        """Return whether each column holds numbers, which are aligned on the right."""
         columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
         return tuple(any(column) and all(map(_is_number, column)) for column in columns)
 
@@ -95,7 +95,7 @@ class Page:
     def picture(self, png: bytes, caption: str) -> None:
         """Add a PNG, which becomes a part of the page's file."""
         data = base64.b64encode(png).decode("ascii")
-        # the browser keeps the room of a picture free while it decodes it
+        # with the size, the browser reserves room for a picture before it is decoded
         width, height = struct.unpack(">II", png[16:24])
         shown = (round(width * _SHOWN), round(height * _SHOWN))
         self._sections[-1].parts.append(_Picture(data, caption, *shown))
@@ -123,5 +123,5 @@ class Page:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether a cell is a short figure, perhaps with its unit, bounds or spread."""
+    """Return whether a cell is a short number, perhaps with unit, bounds or spread."""
     return not cell or (len(cell) <= _LONGEST_NUMBER and _NUMBER.match(cell) is not None)

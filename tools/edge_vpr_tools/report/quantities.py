@@ -1,4 +1,4 @@
-"""How a quantity is written: in the prefix that suits it, with its bounds."""
+"""Text of quantities, with a suitable unit prefix and with bounds."""
 
 from __future__ import annotations
 

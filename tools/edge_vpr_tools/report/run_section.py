@@ -1,4 +1,4 @@
-"""The section of a report that says how it was made: settings, versions, machine and inputs."""
+"""The section of a report on settings, versions, machine and inputs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NAMES = {"edge-vpr": "edge-vpr", "python": "Python", "numpy": "NumPy", "numba":
 
 
 def add_run(page: Page, record: Mapping[str, Any]) -> None:
-    """Add what ``run.json`` holds.
+    """Add the contents of ``run.json``.
 
     Parameters
     ----------

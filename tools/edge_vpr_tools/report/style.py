@@ -30,7 +30,7 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#000000",
 )
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
-#: curves that lie on one another stay apart; 7 colours and 5 dashes make 35 different curves
+#: 7 colours and 5 dashes make 35 different curves, which are distinguishable where they overlap
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
 
 _RC: dict[Any, Any] = {
@@ -47,7 +47,7 @@ _RC: dict[Any, Any] = {
 
 @contextmanager
 def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Axes]]:
-    """Give a figure with one pair of axes, in the house style; sizes in inches."""
+    """Return a figure with one pair of axes in the common style; sizes in inches."""
     with mpl.rc_context(_RC):
         drawing = Figure(figsize=(width, height))
         FigureCanvasAgg(drawing)
@@ -55,7 +55,7 @@ def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Ax
 
 
 def name_label(name: str) -> str:
-    r"""Return a file's or variant's name for a figure, where dollars would make it a formula.
+    r"""Return a name as a label for a figure, with dollar signs escaped.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def name_label(name: str) -> str:
 def quantity_axis(axis: Axis, unit: str) -> None:
     """Write the unit at each tick of an axis, 2 mJ and not 0.002; logarithmic from a decade on.
 
-    To be called when all is drawn.
+    Call it when everything is drawn.
     """
     low, high = axis.get_data_interval()
     decades = math.log10(high / low) if 0 < low < high else 0.0

@@ -1,4 +1,4 @@
-"""The report of one matched drive: its figures as files, and a page that holds them all."""
+"""The report of a matched drive: its figures as files, and one page with all of them."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _add_queries(
     found: Evaluation | None,
     scales: tuple[Scale, Scale],
 ) -> None:
-    """Draw what needs the query's descriptors; `scales` are of queries and places."""
+    """Draw the figures that need the query's descriptors; `scales` are of queries and places."""
     drives = [
         (name, reference.decoded(drive))
         for name, drive in (("reference", reference.places), ("query", queries))
@@ -172,7 +172,7 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
 
 
 def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
-    """List what is known of probabilities and of queries that are not on the map."""
+    """Return figures on probabilities, and on queries that are not on the map."""
     rejection = found.rejection
     named: list[tuple[str, float | int | None, str]] = []
     if found.reliability is not None:

@@ -1,1 +1,1 @@
-"""The jobs of the commands as functions: map, match, calibrate, and count a recording."""
+"""The work of the commands as functions: map, match, calibrate, summarise a recording."""

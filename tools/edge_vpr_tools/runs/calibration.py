@@ -1,4 +1,4 @@
-"""The table of probabilities of a map, learnt from a drive whose truth is known."""
+"""Learning the table of probabilities of a map from a drive with ground truth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edge_vpr.reference_map import ReferenceMap
 
 
 class Calibrated(NamedTuple):
-    """A map with a table of probabilities, and how far they are off.
+    """A map with a table of probabilities, and their error.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
-    """Learn how probable it is that a match is right.
+    """Learn the probability that a match is right.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A live run from a camera on a line: it is matched with a map, or recorded to learn one."""
+"""A live run with a camera on a line: matching with a map, or recording to make one."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
+import numpy as np
+
 from edge_vpr.errors import RecordingError, printable
+from edge_vpr.evaluation.odometry_files import save_odometry
 from edge_vpr.events import Events, Sensor
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import open_recording, write_recording
@@ -28,6 +32,7 @@ from edge_vpr_tools.output.live_view import open_view
 from edge_vpr_tools.output.rerun_view import open_rerun
 from edge_vpr_tools.publishing.publisher import open_publishers
 from edge_vpr_tools.runs.live_events import live_events
+from edge_vpr_tools.runs.live_odometer import OdometerReader
 from edge_vpr_tools.runs.mapping import map_recording
 
 
@@ -50,6 +55,8 @@ class Line:
     drop : bool or None
         See `LinkReader`.
     max_lag_s : float
+    busy_wait : bool
+        See `LinkReader`.
     """
 
     port: str
@@ -60,11 +67,12 @@ class Line:
     once: bool = False
     drop: bool | None = None
     max_lag_s: float = MAX_LAG_S
+    busy_wait: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveOutput:
-    """Where a live run goes.
+    """Outputs of a live run.
 
     Attributes
     ----------
@@ -95,9 +103,11 @@ def follow_line(
     every: MatchSchedule | None = None,
     *,
     causal_bursts: bool = False,
+    odometry: str | None = None,
+    readings: dict[int, int] | None = None,
     drive: Path | None = None,
 ) -> None:
-    """Open everything, follow the stream to its end, and close everything whatever happens.
+    """Open everything, process the stream to its end, and close everything in any case.
 
     Parameters
     ----------
@@ -109,6 +119,10 @@ def follow_line(
         When to give a match.
     causal_bursts : bool
         See `LiveLocaliser`.
+    odometry : str, optional
+        Where the robot's odometer is read, see `open_link`.
+    readings : dict of int to int, optional
+        Gets the odometer's readings, in millimetres, by their time in microseconds.
     drive : path, optional
         File of events that the run is there for: its failure is the run's.
 
@@ -118,7 +132,9 @@ def follow_line(
         If the link cannot be opened or fails, or a file cannot be written.
     """
     decoder = open_decoder(line.protocol, line.sensor)
-    live = LiveLocaliser(decoder, reference, every, causal_bursts=causal_bursts)
+    live = LiveLocaliser(
+        decoder, reference, every, causal_bursts=causal_bursts, odometry=odometry is not None
+    )
     decoder.warm_up()
     with ExitStack() as stack:
         rerun = stack.enter_context(open_rerun(output.rerun, line.sensor))
@@ -133,9 +149,14 @@ def follow_line(
             retry=not line.once,
             drop=line.drop,
             max_lag_s=line.max_lag_s,
+            busy_wait=line.busy_wait,
         )
         stack.callback(reader.stop)
-        # files only now, or a camera that is not there would cost the run before
+        odometer = None
+        if odometry is not None:
+            odometer = OdometerReader(odometry, retry=not line.once, readings=readings)
+            stack.callback(odometer.stop)
+        # files are opened last, so that a missing camera does not overwrite the run before
         publishers = stack.enter_context(open_publishers(output.serve, output.mqtt))
         view = stack.enter_context(open_view(output.as_json, output.log, reference, publishers))
         raw = [
@@ -143,7 +164,7 @@ def follow_line(
             for name in output.record
             if Path(name).suffix == ".bin"
         ]
-        events = live_events(reader, live, view, raw, rerun, stopping)
+        events = live_events(reader, live, view, raw, rerun, odometer, stopping)
         files = [Path(name) for name in output.record if Path(name).suffix != ".bin"]
         try:
             if drive is not None:
@@ -182,9 +203,9 @@ def _record(
 
 
 def learn_map(
-    line: Line, output: LiveOutput, settings: Settings, target: Path
+    line: Line, output: LiveOutput, settings: Settings, target: Path, odometry: str | None = None
 ) -> tuple[ReferenceMap, Removed]:
-    """Record a drive beside the map that is to be, and make it; a drive without a map is kept.
+    """Record a drive and make its map; keep the drive if it gives no map.
 
     Parameters
     ----------
@@ -194,24 +215,46 @@ def learn_map(
         Of the map.
     target : path
         File of the map.
+    odometry : str, optional
+        Where the robot's odometer is read; the map has the distances between its places then.
 
     Raises
     ------
     EdgeVprError
         As `follow_line`, and if the drive makes no map.
     """
+    readings: dict[int, int] = {}
     with work_folder(target) as folder:
         drive = folder / "drive.npz"
         try:
-            follow_line(line, output, drive=drive)
-            reference, removed, _ = map_recording(open_recording(drive), settings)
+            follow_line(line, output, odometry=odometry, readings=readings, drive=drive)
+            reference, removed, _ = map_recording(
+                open_recording(drive), settings, odometry=_odometry_of(readings)
+            )
             reference.save(target)
             drive.unlink()
         finally:
             if drive.exists():
-                names = (target.with_name(f"{target.stem}_drive{n or ''}.npz") for n in count())
-                kept = next(name for name in names if not name.exists())
-                drive.replace(kept)
-                kept_as = f"edge-vpr map {printable(kept)} -o {printable(target)}"
-                print(f"the drive is kept: {kept_as}", file=sys.stderr)
+                _keep_drive(drive, target, _odometry_of(readings))
     return reference, removed
+
+
+def _odometry_of(readings: dict[int, int]) -> Odometry | None:
+    if not readings:
+        return None
+    return Odometry(
+        np.array(list(readings), dtype=np.int64), np.array(list(readings.values()), dtype=np.int64)
+    )
+
+
+def _keep_drive(drive: Path, target: Path, odometry: Odometry | None) -> None:
+    """Keep a drive that gave no map, and print how to continue with it."""
+    stems = (target.with_name(f"{target.stem}_drive{n or ''}") for n in count())
+    kept = next(stem.with_suffix(".npz") for stem in stems if not stem.with_suffix(".npz").exists())
+    drive.replace(kept)
+    words = ["edge-vpr", "map", printable(kept), "-o", printable(target)]
+    if odometry is not None:
+        table = kept.with_suffix(".csv")
+        save_odometry(table, odometry)
+        words += ["--odometry", printable(table)]
+    print(f"the drive is kept: {' '.join(words)}", file=sys.stderr)

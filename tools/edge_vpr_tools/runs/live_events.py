@@ -1,4 +1,4 @@
-"""The loop of a live run: bytes are taken, matched and shown, and the line is watched."""
+"""The loop of a live run: takes bytes, matches them, shows results, and watches the line."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from edge_vpr.stream.link_reader import LinkReader
 from edge_vpr.stream.live import LiveLocaliser, LiveResult
 from edge_vpr_tools.output.live_view import SILENT_S, View, ends_early
 from edge_vpr_tools.output.rerun_view import RerunView
+from edge_vpr_tools.runs.live_odometer import OdometerReader
 
-#: More than a protocol's beginning takes, and than a bad line puts together by chance.
+#: Bytes and events before a warning: more than the start of a protocol, or chance on a bad line,
+#: can make undecodable.
 SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
 
 
 class LineWatch:
-    """Says once when a line falls silent, is lost, or brings what makes no sense.
+    """Reports once when a line becomes silent, is lost, or sends bytes that cannot be decoded.
 
     Parameters
     ----------
@@ -36,11 +38,11 @@ class LineWatch:
         self._remark = self._senseless = self._stranger = ""
 
     def heard(self, at_s: float) -> None:
-        """Note that bytes came."""
+        """Note that bytes have arrived."""
         self._heard_s, self._silent = at_s, False
 
     def look(self, *, nothing_came: bool) -> None:
-        """Say what has changed since the last call."""
+        """Report what has changed since the last call."""
         if nothing_came:
             self._look_at_silence()
         health, decoder, reader, view = (
@@ -79,6 +81,7 @@ def live_events(
     view: View,
     raw: Sequence[FileIO],
     rerun: RerunView | None,
+    odometer: OdometerReader | None,
     stopping: threading.Event,
 ) -> Iterator[Events]:
     """Yield the stream's events while it is matched and shown.
@@ -91,6 +94,7 @@ def live_events(
     raw : sequence of file
         Get the bytes as they came.
     rerun : RerunView or None
+    odometer : OdometerReader or None
     stopping : threading.Event
         Ends the run when it is set.
 
@@ -107,11 +111,13 @@ def live_events(
         result: LiveResult | None = None
         health.line_errors = reader.line_errors
         if chunk is not None:
-            _write_raw(files, chunk.data, view)  # first, or a mistake of ours could not be repeated
+            _write_raw(files, chunk.data, view)  # first, so that errors can be reproduced
             came_us = int((chunk.at_s - begin_s) * 1e6)
             result = live.feed(chunk.data, came_us, lost=chunk.lost, reopened=chunk.reopened)
             view.matches(result, time.monotonic() - chunk.at_s)
             watch.heard(chunk.at_s)
+        if odometer is not None:
+            odometer.look(live, view)
         watch.look(nothing_came=chunk is None)
         reader.send(live.decoder.to_send(time.monotonic()))
         if result is not None:
@@ -144,7 +150,7 @@ def _senseless(health: Health) -> str:
 
 
 def _write_raw(raw: list[FileIO], data: bytes, view: View) -> None:
-    """Write bytes to all files; one that cannot be written is given up."""
+    """Write bytes to all files; close a file that cannot be written."""
     for file in list(raw):
         left = memoryview(data)
         try:

@@ -1,4 +1,4 @@
-"""One drive becomes a reference map."""
+"""Making a reference map of a recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from edge_vpr.settings import Settings
 
 
 class MapRun(NamedTuple):
-    """A map, what cleaning left out of its drive, and how long it took in seconds."""
+    """A map, the events that cleaning removed, and the time it took in seconds."""
 
     reference: ReferenceMap
     removed: Removed
@@ -34,7 +34,7 @@ def map_recording(
     track: Track | None = None,
     odometry: Odometry | None = None,
 ) -> MapRun:
-    """Map a drive that another one can be matched against.
+    """Make a map of a drive, and check that a drive can be matched with it.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def map_recording(
 
 
 def _check_matchable(reference: ReferenceMap) -> None:
-    """Refuse a map that no drive can be matched against with its own sequence length."""
+    """Check that a map has enough places for its own sequence length."""
     length, places = reference.settings.windows_per_match, len(reference)
     if length > places:
         raise UsageError(

@@ -1,4 +1,4 @@
-"""A query drive is matched against a map, window by window."""
+"""Matching of a query drive with a map, window by window."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from edge_vpr_tools.runs.registration import MountShift
 
 @dataclass(frozen=True, kw_only=True)
 class MatchMetrics:
-    """Sizes and times of a run: what `metrics.json` begins with.
+    """Sizes and times of a run, the first part of `metrics.json`.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class MatchMetrics:
 
 
 class MatchRun(NamedTuple):
-    """Matches, the queries they are of, and what cleaning left out."""
+    """Matches, their queries, and the events that cleaning removed."""
 
     matches: Matches
     queries: Descriptors

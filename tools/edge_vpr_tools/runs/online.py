@@ -1,4 +1,4 @@
-"""A query drive is matched event by event, as the board does it."""
+"""Matching of a query drive event by event, as on a device."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from edge_vpr_tools.runs.registration import MountShift
 
 @dataclass(frozen=True, kw_only=True)
 class OnlineMetrics:
-    """Sizes and times of a run: what `metrics.json` begins with.
+    """Sizes and times of a run, the first part of `metrics.json`.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class OnlineMetrics:
 
 
 class OnlineRun(NamedTuple):
-    """Matches in time order, and what was fed to the localiser.
+    """Matches in time order, and the numbers of the events.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class OnlineRun(NamedTuple):
 
 
 def made_causal(reference: ReferenceMap) -> ReferenceMap:
-    """Return a map whose settings need nothing that is known only when the drive is over."""
+    """Return a map whose settings need no later windows."""
     settings = replace(reference.settings, query_mean="running", smooth=False)
     return reference.matched_with(settings)
 

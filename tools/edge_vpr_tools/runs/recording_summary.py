@@ -1,4 +1,4 @@
-"""What a recording holds: events, duration, polarity, times and faults."""
+"""Summary of a recording: events, duration, polarity, times and faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from edge_vpr.recordings.faults import Faults
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """What one pass over a recording found.
+    """Result of one pass over a recording.
 
     Attributes
     ----------

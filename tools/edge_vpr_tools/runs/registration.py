@@ -1,4 +1,4 @@
-"""A query's mounting is registered before it is matched."""
+"""Registration of a query's image with the map, before matching."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from edge_vpr.reference_map import ReferenceMap
 
 @dataclass(frozen=True, kw_only=True)
 class MountShift:
-    """Shift of a query's image: what `metrics.json` says of a registration.
+    """Shift of a query's image, as in `metrics.json`.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class MountShift:
 
 @dataclass(frozen=True)
 class Mounted:
-    """A map as a query's mounting sees it.
+    """A map with its pixels moved for a query.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""When a localiser gives a match: the flag ``--every``."""
+"""The flag ``--every``: when a localiser gives a match."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from edge_vpr.settings import duration_us
 
 
 def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
-    """Return when to match against a map, see `read_every`."""
+    """Return the schedule of matches with a map, see `read_every`."""
     return read_every(text) or MatchSchedule.window(reference.settings)
 
 

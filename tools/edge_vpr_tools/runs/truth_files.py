@@ -1,4 +1,4 @@
-"""Ground truth of two tracks, of a matrix, or of an alignment, by what its files are."""
+"""Reading of ground truth from two tracks, a matrix, or an alignment."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from edge_vpr.evaluation.truth_from_matrix import from_matrix, load_matrix
 from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.recordings import parse_period
 
-#: Suffixes of files that hold a track, and no alignment.
+#: Suffixes of files that hold a track and not an alignment.
 _TRACKS = (".nmea", ".gpx")
 
 Times = npt.NDArray[np.int64]

@@ -175,8 +175,8 @@ def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
     about = sensor.about
     if not isinstance(sensor, _Files) or about.shunt_mohm is None or not mohm > 0:
         raise UsageError(
-            f"--shunt-mohm {mohm:g}: {about.name} does not tell the shunt that it takes: tell its "
-            "driver the right one (shunt-resistor in the device tree)"
+            f"--shunt-mohm {mohm:g}: {about.name} does not report the shunt that it assumes: "
+            "give its driver the right one (shunt-resistor in the device tree)"
         )
     factor = about.shunt_mohm / mohm
     about = replace(

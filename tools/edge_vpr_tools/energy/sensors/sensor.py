@@ -161,5 +161,7 @@ def plausible(watts: float, name: str) -> float:
         If it is negative by more than noise, or beyond what any board takes.
     """
     if not -1.0 <= watts <= MAX_WATTS:
-        raise SensorError(f"{name} reads {watts:g} W, which cannot be: check its wiring and driver")
+        raise SensorError(
+            f"{name} reads {watts:g} W, which is impossible: check its wiring and driver"
+        )
     return watts

@@ -1,0 +1,227 @@
+"""Odometry of a live run: lines of an odometer, good and bad, and what a run does with them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import threading
+import time
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from streams import Drive, random_events
+
+from edge_vpr.evaluation.odometry_files import load_odometry
+from edge_vpr.events import Sensor
+from edge_vpr.odometry import Odometry
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.odometry_feed import OdometryFeed
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.pipeline import cleaned, map_traverse
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+from edge_vpr.stream.bridge import Bridge
+from edge_vpr.stream.links import open_device_link
+from edge_vpr.stream.odometer_line import OdometerLine
+from edge_vpr.stream.protocols import open_encoder
+
+SENSOR = Sensor(64, 48)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_cut_of_the_bytes_changes_no_reading(seed):
+    rng = np.random.default_rng(seed)
+    ways = np.round(np.cumsum(rng.normal(0.1, 0.2, 100)), 3)
+    end = "\r\n" if seed % 2 else "\n"
+    data = "".join(f"{way}{end}" for way in ways).encode()
+    line = OdometerLine()
+    cuts = [0, *np.sort(rng.integers(0, len(data), 30)).tolist(), len(data)]
+    for begin, last in pairwise(cuts):
+        line.feed(data[begin:last], 0.0)
+    assert (line.readings, line.leaps, line.refused) == (100, 0, 0)
+    assert line.metres == pytest.approx(ways[-1] - ways[0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "text", [b"x", b"1.0,2.0", b"nan", b"inf", b"1e10", b"\xff\xfe", b"1" * 65, b"0x10"]
+)
+def test_a_line_that_is_no_reading_is_counted_and_moves_nothing(text):
+    line = OdometerLine()
+    assert line.feed(b"1.0\n2.0\n", 0.0)
+    assert not line.feed(text + b"\n\n", 0.1)
+    assert line.feed(b"2.5\n", 0.2)
+    assert (line.metres, line.readings, line.leaps, line.refused) == (1.5, 3, 0, 1)
+
+
+def test_a_leap_moves_nothing_neither_there_nor_back():
+    line = OdometerLine()
+    line.feed(b"105.0\n105.5\n", 0.0)
+    line.feed(b"5.9\n", 0.1)  # a digit was lost on the way
+    line.feed(b"106.3\n106.7\n", 0.2)
+    assert line.leaps == 2
+    assert line.metres == pytest.approx(0.9)
+    line.feed(b"0.0\n0.4\n", 0.3)  # the robot's computer has started again
+    assert line.leaps == 3
+    assert line.metres == pytest.approx(1.3)
+    line.feed(b"500.0\n", 10.0)  # a line that was away for long; 52 m/s
+    assert line.leaps == 3
+    assert line.metres == pytest.approx(500.9)
+
+
+def test_what_was_begun_before_a_gap_is_no_reading():
+    line = OdometerLine()
+    line.feed(b"1.0\n1", 0.0)
+    line.feed(b"2.0\n", 0.1, anew=True)
+    assert line.metres == 1.0
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A folder with a query drive, and a map that knows how far its places are from each other."""
+    folder = tmp_path_factory.mktemp("odometry")
+    rng = np.random.default_rng(3)
+    events = random_events(rng, 60_000, SENSOR, 3_000_000)
+    settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, matching="filter")
+    reference = map_traverse(Drive(events, SENSOR), settings)
+    places = np.arange(len(reference), dtype=np.int64)
+    replace(reference, odometer_mm=500 * places).save(folder / "map.npz")
+    replace(reference, settings=replace(settings, matching="sequence", sequence_length=2)).save(
+        folder / "by_sequence.npz"
+    )
+    write_recording(
+        folder / "query.npz", random_events(rng, 40_000, SENSOR, 2_000_000), sensor=SENSOR
+    )
+    return folder
+
+
+class TalkingOdometer:
+    """A robot's odometer on a TCP port, at 5 m/s and with a reading each 10 ms."""
+
+    def __init__(self):
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.address = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._talk, daemon=True)
+        self._thread.start()
+
+    def _talk(self):
+        host = self._server.accept()[0]
+        begin = time.monotonic()
+        with host, contextlib.suppress(ConnectionError):  # the run has ended
+            host.sendall(b"what is this?\n")
+            while not self._stopping.wait(0.01):
+                host.sendall(f"{1_000 + 5 * (time.monotonic() - begin):.4f}\n".encode())
+
+    def close(self):
+        self._stopping.set()
+        self._thread.join(timeout=5)
+        self._server.close()
+
+
+def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(drive, tmp_path):
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    port, odometer, end = played(drive)
+    log = tmp_path / "run.jsonl"
+    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--every", "100ms"]
+    words += ["--map", str(drive / "map.npz"), "--log", str(log), "--odometry", odometer]
+    try:
+        assert main([*words, "--burst-filter", "exact"]) == 0
+    finally:
+        end()
+    rows = [json.loads(row) for row in log.read_text().splitlines()]
+    (said,) = [row["text"] for row in rows if row["kind"] == "odometer"]
+    assert "brings lines that are no readings of an odometer" in said
+    readings = {row["t"]: row["distance_m"] for row in rows if row["kind"] == "odometry"}
+    assert len(readings) > 50  # of 200 a second or fewer, on a machine that is busy
+    odometry = Odometry(
+        np.array(list(readings), dtype=np.int64),
+        np.rint(1e3 * np.array(list(readings.values()))).astype(np.int64),
+    )
+    reference = ReferenceMap.load(drive / "map.npz")
+    found = [[row["t"], row["place"], row["distance_sum"], row["trust"]] for row in rows
+             if row["kind"] == "match"]  # fmt: skip
+
+    def offline(odometry):
+        localiser = Localiser(reference, every=MatchSchedule(interval_us=100_000))
+        feed = OdometryFeed(localiser, odometry)
+        parts = cleaned(Drive(events, SENSOR), reference.settings)
+        rows = np.concatenate([row for part in parts for row in feed.update(part)])
+        return [list(row) for row in rows[["t", "place", "distance_sum", "trust"]].tolist()]
+
+    assert len(found) > 15
+    assert found == offline(odometry)
+    assert found != offline(None)
+
+
+def played(drive):
+    """A camera on a TCP port that sends the query in real time, an odometer, and their end."""
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    link, odometer = open_device_link("tcp://127.0.0.1:0"), TalkingOdometer()
+
+    def play():
+        Bridge(link, open_encoder("evpr", SENSOR)).run([events])
+        link.close()  # which ends the run
+
+    playing = threading.Thread(target=play, daemon=True)
+    playing.start()
+
+    def end():
+        odometer.close()
+        playing.join(timeout=5)
+
+    return link.address, odometer.address, end
+
+
+def test_a_map_that_is_learnt_with_an_odometer_knows_its_distances(drive, tmp_path, capsys):
+    port, odometry, end = played(drive)
+    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometry]
+    words += ["--sensor", "64x48", "--learn", "-o", str(tmp_path / "map.npz"), "--sigma", "1"]
+    try:
+        assert main([*words, "--pixels", "20", "--tau", "100ms"]) == 0
+    finally:
+        end()
+    along = ReferenceMap.load(tmp_path / "map.npz").odometer_mm
+    assert along is not None and len(along) > 15
+    # 5 m/s for the time between the first place and the last, as a busy machine keeps it
+    assert 0.5 < along[-1] / (5_000 * 0.1 * (len(along) - 1)) < 1.5
+
+
+def test_a_drive_that_makes_no_map_is_kept_with_its_odometry(drive, tmp_path, capsys):
+    port, odometry, end = played(drive)
+    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometry]
+    words += ["--sensor", "64x48", "--learn", "-o", str(tmp_path / "map.npz"), "--tau", "3600s"]
+    try:
+        assert main(words) == 2
+    finally:
+        end()
+    err = capsys.readouterr().err
+    table = tmp_path / "map_drive.csv"
+    assert f"-o {tmp_path / 'map.npz'} --odometry {table}" in err
+    assert len(load_odometry(table).time_us) > 50
+    again = ["map", str(tmp_path / "map_drive.npz"), "-o", str(tmp_path / "map.npz"), "--pixels"]
+    assert main([*again, "20", "--tau", "100ms", "--sigma", "1", "--odometry", str(table)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--sensor", "64x48"], "--odometry is for --map and --learn"),
+        (["--map", "map.npz", "--port", "udp://:5001"], "is the camera's --port"),
+        (["--map", "map.npz", "--odometry", "map.npz"], "edge-vpr match --odometry"),
+        (["--map", "by_sequence.npz"], "odometry is for the place filter"),
+        (["--map", "map.npz", "--odometry", "tcp://127.0.0.1:1"], "Connection refused"),
+    ],
+)
+def test_odometry_that_cannot_be_is_refused_before_the_run(
+    words, message, drive, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(drive)
+    (tmp_path / "empty.bin").touch()
+    given = ["stream", "--port", str(tmp_path / "empty.bin"), "--protocol", "evpr", "--once"]
+    assert main([*given, "--odometry", "udp://:5001", *words]) != 0
+    assert message in capsys.readouterr().err
