@@ -189,7 +189,7 @@ def test_a_folder_without_drives_says_where_they_come_from(tmp_path, monkeypatch
         frames, "simulated_frames", lambda seed: small_pair()._replace(name=STREETS)
     )
     text = frames.run(tmp_path, 1, nothing)
-    assert f"{tmp_path} holds none. Put there two bags" in text
+    assert f"{tmp_path} holds none. Name a folder with two bags" in text
     assert "https://zenodo.org/records/4302805" in text
     assert "no folder was given with --data" in frames.run(None, 1, nothing)
     assert list(counted_pairs.recorded_pairs(tmp_path)) == []

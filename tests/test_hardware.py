@@ -27,6 +27,7 @@ from firmware_model.hardware import (
     simulation,
     sources,
     stream_proof,
+    unit_cells,
     unit_proof,
     waves,
 )
@@ -155,8 +156,8 @@ def filter_cycles(design):
     distances = (design.places - 1) * max(design.words, 2) + levels
     kept = 2 * design.places - 4
     passes = distances + (kept if design.keep_distances else distances + design.words)
-    around = 28 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
-    return design.slots + passes + design.formats["distance"].width + around
+    around = 29 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
+    return design.slots + passes + design.formats["distance_total"].width + around
 
 
 @needs_iverilog
@@ -238,7 +239,7 @@ FAULTS = {
         "column != 16'(column[COLUMN_BITS-1:0])",
         "1'b0",
     ),
-    "counters are not cleared": ("vpr_encoder.sv", "clear      = counted", "clear      = 1'b0"),
+    "counters are not cleared": ("vpr_counters.sv", "clears ? '0 : ", ""),
     "what an adder lacks is lost": (
         "vpr_sad_lanes.sv",
         "node_lacks <= negative",
@@ -434,6 +435,34 @@ KINDS = [
 ]
 
 
+@pytest.mark.parametrize(
+    ("cell", "unit"),
+    [
+        ("device.device.core.search.left_SB_DFFE_Q_LC", "search"),
+        ("device.device.core.search.delay.g_ring.at_LC", "search"),
+        ("device.device.core.g_filter.place_filter.product_LC", "place_filter"),
+        ("device.device.core.g_filter.place_filter.scale.low_LC", "place_filter: scale"),
+        ("device.device.core.events.g_by_time.window_timer.over_LC", "events: window_timer"),
+        ("device.spi.value_LC", "spi"),
+        ("device.device.core.window_LC", unit_cells.TOP),
+        ("$nextpnr_ICESTORM_LC_3", unit_cells.CARRIES),
+    ],
+)
+def test_a_cell_belongs_to_the_unit_that_its_name_begins_with(cell, unit):
+    """Generate blocks have no name of their own; unnamed cells are of carries."""
+    assert unit_cells.unit_of(cell) == unit
+
+
+@pytest.mark.slow
+@needs("yosys", "nextpnr-ice40")
+def test_the_cells_of_all_units_are_those_of_the_report():
+    """Each is counted once; the table has the sum."""
+    found = unit_cells.unit_cells(DESIGN)
+    packed = netlist.packed_cells(DESIGN, boards.ICEBREAKER)
+    assert found.total() == packed["logic cells"][0]
+    assert f"| all | {found.total():,} |" in unit_cells.to_markdown({"small": found})
+
+
 @needs("yosys")
 @pytest.mark.parametrize("design", KINDS)
 def test_the_memories_of_the_core_are_those_of_the_cost_model(design):
@@ -565,8 +594,11 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     assert bench.found_by(None) is None
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
     assert bench.found_by(dearer) in {name for _, name in bench.cases}
-    for old, new in (("whole ? product", "1'b0 ? product"), ("2] || whole,", "2],")):
-        assert bench.found_by(changed("vpr_filter.sv", old, new)) == "filter/spread_of_one"
+    for file, old, new in (
+        ("vpr_filter.sv", "whole ? product", "1'b0 ? product"),
+        ("vpr_spread.sv", "{low[RECIPROCAL_BITS-1] || ", "{"),
+    ):
+        assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
     assert bench.cases[0][1] == "filter/spread_of_one"
     lowest = changed("vpr_own_mean.sv", "octaves < LOWEST", "1'b0")
     assert bench.found_by(lowest) == "filter/own_means"
@@ -695,10 +727,11 @@ def test_the_end_of_a_window_by_time_is_proved_and_broken_timers_are_refused():
 
 
 @needs("yosys", "yosys-abc")
-def test_counters_and_events_are_proved_for_any_number_of_clocks():
-    """Two claims that take a second; the command proves those about windows and matches too."""
+def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
+    """Claims that take a second each; the command proves those about windows and matches too."""
     _, by_count, *_ = stream_proof.CORE_KINDS
     assert stream_proof.holds(stream_proof.COUNTERS)
+    assert stream_proof.holds(stream_proof.DELAY)
     assert stream_proof.holds(stream_proof.core_claim("EVENT", by_count))
 
 
@@ -707,6 +740,7 @@ def test_counters_and_events_are_proved_for_any_number_of_clocks():
     "name",
     [
         "a count wraps",
+        "a delay line has a word more",
         "the count before the last is not looked at",
         "an event is lost when the window is full",
     ],

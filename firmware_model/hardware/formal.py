@@ -94,6 +94,83 @@ def model_check(model: Path, seconds: int) -> bool:
     raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
 
 
+def bounded_check(model: Path, clocks: int, seconds: int) -> bool:
+    """Return whether the assertions of an AIGER model hold in its first clocks.
+
+    By bounded model checking (bmc3 of yosys-abc). What a model of a core does within so many clocks
+    of a reset is decided; what it does later is not.
+
+    Parameters
+    ----------
+    model : path
+    clocks : int
+        The bound.
+    seconds : int
+        After which the model checker is ended.
+
+    Raises
+    ------
+    ToolError
+        As of `solve`, also if the bound was not reached in time.
+    """
+    done = _run(["yosys-abc", "-c", f"read_aiger {model}; fold; bmc3 -F {clocks}"], seconds)
+    if f"No output asserted in {clocks} frames" in done.stdout:
+        return True
+    if "was asserted in frame" in done.stdout:
+        return False
+    raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
+
+
+def translate(
+    folder: Path,
+    unit: str,
+    source: str | None,
+    chosen: str,
+    exposed: Sequence[str],
+    claimed: str = "",
+    beside: Sequence[str] = (),
+) -> Path:
+    """Write the SMT2 model of a unit and its properties.
+
+    Parameters
+    ----------
+    folder : path
+    unit : str
+        Module, and name of its file.
+    source : str or None
+        Of that file; None: as it is.
+    chosen, claimed : str
+        Parameters of the unit and of its properties, for chparam.
+    exposed : sequence of str
+        Wires of the unit that the properties refer to.
+    beside : sequence of str
+        Files in `PROPERTIES` with units that it uses.
+    """
+    file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
+    file.write_text(core_source(file.name) if source is None else source, encoding="ascii")
+    properties = f"{unit}_properties"
+    # wires of a unit within it get a name that a port can have
+    files = [file, *(PROPERTIES / name for name in beside)]
+    inner = [name for name in exposed if "." in name]
+    outer = [name.rpartition(".")[2] for name in exposed]
+    run_yosys(
+        [
+            f"read_verilog -formal -sv {' '.join(map(str, files))}",
+            f"chparam {chosen} {unit}",
+            f"hierarchy -top {unit}; proc; flatten; cd {unit}",
+            *(f"rename {name} {name.rpartition('.')[2]}" for name in inner),
+            "cd",
+            f"expose {' '.join(f'{unit}/w:{name}' for name in outer)}",
+            f"read_verilog -formal -sv {PROPERTIES / f'{properties}.sv'}",
+            f"chparam {claimed} {properties}" if claimed else "",
+            f"hierarchy -top {properties}; proc; flatten; opt_clean",
+            f"write_smt2 -wires {model}",
+        ],
+        unit,
+    )
+    return model
+
+
 def _run(
     command: Sequence[str], seconds: int, folder: Path | None = None
 ) -> subprocess.CompletedProcess[str]:

@@ -1,4 +1,4 @@
-"""The memories that yosys makes of a design's core."""
+"""What yosys and nextpnr make of a design: memories of the core, and cells of a board's top."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ from pathlib import Path
 from firmware_model.cost import Memory
 from firmware_model.design import Design
 from firmware_model.hardware import sources
+from firmware_model.hardware.boards import Board
 from firmware_model.hardware.formal import run_yosys
 from firmware_model.hardware.parameters import PACKAGE
-from firmware_model.hardware.report import write_tables
+from firmware_model.hardware.report import pack, synthesize, write_tables
+
+#: rows of the events that are on their way through the look-up
+_UNDER_WAY = "pixel_lookup.pixels."
 
 
 def netlist_memories(design: Design) -> list[Memory]:
@@ -24,7 +28,7 @@ def netlist_memories(design: Design) -> list[Memory]:
     Returns
     -------
     list of Memory
-        Sorted. The delay line of the search is one of them, though it is made of registers.
+        Sorted. Registers of the look-up that are kept in a block are not among them.
 
     Raises
     ------
@@ -47,13 +51,38 @@ def netlist_memories(design: Design) -> list[Memory]:
         core = json.loads(found.read_text(encoding="utf-8"))["modules"]["vpr_device"]
     memories = [
         Memory(*(int(cell["parameters"][size], 2) for size in ("SIZE", "WIDTH")))
-        for cell in core["cells"].values()
-        if cell["type"].startswith("$mem")
+        for name, cell in core["cells"].items()
+        if cell["type"].startswith("$mem") and _UNDER_WAY not in name
     ]
-    delayed = [
-        len(net["bits"])
-        for net_name, net in core["netnames"].items()
-        if net_name.endswith("search.delayed")
+    # the delay line of an exclusion of 0 is a register
+    registers = [
+        Memory(1, len(core["netnames"][name]["bits"]))
+        for name in core["netnames"]
+        if name.endswith("search.delay.oldest") and design.exclusion == 0
     ]
-    bits = design.formats["sum"].width
-    return sorted([*memories, *(Memory(taken // bits, bits) for taken in delayed)])
+    return sorted([*memories, *registers])
+
+
+def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
+    """Count the cells of a board design, packed but not placed, and those that there are.
+
+    Parameters
+    ----------
+    design : Design
+    board : Board
+
+    Returns
+    -------
+    dict of str to (int, int)
+        By the name of a kind of cell in ``board.resources``.
+
+    Raises
+    ------
+    ToolError
+        If a tool is missing, or refuses the design.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_tables(design, folder)
+        synthesize(folder, board)
+        return pack(folder, board)

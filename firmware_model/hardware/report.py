@@ -178,6 +178,13 @@ def synthesize(folder: Path, board: Board) -> None:
     _run(["yosys", "-q", "-p", script], folder)
 
 
+def pack(folder: Path, board: Board, written: Path | None = None) -> dict[str, tuple[int, int]]:
+    """Count the cells of ``core.json``, packed but not placed, and write them as JSON if asked."""
+    words = [*board.place_words(str(sources.FOLDER / board.pins)), "--json", "core.json"]
+    words += ["--pack-only"] if written is None else ["--pack-only", "--write", str(written)]
+    return _cells(_run(words, folder).stderr, board)
+
+
 def _place(folder: Path, seed: int, board: Board) -> str:
     words = board.place_words(str(sources.FOLDER / board.pins))
     words += ["--json", "core.json", "--seed", str(seed), "--timing-allow-fail"]

@@ -10,6 +10,7 @@ FOLDER = Path(__file__).parents[1] / "rtl"
 
 MEMORIES = ("vpr_rom.sv", "vpr_ram.sv", "vpr_ram_single.sv")
 UNITS = (
+    "vpr_delay.sv",
     "vpr_pixel_lookup.sv",
     "vpr_window_timer.sv",
     "vpr_window_quota.sv",

@@ -91,7 +91,16 @@ COUNTERS = Claim(
     "vpr_counters_properties",
     ("vpr_ram.sv", "vpr_counters.sv"),
 )
-CLAIMS = (COUNTERS, *(core_claim(define, kind) for kind in CORE_KINDS for define in CORE_CLAIMS))
+DELAY = Claim(
+    "a delay line returns each word so many pushes later",
+    "vpr_delay_properties",
+    ("vpr_ram.sv", "vpr_delay.sv"),
+)
+CLAIMS = (
+    COUNTERS,
+    DELAY,
+    *(core_claim(define, kind) for kind in CORE_KINDS for define in CORE_CLAIMS),
+)
 
 _BY_TIME, _BY_COUNT, _FILTER, _ = CORE_KINDS
 #: broken versions: the claim that must refuse each, its file, and what replaces what
@@ -162,6 +171,8 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
         "same_2 ? written : ",
         "",
     ),
+    "a drained count is kept": (COUNTERS, "vpr_counters.sv", "clears ? '0 : ", ""),
+    "a delay line has a word more": (DELAY, "vpr_delay.sv", "STEPS - 1) ? '0", "STEPS) ? '0"),
     "a count wraps": (COUNTERS, "vpr_counters.sv", "count == FULL ? FULL : count", "count"),
 }
 

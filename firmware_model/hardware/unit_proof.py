@@ -7,21 +7,15 @@ broken versions must each be refused.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_model.hardware.formal import (
-    PROPERTIES,
-    broken_source,
-    core_source,
-    run_yosys,
-    solve,
-)
+from firmware_model.hardware.formal import broken_source, solve, translate
 
 #: registers of the search that the induction refers to
 REGISTERS = (
-    *("delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
+    *("delay.delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
     *("sum_lower", "sum_equal", "sum_below_second", "oldest_lower", "oldest_place"),
 )
 #: clocks of a window of induction, and in which a broken version must fail
@@ -166,7 +160,7 @@ def prove_prediction(source: str | None = None, *, seconds: int = 600) -> bool:
         As of `prove`.
     """
     with tempfile.TemporaryDirectory() as folder:
-        model = _translate(
+        model = translate(
             Path(folder), "vpr_prediction", source, _parameters(_PREDICTION), ("entries",)
         )
         base = solve(model, ["-t", "8"], seconds)
@@ -198,7 +192,7 @@ def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
         As of `prove`.
     """
     with tempfile.TemporaryDirectory() as folder:
-        model = _translate(
+        model = translate(
             Path(folder), "vpr_window_timer", source, _parameters(_TIMER),
             ("end_inverse", "behind"),
         )  # fmt: skip
@@ -247,49 +241,16 @@ def broken(name: str) -> str:
 def _search_model(folder: Path, size: Size, source: str | None, *, induction: bool) -> Path:
     chosen = {name.upper(): str(value) for name, value in size._asdict().items()}
     claimed = _parameters(chosen | {"INDUCTION": str(int(induction))})
-    return _translate(folder, "vpr_search", source, _parameters(chosen), REGISTERS, claimed)
+    return translate(
+        folder,
+        "vpr_search",
+        source,
+        _parameters(chosen),
+        REGISTERS,
+        claimed,
+        ("vpr_shift_delay.sv",),
+    )
 
 
 def _parameters(values: Mapping[str, str]) -> str:
     return " ".join(f"-set {name} {value}" for name, value in values.items())
-
-
-def _translate(
-    folder: Path,
-    unit: str,
-    source: str | None,
-    chosen: str,
-    exposed: Sequence[str],
-    claimed: str = "",
-) -> Path:
-    """Write the SMT2 model of a unit and its properties.
-
-    Parameters
-    ----------
-    folder : path
-    unit : str
-        Module, and name of its file.
-    source : str or None
-        Of that file; None: as it is.
-    chosen, claimed : str
-        Parameters of the unit and of its properties, for chparam.
-    exposed : sequence of str
-        Wires of the unit that the properties refer to.
-    """
-    file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
-    file.write_text(core_source(file.name) if source is None else source, encoding="ascii")
-    properties = f"{unit}_properties"
-    run_yosys(
-        [
-            f"read_verilog -formal -sv {file}",
-            f"chparam {chosen} {unit}",
-            f"hierarchy -top {unit}; proc; flatten",
-            f"expose {' '.join(f'{unit}/w:{name}' for name in exposed)}",
-            f"read_verilog -formal -sv {PROPERTIES / f'{properties}.sv'}",
-            f"chparam {claimed} {properties}" if claimed else "",
-            f"hierarchy -top {properties}; proc; flatten; opt_clean",
-            f"write_smt2 -wires {model}",
-        ],
-        unit,
-    )
-    return model

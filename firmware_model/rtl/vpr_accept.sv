@@ -25,12 +25,17 @@ module vpr_accept #(
                 accepted <= has_second && least <= BITS'(second_sum);
             end
         end else begin : g_ratio
-            logic [PRODUCT_BITS-1:0] best_product, second_product;
+            // the best's inverted, as it is compared
+            logic [PRODUCT_BITS-1:0] best_inverse, second_product;
+            // the carry says that the second's is not less
+            wire [PRODUCT_BITS+1:0] enough =
+                {1'b0, second_product, 1'b1} + {1'b0, best_inverse, 1'b1};
             always_ff @(posedge clk) begin
-                best_product   <= PRODUCT_BITS'(best_sum) * PRODUCT_BITS'(DENOMINATOR);
+                best_inverse   <= ~(PRODUCT_BITS'(best_sum) * PRODUCT_BITS'(DENOMINATOR));
                 second_product <= PRODUCT_BITS'(second_sum) * PRODUCT_BITS'(NUMERATOR);
-                accepted <= has_second && second_sum != 0 && best_product <= second_product;
+                accepted <= has_second && second_sum != 0 && enough[PRODUCT_BITS+1];
             end
+            wire unused = &{1'b0, enough};
         end
     endgenerate
 endmodule

@@ -20,8 +20,10 @@ module vpr_activity #(
     localparam int PAUSE_SHIFT    = 4;
     localparam int ACTIVITY_SHIFT = 6;
     localparam int DROPPED        = FRACTION + PAUSE_SHIFT;
-    localparam int STEPS          = ACTIVITY_BITS + ACTIVITY_SHIFT;
-    localparam int STEP_BITS      = $clog2(STEPS);
+    localparam int STEPS          = ACTIVITY_BITS;
+    localparam int STEP_BITS      = $clog2(STEPS + 1);
+    // an event is 256, and moves the usual number by 1/64 of that
+    localparam int EVENT_AT       = FRACTION - ACTIVITY_SHIFT;
 
     logic [EVENTS_BITS-1:0]   events;
     logic [ACTIVITY_BITS-1:0] usual;
@@ -34,21 +36,19 @@ module vpr_activity #(
 
     assign pauses = !any || !(more || (as_many && !partly));
 
-    // The difference comes from its lowest bit on. Those that the shift drops come while the lowest
-    // bits of the usual number wait in `delayed`; then they are added.
-    logic [STEP_BITS-1:0]      step;
-    logic [EVENTS_BITS-1:0]    ended;    // events of the window that ended
-    logic [ACTIVITY_SHIFT-1:0] delayed;
-    logic                      borrow, carry;
+    // usual + events * 2^EVENT_AT - usual / 64, rounded up, from the lowest bit on: the bit of the
+    // quotient is still in the register, until new ones come (`has_upper`).
+    logic [STEP_BITS-1:0]   step;
+    logic [EVENTS_BITS-1:0] ended;  // events of the window that ended
+    logic                   borrow, carry;
 
-    // which bits of each are at hand; registers, as comparing the step takes its time
-    logic has_ended, has_usual, shifts, below_event, came_below;
+    // which bits are at hand; registers, as comparing the step takes its time
+    logic has_ended, has_upper, below_event, came_below;
 
+    wire upper      = has_upper && usual[ACTIVITY_SHIFT];
+    wire difference = usual[0] ^ upper ^ borrow;
     wire of_ended   = has_ended && ended[0];
-    wire of_usual   = has_usual && usual[0];
-    wire difference = of_ended ^ of_usual ^ borrow;
-    wire waits      = delayed[ACTIVITY_SHIFT-1];
-    wire next       = waits ^ difference ^ carry;
+    wire next       = of_ended ^ difference ^ carry;
 
     always_ff @(posedge clk) begin
         if (window_end || load) begin
@@ -66,29 +66,26 @@ module vpr_activity #(
             settled     <= 1'b0;
             ended       <= events;
             step        <= '0;
-            borrow      <= 1'b0;
+            borrow      <= usual[ACTIVITY_SHIFT-1:0] != 0;
             carry       <= 1'b0;
             partly      <= 1'b0;
-            has_ended   <= 1'b0;
-            has_usual   <= 1'b1;
-            shifts      <= 1'b0;
+            has_ended   <= EVENT_AT == 0;
+            has_upper   <= 1'b1;
             below_event <= 1'b1;
             came_below  <= 1'b0;
         end else if (!settled) begin
             step    <= step + 1'b1;
             settled <= step == STEP_BITS'(STEPS - 1);
-            borrow  <= (!of_ended && (of_usual || borrow)) || (of_usual && borrow);
-            delayed <= ACTIVITY_SHIFT'({delayed, of_usual});
-            if (shifts) carry <= (waits && (difference || carry)) || (difference && carry);
+            borrow  <= (!usual[0] && (upper || borrow)) || (upper && borrow);
+            carry   <= (of_ended && (difference || carry)) || (difference && carry);
             if (has_ended) ended <= ended >> 1;
             usual   <= {next, usual[ACTIVITY_BITS-1:1]};
             // the bit that came with the clock before
-            came_below <= shifts && below_event;
+            came_below <= below_event;
             if (came_below && usual[ACTIVITY_BITS-1]) partly <= 1'b1;
-            if (step == STEP_BITS'(FRACTION - 1)) has_ended <= 1'b1;
-            if (step == STEP_BITS'(ACTIVITY_BITS - 1)) has_usual <= 1'b0;
-            if (step == STEP_BITS'(ACTIVITY_SHIFT - 1)) shifts <= 1'b1;
-            if (step == STEP_BITS'(ACTIVITY_SHIFT + DROPPED - 1)) below_event <= 1'b0;
+            if (step == STEP_BITS'(EVENT_AT - 1)) has_ended <= 1'b1;
+            if (step == STEP_BITS'(ACTIVITY_BITS - ACTIVITY_SHIFT - 1)) has_upper <= 1'b0;
+            if (step == STEP_BITS'(DROPPED - 1)) below_event <= 1'b0;
         end
         if (load) begin
             usual   <= start_activity;

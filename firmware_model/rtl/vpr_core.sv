@@ -112,8 +112,8 @@ module vpr_core #(
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
     logic                       counted, paused, settled, pending;
-    logic                       drain, draining, clear;
-    logic [SLOT_BITS-1:0]       drain_slot, clear_slot;
+    logic                       drain, draining;
+    logic [SLOT_BITS-1:0]       drain_slot, drained_slot;
     logic [COUNT_BITS-1:0]      drained;
     logic [LANES*CODE_BITS-1:0] place_word;
 
@@ -135,7 +135,7 @@ module vpr_core #(
         .pending(pending), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
         .counted(counted),
         .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
-        .clear(clear), .clear_slot(clear_slot)
+        .drained_slot(drained_slot)
     );
 
     vpr_encoder #(
@@ -147,7 +147,7 @@ module vpr_core #(
         .clk(clk), .rst(rst), .load(load[4:2]), .load_address(load_address), .load_word(load_word),
         .start(window_end), .paused(paused),
         .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
-        .clear(clear), .clear_slot(clear_slot),
+        .drained_slot(drained_slot),
         .word_valid(m_window_tvalid), .word_ready(m_window_tready),
         .word_last(m_window_tlast), .word(m_window_tdata)
     );
@@ -256,7 +256,8 @@ module vpr_core #(
     endgenerate
 
     vpr_search #(
-        .EXCLUSION(EXCLUSION), .SUM_BITS(SUM_BITS), .PLACE_BITS(PLACE_BITS)
+        .EXCLUSION(EXCLUSION), .SUM_BITS(SUM_BITS), .PLACE_BITS(PLACE_BITS),
+        .SLOW_BLOCKS(SLOW_BLOCKS)
     ) search (
         .clk(clk), .rst(rst), .start(compare),
         .sum_valid(sum_valid && sum_complete), .place(place), .sum(sum), .has_best(has_best),

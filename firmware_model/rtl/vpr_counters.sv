@@ -4,8 +4,9 @@
 // takes it, raised by one, saturating, with the next, and written with the third, when `raised` and
 // `raises` belong to it. A slot that comes again before that is raised from the newer count.
 //
-// While it is drained, and no slot is on its way (`draining`), `drain_slot` is read with `drain`, and
-// the encoder clears each slot afterwards.
+// While it is drained, and no slot is on its way (`draining`), `drain_slot` takes the same way with
+// `drain`: it is read, `drained` and `read_slot` stay until the next, and in place of a raised count 0
+// is written. No slot is taken in the two clocks after that; `enable` is high meanwhile.
 module vpr_counters #(
     parameter int          SLOTS      = 1,
     parameter int          SLOT_BITS  = 1,
@@ -25,32 +26,36 @@ module vpr_counters #(
     input  logic                  drain,
     input  logic [SLOT_BITS-1:0]  drain_slot,
     output logic [COUNT_BITS-1:0] drained,
-    input  logic                  clear,
-    input  logic [SLOT_BITS-1:0]  clear_slot
+    output logic [SLOT_BITS-1:0]  read_slot
 );
     localparam logic [COUNT_BITS-1:0] FULL = COUNT_BITS'(COUNT_MAX);
 
     // the slot whose count was read, and whether one of the two before it is the same
-    logic                  reads, same_1, same_2;
-    logic [SLOT_BITS-1:0]  read_slot;
+    logic                  reads, clears, same_1, same_2;
+    logic                  writes;   // `raised`, or 0
     logic [COUNT_BITS-1:0] written;  // the latest count that was written
 
-    wire [COUNT_BITS-1:0] count = same_1 ? raised : same_2 ? written : drained;
+    wire [COUNT_BITS-1:0] count   = same_1 ? raised : same_2 ? written : drained;
+    wire                  read    = draining ? drain : enable;
+    wire [SLOT_BITS-1:0]  address = draining ? drain_slot : slot;
 
     always_ff @(posedge clk) begin
+        if (read) read_slot <= address;
         if (enable) begin
-            reads       <= take;
-            read_slot   <= slot;
+            reads       <= draining ? drain : take;
+            clears      <= draining;
             same_1      <= reads && slot == read_slot;
-            same_2      <= raises && slot == raised_slot;
-            raises      <= reads;
+            same_2      <= writes && slot == raised_slot;
+            raises      <= reads && !clears;
+            writes      <= reads;
             raised_slot <= read_slot;
-            raised      <= count == FULL ? FULL : count + 1'b1;
+            raised      <= clears ? '0 : count == FULL ? FULL : count + 1'b1;
             written     <= raised;
         end
         if (rst) begin
             reads  <= 1'b0;
             raises <= 1'b0;
+            writes <= 1'b0;
         end
     end
 
@@ -58,11 +63,11 @@ module vpr_counters #(
         .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS), .IN_LOGIC(SLOW_BLOCKS)
     ) counts (
         .clk          (clk),
-        .write        (clear || (enable && raises)),
-        .write_address(clear ? clear_slot : raised_slot),
-        .write_word   (clear ? COUNT_BITS'(0) : raised),
-        .read         (draining ? drain : enable),
-        .read_address (draining ? drain_slot : slot),
+        .write        (enable && writes),
+        .write_address(raised_slot),
+        .write_word   (raised),
+        .read         (read),
+        .read_address (address),
         .read_word    (drained)
     );
 endmodule

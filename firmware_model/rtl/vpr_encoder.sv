@@ -32,8 +32,7 @@ module vpr_encoder #(
     output logic                       drain,
     output logic [SLOT_BITS-1:0]       drain_slot,
     input  logic [COUNT_BITS-1:0]      drained,
-    output logic                       clear,
-    output logic [SLOT_BITS-1:0]       clear_slot,
+    input  logic [SLOT_BITS-1:0]       drained_slot,
     output logic                       word_valid,
     input  logic                       word_ready,
     output logic                       word_last,
@@ -70,9 +69,8 @@ module vpr_encoder #(
     wire end_lane  = lane == LANE_BITS'(LANES - 1) || end_index;
 
     assign draining   = issuing || counted;
-    assign drain      = step;
+    assign drain      = step && issuing;
     assign drain_slot = index;
-    assign clear      = counted;
 
     always_ff @(posedge clk) begin
         if (start || rst) begin
@@ -90,7 +88,6 @@ module vpr_encoder #(
             counted        <= issuing;
             counted_word   <= issuing && end_lane;
             counted_last   <= end_index;
-            clear_slot     <= index;
             coded          <= STAGES'({coded, counted});
             coded_word     <= STAGES'({coded_word, counted_word && !clearing});
             coded_last     <= STAGES'({coded_last, counted_last});
@@ -120,15 +117,15 @@ module vpr_encoder #(
             ) own_mean (
                 .clk(clk), .rst(rst), .load({load[2], load[0]}), .load_address(load_address),
                 .load_word(load_word), .step(step), .clearing(clearing), .hold(paused),
-                .valid(clear), .last(counted && counted_last), .slot(clear_slot), .count(drained),
+                .valid(counted), .last(counted && counted_last), .slot(drained_slot), .count(drained),
                 .code(code)
             );
         end else begin : g_table
             logic [INDEXED_BITS-1:0] entry;
-            wire                     unused = &{1'b0, paused, load};
+            wire                     unused = &{1'b0, paused, load, drained_slot};
             vpr_rom #(
                 .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS),
-                .FILE(CODES_FILE), .LOADABLE(LOADABLE)
+                .FILE(CODES_FILE), .LOADABLE(LOADABLE), .STYLE("block")
             ) codes (
                 .clk(clk), .enable(step), .address(entry), .word(code),
                 .load(load[0]), .load_address(load_address), .load_word(load_word)

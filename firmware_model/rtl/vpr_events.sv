@@ -49,8 +49,7 @@ module vpr_events #(
     input  logic                            drain,
     input  logic [SLOT_BITS-1:0]            drain_slot,
     output logic [COUNT_BITS-1:0]           drained,
-    input  logic                            clear,
-    input  logic [SLOT_BITS-1:0]            clear_slot
+    output logic [SLOT_BITS-1:0]            drained_slot
 );
     // an event in each stage: its displacement, address, entry, slot, count, and raised count
     logic displaces, addresses, enters, has_slot, has_count, has_raised;
@@ -66,7 +65,9 @@ module vpr_events #(
     wire waits = displaces && (over || !settled);     // in the first stage, for its window
     wire take  = s_event_tvalid && s_event_tready;
 
-    assign s_event_tready = settled && (!displaces || (looks && !over));
+    wire room = !displaces || (looks && !over);        // but while a window's end moves
+
+    assign s_event_tready = settled && room;
     assign m_event_tvalid = has_raised;
     assign m_event_tdata  = counts ? {raised, raised_slot, 1'b1} : '0;
 
@@ -77,8 +78,8 @@ module vpr_events #(
 
     always_ff @(posedge clk) begin
         window_end <= window_ready && ends && !has_count && !has_raised && !window_end;
-        if (take) displaces <= 1'b1;
-        else if (looks && !waits) displaces <= 1'b0;
+        // one that leaves makes room in the same clock
+        displaces  <= s_event_tready ? s_event_tvalid : displaces;
         if (looks) begin
             addresses <= displaces && !waits;
             enters    <= addresses;
@@ -108,9 +109,9 @@ module vpr_events #(
         .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
         .DEPTH(LOOKUP_DEPTH), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
         .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
-        .LOADABLE(LOADABLE)
+        .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) pixel_lookup (
-        .clk(clk), .load(load), .load_address(load_address), .load_word(load_word),
+        .clk(clk), .rst(rst), .load(load), .load_address(load_address), .load_word(load_word),
         .take(take), .enable(looks),
         .column(s_event_tdata[EVENT_TIME_BITS+:16]),
         .row(s_event_tdata[EVENT_TIME_BITS+16+:15]),
@@ -127,7 +128,7 @@ module vpr_events #(
                 .TIMESTAMP_BITS(TIMESTAMP_BITS), .TAU_US(TAU_US)
             ) window_timer (
                 .clk(clk), .load(rst), .start_time(start_time), .next_window(window_end),
-                .take(s_event_tready), .timestamp(s_event_tdata[TIMESTAMP_BITS-1:0]),
+                .take(room), .timestamp(s_event_tdata[TIMESTAMP_BITS-1:0]),
                 .settled(settled), .over(over)
             );
         end else begin : g_by_count
@@ -148,6 +149,6 @@ module vpr_events #(
         .clk(clk), .rst(rst), .enable(moves), .take(counting), .slot(slot),
         .raises(counts), .raised_slot(raised_slot), .raised(raised),
         .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
-        .clear(clear), .clear_slot(clear_slot)
+        .read_slot(drained_slot)
     );
 endmodule

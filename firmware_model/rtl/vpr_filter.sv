@@ -64,22 +64,22 @@ module vpr_filter #(
     logic [LEAD_BITS-1:0]       lead;
     logic [PLACE_BITS-1:0]      index;
     logic [DISTANCE_BITS-1:0]   kept, nearest_inverse;
-    logic [RECIPROCAL_BITS-1:0] reciprocal;
-
-    // the carry says that the distance is more than the nearest
-    wire [DISTANCE_BITS:0]   farther = {1'b0, distance} + {1'b0, nearest_inverse};
+    logic                       known, whole;
+    logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
 
     // A place: its distance comes from the distance unit, from memory, or is not asked for
     wire                     unasked   = paused || (KEEP && pass != FOR_MEAN);
     wire                     item      = state == RUN && (unasked ? beat : distance_valid);
     wire [DISTANCE_BITS-1:0] here      = KEEP && pass != FOR_MEAN ? kept : distance;
+    // the distance less the nearest; the carry says that it is not below
+    wire [DISTANCE_BITS+1:0] farther   = {1'b0, here, 1'b1} + {1'b0, nearest_inverse, 1'b1};
     wire                     item_last = index == PLACE_BITS'(PLACES - 1);
     wire                     begins    = waiting;  // it is idle when a window begins
     wire                     leads     = state == LEAD && beat;
     assign idle = state == IDLE && !waiting;
     // the next pass: one after the mean, unless this window's own spread is needed first
     wire [1:0]               next_pass =
-        pass == FOR_MEAN && reciprocal == 0 ? FOR_SPREAD : FOR_METRICS;
+        pass == FOR_MEAN && !known ? FOR_SPREAD : FOR_METRICS;
 
     always_ff @(posedge clk) begin
         waiting        <= start;
@@ -118,7 +118,7 @@ module vpr_filter #(
         end else if (item && !item_last) index <= index + 1'b1;
         if (begins) scaled <= 1'b0;
         if (begins) nearest_inverse <= '0;
-        else if (distance_valid && pass == FOR_MEAN && !farther[DISTANCE_BITS])
+        else if (distance_valid && pass == FOR_MEAN && !farther[DISTANCE_BITS+1])
             nearest_inverse <= ~distance;
         if (rst) begin
             state          <= IDLE;
@@ -133,7 +133,8 @@ module vpr_filter #(
         .RECIPROCAL_BITS(RECIPROCAL_BITS)
     ) scale (
         .clk(clk), .rst(rst), .clear(begins), .valid(item && !paused), .distance(here),
-        .of_mean(pass == FOR_MEAN), .divide(divide), .done(done), .reciprocal(reciprocal)
+        .of_mean(pass == FOR_MEAN), .divide(divide), .done(done),
+        .known(known), .whole(whole), .factor(factor)
     );
 
     generate
@@ -206,14 +207,11 @@ module vpr_filter #(
     // Evidence: how far the place's distance is above the least, by the reciprocal of the spread
 
     logic [DISTANCE_BITS-1:0] above;
-    wire                      whole = reciprocal[RECIPROCAL_BITS-1];
     logic [PRODUCT_BITS-1:0]  product;
     logic [EVIDENCE_BITS-1:0] evidence[0:PREDICTED-SCALED-1];
     logic [PREDICTED-1:0]     valid;
 
-    // A multiplier of 16 bits is enough: half of a reciprocal of 2^16, and a shift of one bit less
-    wire [RECIPROCAL_BITS-2:0] factor =
-        {reciprocal[RECIPROCAL_BITS-2] || whole, reciprocal[RECIPROCAL_BITS-3:0]};
+    // half of a reciprocal of 2^16: a shift of one bit less
     wire [PRODUCT_BITS-SHIFT:0] weighted =
         whole ? product[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product[PRODUCT_BITS-1:SHIFT]};
 
@@ -222,7 +220,7 @@ module vpr_filter #(
 
     integer i;
     always_ff @(posedge clk) begin
-        if (item) above <= here - ~nearest_inverse;
+        if (item) above <= farther[DISTANCE_BITS:1];
         product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(factor);
         evidence[0] <= paused ? '0 : (weighted >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(weighted);
         for (i = 1; i < PREDICTED - SCALED; i = i + 1) evidence[i] <= evidence[i-1];

@@ -14,10 +14,12 @@ module vpr_pixel_lookup #(
     parameter int OWNER_BITS   = 2,
     parameter int SLOT_BITS    = 1,
     parameter bit LOADABLE          = 0,
+    parameter bit SLOW_BLOCKS       = 0,  // see vpr_device
     parameter     DISPLACEMENT_FILE = "displacement.mem",
     parameter     LOOKUP_FILE       = "lookup.mem"
 ) (
     input  logic                 clk,
+    input  logic                 rst,
     input  logic [1:0]           load,  // see vpr_rom
     input  logic [19:0]          load_address,
     input  logic [31:0]          load_word,
@@ -32,11 +34,11 @@ module vpr_pixel_lookup #(
     logic [ADDRESS_BITS-1:0]         displacement;
     logic [OWNER_BITS+SLOT_BITS-1:0] entry;
 
-    // the pixel, the one whose address is there, and the one whose entry is
+    // the pixel, and the one whose entry is there, two steps later
     logic [COLUMN_BITS-1:0]  held_column;
-    logic [ROW_BITS-1:0]     held_row, address_row, entry_row;
-    logic                    off_column, off_row, address_off, entry_off;
-    logic                    second_half, address_second, entry_second;
+    logic [ROW_BITS-1:0]     held_row, entry_row;
+    logic                    off_column, off_row, entry_off;
+    logic                    second_half, entry_second;
     logic [ADDRESS_BITS-1:0] address;
 
     always_ff @(posedge clk) begin
@@ -49,16 +51,16 @@ module vpr_pixel_lookup #(
             off_row     <= {1'b0, row} >= 16'(HEIGHT);
             second_half <= POLARITY && !on;
         end
-        if (enable) begin
-            address        <= ADDRESS_BITS'(held_column) + displacement;
-            address_row    <= held_row;
-            address_off    <= off_column || off_row;
-            address_second <= second_half;
-            entry_row      <= address_row;
-            entry_off      <= address_off;
-            entry_second   <= address_second;
-        end
+        if (enable) address <= ADDRESS_BITS'(held_column) + displacement;
     end
+
+    vpr_delay #(
+        .STEPS(2), .BITS(ROW_BITS + 2), .IN_LOGIC(SLOW_BLOCKS)
+    ) pixels (
+        .clk(clk), .rst(rst), .push(enable),
+        .word({off_column || off_row, second_half, held_row}),
+        .oldest({entry_off, entry_second, entry_row})
+    );
 
     vpr_rom #(
         .DEPTH(HEIGHT), .BITS(ADDRESS_BITS), .ADDRESS_BITS(ROW_BITS),

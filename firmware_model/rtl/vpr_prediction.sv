@@ -33,7 +33,8 @@ module vpr_prediction #(
     localparam int WIDE    = 1 << LEVELS;
     // no way is dearer than a restart: what is dearer saturates before a price is added
     localparam int BITS    = RESTART == 0 ? 1 : $clog2(RESTART + 1);
-    localparam int SUM_BITS = (BITS > 10 ? BITS : 10) + 1;
+    // nor does a step cost more than it
+    localparam int SUM_BITS = BITS + 1;
 
     localparam logic [BITS-1:0] LIMIT = BITS'(RESTART);
 
@@ -78,7 +79,10 @@ module vpr_prediction #(
                         : STEP_PRICES[10*(STEP<0?0:STEP)+:10];
                     localparam logic [9:0] STANDING =
                         STANDS ? PAUSE_PRICES[10*(STANDS?STEP:0)+:10] : RESTART;
-                    wire [9:0] price = paused ? STANDING : MOVING;
+                    localparam logic [BITS-1:0] MOVED = BITS'(MOVING < RESTART ? MOVING : RESTART);
+                    localparam logic [BITS-1:0] STOOD =
+                        BITS'(STANDING < RESTART ? STANDING : RESTART);
+                    wire [BITS-1:0] price = paused ? STOOD : MOVED;
                     always_ff @(posedge clk)
                         found <= SUM_BITS'(entries[node*BITS+:BITS]) + SUM_BITS'(price);
                 end else begin : g_filler

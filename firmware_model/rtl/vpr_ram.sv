@@ -1,11 +1,12 @@
 // Memory with one write port and one read port with a registered output. It starts undefined.
 // No unit reads what it writes in the same clock: nothing is promised for it. IN_LOGIC keeps it out of
-// block memories.
+// block memories, IN_BLOCK in them, however small it is.
 module vpr_ram #(
     parameter int DEPTH        = 2,
     parameter int BITS         = 1,
     parameter int ADDRESS_BITS = 1,
-    parameter bit IN_LOGIC     = 0
+    parameter bit IN_LOGIC     = 0,
+    parameter bit IN_BLOCK     = 0
 ) (
     input  logic                    clk,
     input  logic                    write,
@@ -23,7 +24,14 @@ module vpr_ram #(
                 if (write) memory[write_address] <= write_word;
                 if (read) read_word <= memory[read_address];
             end
-        end else begin : g_block
+        end else if (IN_BLOCK) begin : g_block
+            (* ram_style = "block", no_rw_check *)
+            logic [BITS-1:0] memory[0:DEPTH-1];
+            always_ff @(posedge clk) begin
+                if (write) memory[write_address] <= write_word;
+                if (read) read_word <= memory[read_address];
+            end
+        end else begin : g_auto
             (* no_rw_check *)
             logic [BITS-1:0] memory[0:DEPTH-1];
             always_ff @(posedge clk) begin

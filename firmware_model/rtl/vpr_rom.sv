@@ -5,7 +5,10 @@ module vpr_rom #(
     parameter int BITS         = 1,
     parameter int ADDRESS_BITS = 1,
     parameter     FILE         = "",
-    parameter bit LOADABLE     = 0
+    parameter bit LOADABLE     = 0,
+    // verilator lint_off UNUSEDPARAM
+    parameter     STYLE        = "auto"  // "block": in a block memory, however small
+    // verilator lint_on UNUSEDPARAM
 ) (
     input  logic                    clk,
     input  logic                    enable,
@@ -15,6 +18,7 @@ module vpr_rom #(
     input  logic [19:0]             load_address,
     input  logic [31:0]             load_word
 );
+    (* ram_style = STYLE *)
     logic [BITS-1:0] memory[0:DEPTH-1];
 
     generate

@@ -10,7 +10,8 @@
 module vpr_search #(
     parameter int EXCLUSION  = 0,
     parameter int SUM_BITS   = 1,
-    parameter int PLACE_BITS = 1
+    parameter int PLACE_BITS = 1,
+    parameter bit SLOW_BLOCKS = 0  // see vpr_device
 ) (
     input  logic                  clk,
     input  logic                  rst,
@@ -29,24 +30,31 @@ module vpr_search #(
     localparam int DELAY     = EXCLUSION + 1;
     localparam int ZONE_BITS = $clog2(DELAY + 1);
 
-    logic [DELAY*SUM_BITS-1:0] delayed;  // inverses, the newest in the least significant bits
-    logic [ZONE_BITS-1:0]      filled;
-    logic [ZONE_BITS-1:0]      behind;   // places since the best, at most EXCLUSION
-    logic                      has_left;
-    logic [PLACE_BITS-1:0]     left;
-    logic [SUM_BITS-1:0]       left_sum;
+    logic [ZONE_BITS-1:0]  filled;
+    logic [ZONE_BITS-1:0]  behind;  // places since the best, at most EXCLUSION
+    logic                  has_left;
+    logic [PLACE_BITS-1:0] left;
+    logic [SUM_BITS-1:0]   left_sum;
 
     // first clock: compare
     logic                  update;
     logic                  sum_lower, sum_equal, sum_below_second, oldest_lower;
     logic [PLACE_BITS-1:0] oldest_place;
 
-    wire [SUM_BITS-1:0] oldest = ~delayed[EXCLUSION*SUM_BITS+:SUM_BITS];
+    // the sum of DELAY places before, inverted, as it is compared
+    logic [SUM_BITS-1:0] oldest_inverse;
+    wire  [SUM_BITS-1:0] oldest = ~oldest_inverse;
+
+    vpr_delay #(
+        .STEPS(DELAY), .BITS(SUM_BITS), .IN_LOGIC(SLOW_BLOCKS)
+    ) delay (
+        .clk(clk), .rst(rst), .push(update), .word(~sum), .oldest(oldest_inverse)
+    );
 
     // the carry of b + ~a says that a is less than b
     wire [SUM_BITS:0] below_best   = {1'b0, best_sum} + {1'b0, ~sum};
     wire [SUM_BITS:0] below_second = {1'b0, second_sum} + {1'b0, ~sum};
-    wire [SUM_BITS:0] below_left   = {1'b0, left_sum} + {1'b0, ~oldest};
+    wire [SUM_BITS:0] below_left   = {1'b0, left_sum} + {1'b0, oldest_inverse};
 
     always_ff @(posedge clk) begin
         update           <= sum_valid && !start && !rst;
@@ -68,7 +76,6 @@ module vpr_search #(
 
     always_ff @(posedge clk) begin
         if (update) begin
-            delayed <= (DELAY * SUM_BITS)'({delayed, ~sum});
             if (!leaves) filled <= filled + 1'b1;
             has_left <= has_left || leaves;
             left     <= next_left;

@@ -28,18 +28,15 @@ module vpr_trust #(
     localparam int PAUSE_STEPS    = 3;
     localparam int LAST           = (STEPS > PAUSE_STEPS ? STEPS : PAUSE_STEPS) - 1;
     // steps to compare: wide enough for the longest as well
-    localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 2;
-
-    localparam logic signed [BITS-1:0] LOWEST  = BITS'(-BACK);
-    localparam logic signed [BITS-1:0] HIGHEST = BITS'(LAST);
+    localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 1;
+    localparam logic [4:0] LONGEST = 5'(LAST + BACK);
 
     logic [4:0]                    phase;
-    logic                          placed, below, beyond, stays, falls;
-    // as they are subtracted
-    logic [PLACE_BITS-1:0]         place_inverse;
+    logic                          placed, beyond, stays, falls;
+    // as they are subtracted: the lowest place that follows from the match before, and the margin
+    logic [BITS-1:0]               lowest_inverse;
     logic [METRIC_BITS-1:0]        margin_inverse;
-    wire  [PLACE_BITS-1:0]         place = ~place_inverse;
-    logic signed [BITS-1:0]        step;
+    logic [BITS-1:0]               step;  // from that place; from below it, very long
     logic signed [TRUST_BITS:0]    difference;
     logic [TRUST_BITS-1:0]         moves;
 
@@ -53,18 +50,17 @@ module vpr_trust #(
         phase      <= {phase[3:0], update};
         margin_inverse <= best_sum + ~second_sum;
         if (!has_second) margin_inverse <= '0;
-        step       <= $signed(BITS'(best)) - $signed(BITS'(place));
-        below      <= step < LOWEST;
-        beyond     <= step > HIGHEST;
-        stays      <= placed && step == 0;
+        step       <= BITS'(({BITS'(best), 1'b1} + {lowest_inverse, 1'b1}) >> 1);
+        beyond     <= step[BITS-1:5] != 0 || step[4:0] > LONGEST;
+        stays      <= placed && step == BITS'(BACK);
         difference <= ~({1'b1, margin_inverse, {FRACTION{1'b1}}} + {1'b0, trust});
         falls      <= stays && !more[TRUST_BITS];
         moves      <= stays && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
-        if (phase[1] && (!placed || below || beyond)) trust <= '0;
+        if (phase[1] && (!placed || beyond)) trust <= '0;
         if (phase[4]) begin
             // the inverse of the fall, and a carry
             trust  <= TRUST_BITS'(({trust, 1'b1} + {moves, falls}) >> 1);
-            place_inverse <= ~best;
+            lowest_inverse <= ~(BITS'(best) - BITS'(BACK));
             placed <= 1'b1;
         end
         trusted <= !lacking[TRUST_BITS];

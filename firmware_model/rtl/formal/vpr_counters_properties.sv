@@ -13,14 +13,12 @@ module vpr_counters_properties #(
     input logic [SLOT_BITS-1:0] slot,
     input logic                 draining,
     input logic                 drain,
-    input logic [SLOT_BITS-1:0] drain_slot,
-    input logic                 clear,
-    input logic [SLOT_BITS-1:0] clear_slot
+    input logic [SLOT_BITS-1:0] drain_slot
 );
     (* anyconst *) logic [SLOT_BITS-1:0] k;
 
     logic                  raises;
-    logic [SLOT_BITS-1:0]  raised_slot;
+    logic [SLOT_BITS-1:0]  raised_slot, read_slot;
     logic [COUNT_BITS-1:0] raised, drained;
 
     vpr_counters #(
@@ -28,13 +26,14 @@ module vpr_counters_properties #(
     ) counters (
         .clk(clk), .rst(rst), .enable(enable), .take(take),
         .slot(slot), .raises(raises), .raised_slot(raised_slot), .raised(raised), .draining(draining),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained), .clear(clear), .clear_slot(clear_slot)
+        .drain(drain), .drain_slot(drain_slot), .drained(drained), .read_slot(read_slot)
     );
 
     // the count of `k`, which is known once it was cleared; and slots that are on their way
     logic                  begun = 1'b0;
     logic                  known, read_k;
-    logic [1:0]            under_way;
+    logic [1:0]            under_way, drains, after;
+    logic [SLOT_BITS-1:0]  newer_slot, drained_slot;
     logic [COUNT_BITS-1:0] k_count, read_count;
 
     wire [COUNT_BITS-1:0] next_count = k_count == COUNT_MAX ? k_count : k_count + 1'b1;
@@ -43,31 +42,39 @@ module vpr_counters_properties #(
     always_ff @(posedge clk) begin
         begun <= 1'b1;
         if (counts && enable) k_count <= next_count;
-        if (clear && clear_slot == k) begin
-            k_count <= '0;
-            known   <= 1'b1;
-        end
         if (enable) under_way <= {under_way[0], take};
+        after <= {after[0], draining};
+        drains <= {drains[0], drain && draining};
         if (drain && draining) begin
-            read_k     <= drain_slot == k && known;
-            read_count <= k_count;
+            read_k       <= drain_slot == k && known;
+            read_count   <= k_count;
+            newer_slot   <= drain_slot;
+            drained_slot <= newer_slot;
+            // from then on it is 0
+            if (drain_slot == k) begin
+                k_count <= '0;
+                known   <= 1'b1;
+            end
         end
         if (!draining) read_k <= 1'b0;
         if (rst) begin
             known     <= 1'b0;
             under_way <= '0;
+            drains    <= '0;
             read_k    <= 1'b0;
         end
     end
 
     always_comb begin
-        assume (k < SLOTS && slot < SLOTS && drain_slot < SLOTS && clear_slot < SLOTS);
+        assume (k < SLOTS && slot < SLOTS && drain_slot < SLOTS);
         if (!begun) assume (rst);
-        // the encoder drains while no slot is on its way, and clears a slot after it has read it
-        if (draining) assume (!take && under_way == 0);
-        else assume (!clear);
+        // the encoder drains while no slot is on its way, each slot once, and no event is counted in
+        // the two clocks behind it
+        if (draining) assume (enable && !take && under_way == 0);
+        if (after != 0) assume (enable && !take);
         if (take && slot == k) assume (known);
-        if (drain && clear) assume (drain_slot != clear_slot);
+        if (drain && draining && drains != 0) assume (drain_slot != newer_slot);
+        if (drain && draining && drains == 2'b11) assume (drain_slot != drained_slot);
     end
 
     always_comb begin
@@ -75,7 +82,7 @@ module vpr_counters_properties #(
             if (counts) assert (raised == next_count);
             assert (raises == under_way[1]);
             if (known) assert (k_count <= COUNT_MAX);
-            if (read_k && draining) assert (drained == read_count);
+            if (read_k && draining) assert (drained == read_count && read_slot == k);
         end
     end
 endmodule

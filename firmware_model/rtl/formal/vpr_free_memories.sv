@@ -4,7 +4,8 @@ module vpr_ram #(
     parameter DEPTH        = 2,
     parameter BITS         = 1,
     parameter ADDRESS_BITS = 1,
-    parameter IN_LOGIC     = 0
+    parameter IN_LOGIC     = 0,
+    parameter IN_BLOCK     = 0
 ) (
     input  logic                    clk,
     input  logic                    write,
@@ -40,7 +41,8 @@ module vpr_rom #(
     parameter BITS         = 1,
     parameter ADDRESS_BITS = 1,
     parameter FILE         = "",
-    parameter LOADABLE     = 0
+    parameter LOADABLE     = 0,
+    parameter STYLE        = "auto"
 ) (
     input  logic                    clk,
     input  logic                    enable,

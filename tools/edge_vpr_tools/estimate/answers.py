@@ -53,6 +53,10 @@ def _verdict(asked: Question, target: Target, cost: Cost) -> str:
         memory += f" in {blocks}"
         if not enough:
             problems.append("too few block memories")
+    if cost.logic_cells is not None:
+        memory += f"; {cells_text(cost.logic_cells, target)} (predicted)"
+        if cost.logic_cells > target.logic_cells:
+            problems.append("too few logic cells")
     if cost.load.low >= 1:
         problems.append("too slow for the mission")
     fits = f"does not fit ({', '.join(problems)})" if problems else "fits"
@@ -76,6 +80,11 @@ def memory_text(of: Design, target: Target) -> str:
         return size_text(sizes(of).packed_bytes)
     blocks, enough = _blocks(of, target)
     return blocks if enough else f"{blocks}: too many"
+
+
+def cells_text(taken: int, target: Target) -> str:
+    """Return the logic cells that the core takes, and those that there are."""
+    return f"{taken:,} of {target.logic_cells:,} logic cells"
 
 
 def _blocks(of: Design, target: Target) -> tuple[str, bool]:

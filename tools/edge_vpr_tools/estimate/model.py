@@ -1,9 +1,8 @@
 """What a design costs on a target: instructions or cycles, time, and modelled energy.
 
 The layers are separate: counts are exact (`counts`), instructions come from tables that were
-counted
-on the emulated firmware, time needs an assumed number of cycles per instruction, and energy a cited
-constant. Without a constant the energy is None, which is shown as unknown.
+counted on the emulated firmware, time needs an assumed number of cycles per instruction, and energy
+a cited constant. Without a constant the energy is None, which is shown as unknown.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from edge_vpr.errors import UsageError
+from edge_vpr_tools.estimate import core_area
 from edge_vpr_tools.estimate.counts import Work, event_work, match_work, window_work
 from edge_vpr_tools.estimate.emulation import predict
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
@@ -112,6 +112,8 @@ class Cost:
     ----------
     instructions : dict of str to float, optional
         Processors only.
+    logic_cells : int, optional
+        Of the core, predicted from measured netlists; FPGAs that there are such of.
     cycles : dict of str to Spread
     seconds : dict of str to Spread
     load : Spread
@@ -128,6 +130,7 @@ class Cost:
     """
 
     instructions: dict[str, float] | None
+    logic_cells: int | None
     cycles: dict[str, Spread]
     seconds: dict[str, Spread]
     load: Spread
@@ -170,6 +173,7 @@ def cost(
             "match": device.compare + device.drain,
         }
         taken = {unit: Spread(1.0, 1.0, 1.0) * count for unit, count in number.items()}
+    cells = core_area.cells(design) if target.logic_cells else None
     seconds = {unit: value * (1 / target.clock_hz) for unit, value in taken.items()}
     basis: list[Constant] = []
     energy = None
@@ -178,7 +182,11 @@ def cost(
     elif cycle_energy is not None or target.cycle_energy:
         per_cycle = cycle_energy or constants()[target.cycle_energy]
         basis.append(per_cycle)
-        energy = {unit: value * per_cycle.value * _PICO for unit, value in taken.items()}
+        a_cycle = per_cycle.value
+        if cycle_energy is None and target.cell_energy and cells is not None:
+            basis.append(constants()[target.cell_energy])
+            a_cycle = a_cycle + basis[-1].value * cells
+        energy = {unit: value * a_cycle * _PICO for unit, value in taken.items()}
     idle = None
     if target.idle_power:
         basis.append(constants()[target.idle_power])
@@ -188,6 +196,7 @@ def cost(
     a_match = 1 / mission.matches_per_s
     return Cost(
         instructions=instructions,
+        logic_cells=cells,
         cycles=taken,
         seconds=seconds,
         load=_per_second(seconds, mission),

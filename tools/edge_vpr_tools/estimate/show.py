@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from edge_vpr_tools.estimate.answers import answer_lines, memory_text
+from edge_vpr_tools.estimate.answers import answer_lines, cells_text, memory_text
 from edge_vpr_tools.estimate.candidates import Candidate
 from edge_vpr_tools.estimate.estimation import Estimation, Question
 from edge_vpr_tools.estimate.fit import Fit
@@ -118,7 +118,7 @@ def _costs(found: Estimation) -> None:
                 joules(energy),
                 watts(cost.marginal_w),
                 watts(cost.idle_w),
-                memory_text(found.question.design, target),
+                _memory(found, target),
             ]
         )
     table(
@@ -127,6 +127,12 @@ def _costs(found: Estimation) -> None:
         rows,
     )  # fmt: skip
     say("event and match: i are instructions, c are clock cycles")
+
+
+def _memory(found: Estimation, target: Target) -> str:
+    """Return the memory of a target, and the logic cells of the core where they are known."""
+    memory, cells = memory_text(found.question.design, target), found.costs[target.name].logic_cells
+    return memory if cells is None else f"{memory}; {cells_text(cells, target)}"
 
 
 def _units(found: Cost, target: Target, mission: Mission) -> None:

@@ -71,10 +71,13 @@ class Target:
     cpi : tuple of three floats
         Cycles per instruction, an assumption; low, central, high.
     cpi_source, note : str
-    cycle_energy, idle_power : str
-        Names of constants; empty where none is known.
+    cycle_energy, cell_energy, idle_power : str
+        Names of constants; empty where none is known. Of an FPGA whose `cell_energy` is known, a
+        cycle takes that for each logic cell of the core besides.
     unknown : str
         What is not known, in a sentence; empty if nothing.
+    logic_cells : int
+        That there are, of an FPGA that the core's area is known for; else 0.
     blocks, large_blocks : int
         Block memories, of the shapes (depth, width) that follow.
     block_shapes, large_block_shapes : tuple of pairs
@@ -88,8 +91,10 @@ class Target:
     cpi_source: str = ""
     note: str = ""
     cycle_energy: str = ""
+    cell_energy: str = ""
     idle_power: str = ""
     unknown: str = ""
+    logic_cells: int = 0
     blocks: int = 0
     block_shapes: tuple[tuple[int, int], ...] = ()
     large_blocks: int = 0
@@ -126,7 +131,7 @@ class Target:
         target = cls(**values)
         if target.kind == "processor":
             _check_processor(target, path)
-        for name in (target.cycle_energy, target.idle_power):
+        for name in (target.cycle_energy, target.cell_energy, target.idle_power):
             if name and name not in constants():
                 raise UsageError(f"{path}: there is no constant {name!r} in energy.toml")
         return target
@@ -175,7 +180,7 @@ def _check_types(values: dict[str, Any]) -> None:
                 len(shape) == 2 and all(_is_size(side) and side for side in shape)
                 for shape in value
             )
-        elif name in ("blocks", "large_blocks"):
+        elif name in ("logic_cells", "blocks", "large_blocks"):
             fits = _is_size(value)
         elif name in ("clock_hz", "cpi"):
             numbers = value if name == "cpi" else [value]

@@ -140,11 +140,11 @@ def absent_data(data: Path | None, pairs: Collection[str]) -> str:
     if set(pairs) - {SIMULATED}:
         return ""
     listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
+    where = "no folder was given with --data" if data is None else f"{data} holds none"
     return (
-        f"\n\nNo recorded drives were compared: {data or 'no folder was given with --data'}"
-        f"{' holds none' if data else ''}. Put there two traverses or more of Brisbane-Event-VPR "
-        f"({BRISBANE_PAGE}, or {BRISBANE_BAGS_PAGE}) or QCR-Event-VPR ({QCR_PAGE}) under their "
-        f"published names, or one of the folders {listed}."
+        f"\n\nNo recorded drives were compared: {where}. Name a folder with two traverses or more "
+        f"of Brisbane-Event-VPR ({BRISBANE_PAGE}, or {BRISBANE_BAGS_PAGE}) or QCR-Event-VPR "
+        f"({QCR_PAGE}) under their published names, or with one of the folders {listed}."
     )
 
 

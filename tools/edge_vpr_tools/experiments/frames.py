@@ -159,9 +159,9 @@ def run(
         return tables
     where = "no folder was given with --data" if data is None else f"{data} holds none"
     return (
-        f"{tables}\n\nNo recorded frames were compared: {where}. Put there two bags or more of "
-        f"Brisbane-Event-VPR ({BRISBANE_BAGS_PAGE}) under their published names, with their GPS "
-        f"logs, or own drives into the folder {FRAMES} (docs/results.md says how)."
+        f"{tables}\n\nNo recorded frames were compared: {where}. Name a folder with two bags or "
+        f"more of Brisbane-Event-VPR ({BRISBANE_BAGS_PAGE}) under their published names and their "
+        f"GPS logs, or with own drives in its folder {FRAMES} (docs/results.md says how)."
     )
 
 

@@ -1,0 +1,104 @@
+"""Logic cells of each unit of the core: ``python -m firmware_model.hardware.unit_cells``.
+
+The board designs of the documented kinds are synthesized by yosys and packed by nextpnr-ice40; each
+cell belongs to the unit that its name begins with. Units are flattened first, so that a cell which
+serves two of them is counted with one. Carries that begin or end have cells without a unit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from firmware_model.design import Design
+from firmware_model.errors import ToolError
+from firmware_model.hardware.boards import ICEBREAKER
+from firmware_model.hardware.report import KINDS, pack, synthesize, write_tables
+
+#: cells whose names begin with a unit's, and with nothing that is known
+TOP, CARRIES = "window's number, busy, board", "ends of carries"
+_SKIPPED = re.compile(r"^(?:device\.)*(?:core\.)?|\bg_\w+(?:\[\d+\])?\.|\bgenblk\d+\.")
+
+
+def unit_of(cell: str) -> str:
+    """Return the unit of a packed cell by its name, without generate blocks and inner units."""
+    if cell.startswith("$"):
+        return CARRIES
+    first, *inner = _SKIPPED.sub("", cell).split(".")
+    if not inner:
+        return TOP
+    return f"{first}: {inner[0]}" if first in ("events", "place_filter") and inner[1:] else first
+
+
+def unit_cells(design: Design) -> Counter[str]:
+    """Count the logic cells of each unit of a board design.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    Counter of str
+        By the unit's name in ``vpr_core.sv``, or its unit within that.
+
+    Raises
+    ------
+    ToolError
+        If a tool is missing, or refuses the design.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_tables(design, folder)
+        synthesize(folder, ICEBREAKER)
+        pack(folder, ICEBREAKER, folder / "packed.json")
+        (packed,) = json.loads((folder / "packed.json").read_text("utf-8"))["modules"].values()
+    return Counter(
+        unit_of(cell) for cell, found in packed["cells"].items() if found["type"] == "ICESTORM_LC"
+    )
+
+
+def to_markdown(found: Mapping[str, Counter[str]]) -> str:
+    """Write the cells of units as a Markdown table, the largest first, a column for each design."""
+    total: Counter[str] = Counter()
+    for cells in found.values():
+        total += cells
+    rows = [
+        [unit, *(f"{cells[unit]}" if cells[unit] else "" for cells in found.values())]
+        for unit, _ in total.most_common()
+    ]
+    rows.append(["all", *(f"{sum(cells.values()):,}" for cells in found.values())])
+    head = [f"| unit | {' | '.join(found)} |", f"| --- |{' --- |' * len(found)}"]
+    return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    words : sequence of str, optional
+        The command line.
+
+    Returns
+    -------
+    int
+        1 if a tool fails.
+    """
+    argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args(words)
+    try:
+        print(to_markdown({kind: unit_cells(design) for kind, design in KINDS.items()}))
+    except ToolError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""Logic cells of the hardware core: the fit, the table it is made from, and the energy of them."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from dataclasses import replace
+
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.estimate import core_area, targets
+from edge_vpr_tools.estimate.model import Mission, cost
+
+from firmware_model.design import Design
+
+RATE = Mission(events_per_s=1e5, selected_share=0.01, matches_per_s=1)
+DOCUMENTED = core_area.FITTED_ON["sequences, 8 lanes"]
+
+
+def test_the_table_has_every_named_design_and_no_other():
+    """Those that the fit is made of, and those that it is judged on, which differ."""
+    assert set(core_area.read()) == set(core_area.FITTED_ON) | set(core_area.JUDGED_ON)
+    fitted, judged = core_area.FITTED_ON.values(), core_area.JUDGED_ON.values()
+    assert not set(fitted) & set(judged)
+    assert core_area.available() == targets.find("ice40up5k").logic_cells
+
+
+def test_the_fit_errs_by_a_tenth_at_most_on_netlists_that_it_was_not_fitted_on():
+    """And its figures are those of the table, not constants: a table of twice the cells doubles."""
+    assert set(core_area.errors()) == set(core_area.JUDGED_ON)
+    assert all(abs(error) < 0.1 for error in core_area.errors().values())
+
+
+def test_cells_follow_the_table(tmp_path, monkeypatch):
+    """A table of twice the cells predicts twice as many."""
+    before = core_area.cells(DOCUMENTED)
+    table = tmp_path / "twice.csv"
+    with table.open("w", encoding="ascii", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(core_area.Netlist._fields)
+        for row in core_area.read().values():
+            writer.writerow((row.design, 2 * row.cells, row.available))
+    monkeypatch.setattr(core_area, "read", lambda read=core_area.read: read(table))
+    core_area._fitted.cache_clear()
+    try:
+        assert core_area.cells(DOCUMENTED) == pytest.approx(2 * before, abs=1)
+    finally:
+        core_area._fitted.cache_clear()
+
+
+def test_lanes_bits_the_filter_and_own_means_take_cells():
+    """Each of them more than nothing."""
+    single = replace(DOCUMENTED, length=1)
+    for more in (
+        replace(single, lanes=16),
+        replace(single, code_bits=6),
+        replace(single, matching="filter"),
+        replace(single, code="own-mean", full_scales=(0,)),
+        DOCUMENTED,
+    ):
+        assert core_area.cells(more) > core_area.cells(single)
+
+
+def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():
+    """Low and high by hand; both constants are cited; a cycle that was measured stands alone."""
+    target = targets.find("ice40up5k")
+    clock, cell = (targets.constants()[f"ice40up5k-{name}"] for name in ("clock", "cell"))
+    found = cost(DOCUMENTED, target, RATE)
+    assert found.logic_cells == core_area.cells(DOCUMENTED)
+    assert found.energy_j is not None and {clock, cell} <= set(found.basis)
+    cycles = found.cycles["match"].central
+    for end in ("low", "central", "high"):
+        picojoules = getattr(clock.value, end) + found.logic_cells * getattr(cell.value, end)
+        joules = getattr(found.energy_j["match"], end)
+        assert joules == pytest.approx(cycles * picojoules * 1e-12)
+    measured = cost(DOCUMENTED, target, RATE, clock)
+    assert measured.energy_j is not None and cell not in measured.basis
+    assert measured.energy_j["match"].low == pytest.approx(cycles * clock.value.low * 1e-12)
+
+
+def test_the_answer_says_the_cells_and_that_there_are_too_few(tmp_path, capsys):
+    """Predicted; no other target has any."""
+    wide = Design(
+        width=346, height=260, pixels=512, places=100, lanes=256, code_bits=8, lookup_depth=2048
+    )
+    wide.save(tmp_path / "wide.toml")
+    words = ["estimate", "--design", str(tmp_path / "wide.toml"), "--target"]
+    assert main([*words, "ice40up5k", "--sources"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "of 5,280 logic cells (predicted)" in told and "too few logic cells" in told
+    assert "logic cells are predicted from 9 netlists of the hardware core" in told
+    assert main([*words, "cortex-m4"]) == 0
+    assert "logic cells" not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not (shutil.which("yosys") and shutil.which("nextpnr-ice40")), reason="yosys or nextpnr missing"
+)
+def test_the_table_is_what_the_tools_say_of_the_core_as_it_is():
+    """Within 2 %: another version of the tools packs a few cells more or less."""
+    name = "single windows, 8 lanes"
+    (found,) = core_area.measure({name: core_area.FITTED_ON[name]})
+    assert found.cells == pytest.approx(core_area.read()[name].cells, rel=0.02)

@@ -1,0 +1,146 @@
+"""Logic cells of the hardware core on an FPGA, as a function of the design.
+
+``python -m edge_vpr_tools.estimate.core_area`` synthesizes and packs the board designs of
+`FITTED_ON` and `JUDGED_ON` by yosys and nextpnr, and writes the table of their cells beside this
+file. `cells` fits the first at its first call; the others say how far it errs.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_model.design import Design
+
+TABLE = Path(__file__).parent / "core_area.csv"
+
+_SEQUENCES = Design(
+    width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="log", code_bits=4
+)
+_SINGLE = replace(_SEQUENCES, length=1)
+_FILTER = replace(_SINGLE, matching="filter")
+_OWN_MEANS = replace(_SINGLE, code="own-mean", full_scales=(0,))
+_BOTH = replace(_OWN_MEANS, matching="filter")
+#: sizes that change apart from one another
+FITTED_ON = {
+    "sequences, 2 lanes": replace(_SEQUENCES, lanes=2),
+    "sequences, 8 lanes": _SEQUENCES,
+    "sequences, 16 lanes": replace(_SEQUENCES, lanes=16),
+    "sequences, codes of 6 bits": replace(_SEQUENCES, code_bits=6),
+    "single windows, 8 lanes": _SINGLE,
+    "place filter, 4 lanes": replace(_FILTER, lanes=4),
+    "place filter, 16 lanes": replace(_FILTER, lanes=16),
+    "single windows, own means, 4 lanes": replace(_OWN_MEANS, lanes=4),
+    "place filter, own means, 8 lanes": _BOTH,
+}
+#: designs that the fit is judged on
+JUDGED_ON = {
+    "place filter, 8 lanes": _FILTER,
+    "sequences, 100 pixels, 400 places, 5 lanes": replace(
+        _SEQUENCES, pixels=100, places=400, lanes=5
+    ),
+    "place filter, own means, 60 pixels, 1,500 places, 12 lanes": replace(
+        _BOTH, pixels=60, places=1500, lanes=12
+    ),
+}
+
+
+class Netlist(NamedTuple):
+    """Cells of a packed design, and those that the FPGA has."""
+
+    design: str
+    cells: int
+    available: int
+
+
+def read(table: Path = TABLE) -> dict[str, Netlist]:
+    """Read the measured netlists by the name of the design."""
+    with table.open(encoding="ascii", newline="") as file:
+        return {
+            row["design"]: Netlist(row["design"], int(row["cells"]), int(row["available"]))
+            for row in csv.DictReader(file)
+        }
+
+
+def available() -> int:
+    """Return the logic cells of the FPGA."""
+    return next(iter(read().values())).available
+
+
+def cells(design: Design) -> int:
+    """Predict the logic cells of the core and its SPI slave on an iCE40UP5K.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    int
+        Rounded.
+    """
+    return round(float(np.dot(_fitted(), _terms(design))))
+
+
+def errors() -> dict[str, float]:
+    """Compare the prediction with the netlists that it was not fitted on.
+
+    Returns
+    -------
+    dict of str to float
+        Relative error by the name of the design, positive where too many cells are predicted.
+    """
+    measured = read()
+    return {name: cells(of) / measured[name].cells - 1 for name, of in JUDGED_ON.items()}
+
+
+@cache
+def _fitted() -> tuple[float, ...]:
+    """Solve for the cells of each term, by least squares of relative errors."""
+    measured = read()
+    counted = np.array([measured[name].cells for name in FITTED_ON], dtype=np.float64)
+    terms = np.array([_terms(design) for design in FITTED_ON.values()], dtype=np.float64)
+    solved = np.linalg.lstsq(terms / counted[:, None], np.ones(len(counted)), rcond=None)[0]
+    return tuple(solved.tolist())
+
+
+def _terms(design: Design) -> tuple[int, ...]:
+    """Core, bits of a word, place filter, own means, and sums of several windows."""
+    several = not design.filters and design.length > 1
+    return 1, design.lanes * design.code_bits, design.filters, design.own_mean, several
+
+
+def measure(designs: Mapping[str, Design]) -> list[Netlist]:
+    """Synthesize and pack designs; raises `firmware_model.errors.ToolError` as the report does."""
+    from firmware_model.hardware.boards import ICEBREAKER
+    from firmware_model.hardware.netlist import packed_cells
+
+    found = []
+    for name, design in designs.items():
+        taken, there = packed_cells(design, ICEBREAKER)["logic cells"]
+        print(f"{name}: {taken} of {there}", file=sys.stderr, flush=True)
+        found.append(Netlist(name, taken, there))
+    return found
+
+
+def main() -> None:
+    """Write the table of all designs."""
+    rows = measure(FITTED_ON | JUDGED_ON)
+    with TABLE.open("w", encoding="ascii", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(Netlist._fields)
+        writer.writerows(rows)
+    _fitted.cache_clear()
+    for name, error in errors().items():
+        print(f"{name}: {error:+.1%}")
+
+
+if __name__ == "__main__":
+    main()
