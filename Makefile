@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # tells a stale environment from a current one without asking pip
 STAMP = $(VENV)/.installed-$(1)
 
-.PHONY: demo test quick coverage test-rtl lint types site bench clean
+.PHONY: demo test quick coverage test-rtl test-aarch64 test-pythons lint types site bench clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
@@ -33,6 +33,15 @@ coverage: $(call STAMP,test)
 test-rtl: $(call STAMP,test)
 	$(BIN)/python -m pytest tests/test_hardware.py
 
+# under aarch64, emulated: what is compiled for the processor; PART=whole runs for an hour
+test-aarch64:
+	sh tests/in_debian.sh arm64 3.13
+
+# with the Pythons that Debian has; 3.12 is the workflow's
+test-pythons:
+	PART=whole sh tests/in_debian.sh amd64 3.13
+	PART=whole sh tests/in_debian.sh amd64 3.14
+
 lint: $(call STAMP,test)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -49,7 +58,7 @@ bench: $(call STAMP,bench)
 	$(BIN)/python tools/bench/latency.py >> docs/benchmarks.md
 
 clean:
-	rm -rf $(VENV) results site
+	rm -rf $(VENV) .debian results site
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from urllib.parse import unquote
@@ -15,8 +17,7 @@ def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
     r"""Return text as one printable line for terminals, logs and reports.
 
     File names, names of devices and texts in files come from others. An escape sequence in one of
-    them
-    could clear the screen, or make a failure look like a success.
+    them could clear the screen, or make a failure look like a success.
 
     Parameters
     ----------
@@ -107,6 +108,10 @@ class GroundTruthError(EdgeVprError):
     """A ground truth cannot be read, or does not fit the matches."""
 
 
+class WeightsError(EdgeVprError):
+    """The weights of a network cannot be read, or do not fit the images or the places."""
+
+
 def did_you_mean(given: str, known: Iterable[str]) -> str:
     """Return the end of an error message that suggests a similar name.
 
@@ -138,7 +143,8 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 def install_command(extra: str) -> str:
     """Return the command that installs an extra, from the same source as edge-vpr itself.
 
-    An edge-vpr that was installed from a checkout is not on a package index.
+    A checkout, or what was installed from one, is not looked for on a package index. If that
+    checkout is gone, as after `tools/board/install.sh`, the libraries of the extra are named.
 
     Parameters
     ----------
@@ -152,20 +158,41 @@ def install_command(extra: str) -> str:
     if (checkout / "pyproject.toml").is_file():
         here = checkout == Path.cwd()
         return f"pip install '{'.' if here else checkout}[{extra}]'"
-    return f"pip install '{_origin(extra)}'"
+    return _from_origin(extra)
 
 
-def _origin(extra: str) -> str:
-    """Return the requirement that pip recorded when it installed edge-vpr, with an extra."""
+def _from_origin(extra: str) -> str:
+    """Return the command that installs an extra from where pip recorded edge-vpr to be from."""
     from importlib.metadata import PackageNotFoundError, distribution  # 30 ms, for errors only
 
     try:
-        recorded = json.loads(distribution("edge-vpr").read_text("direct_url.json") or "{}")
+        installed = distribution("edge-vpr")
+        recorded = json.loads(installed.read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, ValueError):
-        recorded = {}
+        return f"pip install 'edge-vpr[{extra}]'"
     url = str(recorded.get("url", ""))
     if "vcs_info" in recorded:
-        return f"edge-vpr[{extra}] @ {recorded['vcs_info'].get('vcs', 'git')}+{url}"
+        source = f"{recorded['vcs_info'].get('vcs', 'git')}+{url}"
+        return f"pip install 'edge-vpr[{extra}] @ {source}'"
     if url.startswith("file://") and "dir_info" in recorded:
-        return f"{unquote(url.removeprefix('file://'))}[{extra}]"
-    return f"edge-vpr[{extra}]"
+        folder = unquote(url.removeprefix("file://"))
+        if Path(folder).is_dir():
+            return f"pip install '{folder}[{extra}]'"
+        libraries = " ".join(f"'{each}'" for each in _libraries(installed.requires or (), extra))
+        may_write = os.access(sys.prefix, os.W_OK)
+        return f"{'' if may_write else 'sudo '}{sys.executable} -m pip install {libraries}"
+    return f"pip install 'edge-vpr[{extra}]'"
+
+
+def _libraries(requires: Iterable[str], extra: str) -> list[str]:
+    """Return the requirements of an extra on this machine, without their markers."""
+    from packaging.requirements import Requirement
+
+    needed = [Requirement(text) for text in requires]
+    return [
+        f"{each.name}{each.specifier}"
+        for each in needed
+        if each.marker is not None
+        and each.marker.evaluate({"extra": extra})
+        and not each.marker.evaluate({"extra": ""})
+    ]

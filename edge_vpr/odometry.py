@@ -78,8 +78,7 @@ class Odometry:
         """Return the distance driven between the ends of successive windows.
 
         A reading belongs to the window that ends after it. The distance of a window is known if it
-        and
-        the window before it have readings; it is the difference of the newest readings of both.
+        and the window before it have readings; it is the difference of the newest readings of both.
 
         Parameters
         ----------

@@ -35,10 +35,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """Yield the path of a temporary file that replaces `path` if the block succeeds.
 
     After an error or an interrupt, `path` is unchanged. If it is a link, its target is replaced.
-    The
-    file keeps the permissions of the old one, or gets those of the umask. File and folder are on
-    the
-    disk (fsync) when this returns.
+    The file keeps the permissions of the old one, or gets those of the umask. File and folder are
+    on the disk (fsync) when this returns.
 
     Parameters
     ----------

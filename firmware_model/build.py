@@ -127,8 +127,7 @@ def build_sanitized(folder: str | Path, files: Sequence[str], name: str) -> Path
     """Compile a program for this computer under AddressSanitizer and UndefinedBehaviorSanitizer.
 
     Zig's compiler has no AddressSanitizer, so that the compiler of the system is used (gcc or
-    clang,
-    with its sanitizer libraries).
+    clang, with its sanitizer libraries).
 
     Parameters
     ----------

@@ -83,8 +83,7 @@ def cycles(design: Design) -> Cycles:
     With sequences, a place takes ``ceil(slots / P)`` cycles in the distance unit and L in the
     sequence unit. The units work in parallel, so that the longer time counts. After the last
     distance come its L terms, the search, and the acceptance test. With the filter, the count is
-    for
-    a window that is neither the first nor a pause.
+    for a window that is neither the first nor a pause.
 
     Parameters
     ----------
@@ -138,9 +137,8 @@ def operations(design: Design) -> Operations:
     With the filter, the count is for a window that is neither the first nor a pause. For each place
     it has a term of two sums (all distances, and their deviations from the mean), the difference to
     the smallest distance and its product, the price of each step and their minimum, the evidence
-    and
-    its limits, and the search by a delay line. In addition there are two products of the acceptance
-    and three divisions.
+    and its limits, and the search by a delay line. In addition there are two products of the
+    acceptance and three divisions.
 
     Parameters
     ----------

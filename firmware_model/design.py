@@ -55,9 +55,8 @@ class Design(DesignFile):
         `window_events`-th event at a selected pixel.
     tau_us, window_events : int
     timestamp_bits : int
-        Of the device's clock, in microseconds, which wraps. What is left
-        of a window at some time is their difference modulo 2 to this power, read as a signed
-        number.
+        Of the device's clock, in microseconds, which wraps. What is left of a window at some time
+        is their difference modulo 2 to this power, read as a signed number.
     places : int
         K.
     matching : {"sequence", "filter"}

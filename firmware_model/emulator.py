@@ -1,8 +1,7 @@
 """Run the compiled firmware on an emulated processor, and count its instructions.
 
 Unicorn executes instructions, and knows no clock, caches or buses. The counts are exact, but they
-are
-instructions, not cycles.
+are instructions, not cycles.
 """
 
 from __future__ import annotations

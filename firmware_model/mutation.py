@@ -92,9 +92,8 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
     """Generate the mutants of a C source.
 
     Enumerations, declarations of types and preprocessor lines are not changed, except the numbers
-    of
-    ``#define``. The part of a header before its last ``#else`` is for other processors and is not
-    changed either.
+    of ``#define``. The part of a header before its last ``#else`` is for other processors and is
+    not changed either.
 
     Parameters
     ----------

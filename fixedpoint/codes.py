@@ -2,8 +2,7 @@
 
 The SAD of two descriptors is computed from their codes. If the steps of a code grow with the count,
 the difference between 2 and 4 events has the same weight as that between 20 and 40, and the code
-needs
-fewer bits than the count.
+needs fewer bits than the count.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 Other light multiplies all counts of a pixel by a factor, which adds a constant to their logarithms.
 The difference between a logarithm and the mean of the drive does not change. All arithmetic is in
 integers: logarithms come from a table in units of 1/256 octave, and the running mean is updated by
-a
-shift.
+a shift.
 """
 
 from __future__ import annotations

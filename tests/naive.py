@@ -542,10 +542,16 @@ def likeness(
         cross = n * sum(u * v for u, v in zip(a, b, strict=True)) - sum(a) * sum(b)
         return cross / (spread[0] * spread[1]) if all(spread) else 0.0
 
+    def mean(values: Sequence[float]) -> float:
+        total = 0.0
+        for value in values:  # sum() rounds otherwise from Python 3.12 on
+            total += value
+        return total / len(values)
+
     found = [[correlation(a, b) for b in levels(windows)] for a in levels(places)]
     return [
         max(
-            sum(found[k + i][j + i] for i in range(length)) / length
+            mean([found[k + i][j + i] for i in range(length)])
             for k in range(len(places) - length + 1)
         )
         for j in range(len(windows) - length + 1)

@@ -16,7 +16,10 @@ from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.settings import PRESETS
 
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 3}, "test")
-BUILT_IN = ["paper", "seed-code", "all-pixels", "patch-normalised", "active-pixels", "hog"]
+BUILT_IN = [
+    *("paper", "seed-code", "all-pixels", "patch-normalised", "active-pixels", "hog"),
+    *("ensemble-windows", "ensemble-descriptors"),
+]
 
 
 def places_of(rng, n=12, height=128, width=128):

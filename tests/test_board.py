@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -80,3 +81,73 @@ def test_a_wrong_argument_changes_nothing_and_is_an_error(script, tmp_path):
     )
     assert run.returncode != 0
     assert run.stderr.startswith(("error: unknown argument --nothing", "usage: "))
+
+
+@pytest.fixture
+def stand_in(tmp_path):
+    """Install into an empty folder by a chroot that runs nothing, and fails at some commands."""
+    tools, root = tmp_path / "bin", tmp_path / "root"
+    tools.mkdir()
+    for folder in ("opt", "tmp", "var/tmp"):
+        (root / folder).mkdir(parents=True)
+
+    def install(*words: str, fails_at: str = "nothing", free_mib: int = 5000):
+        for name, text in {
+            "id": "echo 0",
+            "chroot": f'echo "$@" >>{tmp_path}/done\ncase "$*" in *"{fails_at}"*) exit 1;; esac',
+            "df": f"echo titles; echo disk 0 0 {free_mib * 1024}",
+        }.items():
+            (tools / name).write_text(f"#!/bin/sh\n{text}\n")
+            (tools / name).chmod(0o755)
+        return subprocess.run(
+            [tool("sh"), str(BOARD / "install.sh"), "--root", str(root), *words],
+            env={"PATH": f"{tools}:{os.environ['PATH']}"}, capture_output=True, text=True,
+        )  # fmt: skip
+
+    return install, root, tmp_path / "done"
+
+
+@pytest.mark.parametrize(
+    ("failing", "error"),
+    [
+        ({"fails_at": "ensurepip"}, "error: Python 3.11 or newer with venv is needed: apt install"),
+        ({"free_mib": 30}, "error: ROOT/opt has 30 MiB free, and 1000 are needed"),
+        ({"fails_at": "pip install"}, "error: pip could not install edge-vpr"),
+    ],
+    ids=["without Python", "on a full card", "without a network"],
+)
+def test_an_installation_that_fails_says_why_last_and_starts_no_service(stand_in, failing, error):
+    install, root, _ = stand_in
+    run = install(**failing)
+    assert run.returncode == 1
+    assert run.stderr.splitlines()[-1].startswith(error.replace("ROOT", str(root)))
+    assert not (root / "etc/systemd").exists()
+    assert not list((root / "tmp").iterdir()), "the copy of the checkout is left"
+
+
+def test_a_second_installation_keeps_arguments_and_needs_no_space_and_uninstalling_keeps_maps(
+    stand_in,
+):
+    install, root, done = stand_in
+    assert install().returncode == 0
+    assert "doctor --compile" in done.read_text()
+    program = root / "opt/edge-vpr/bin/edge-vpr"
+    program.parent.mkdir(parents=True)
+    program.touch(0o755)
+    (root / "etc/default/edge-vpr").write_text("mine")
+    (root / "var/lib/edge-vpr").mkdir(parents=True)
+    (root / "var/lib/edge-vpr/map.npz").touch()
+    assert install(free_mib=30).returncode == 0
+    assert (root / "etc/default/edge-vpr").read_text() == "mine"
+    for _ in range(2):
+        assert install("--uninstall", fails_at=" id ").returncode == 0
+    left = sorted(str(path.relative_to(root)) for path in root.rglob("*") if path.is_file())
+    assert left == ["etc/default/edge-vpr", "var/lib/edge-vpr/map.npz"]
+
+
+def test_udev_finds_nothing_in_the_rule():
+    udevadm = tool("udevadm")
+    if "verify" not in subprocess.run([udevadm, "--help"], capture_output=True, text=True).stdout:
+        pytest.skip("udevadm verify came with systemd 254")
+    run = subprocess.run([udevadm, "verify", str(BOARD / "90-edge-vpr.rules")])
+    assert run.returncode == 0

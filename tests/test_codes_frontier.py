@@ -7,6 +7,8 @@ import pytest
 from edge_vpr_tools.experiments import codes_frontier
 from edge_vpr_tools.experiments.codes_frontier import BITS, CODES, RAW, draw, pairs, score
 
+from edge_vpr.errors import UsageError
+
 VARIANTS = {
     RAW: {"counter_code": "linear", "counter_bits": 8},
     ("logarithm", 3): {"counter_code": "log"},
@@ -73,3 +75,16 @@ class _Named:
 
 
 PAIRS = [_Named(f"pair {i}") for i in range(6)]
+
+
+def test_pairs_are_those_whose_folders_are_there(tmp_path):
+    with pytest.raises(UsageError, match="none of the folders brisbane_sparse49: event"):
+        list(pairs(tmp_path))
+    assert list(pairs(tmp_path, needed=False)) == []
+    (tmp_path / "speck_indoor").mkdir()
+    for name in ("reference", "query"):
+        np.savez(tmp_path / "speck_indoor" / name, frames=np.ones((40, 8, 8), np.uint8))
+    assert [pair.name for pair in pairs(tmp_path)] == [
+        "Speck indoor, 25 px",
+        "Speck indoor, 150 px",
+    ]

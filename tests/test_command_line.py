@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -9,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from edge_vpr_tools.verbs import EXAMPLES, GROUPS, VERBS, find_verb, module_name
 from streams import random_events
 
 import edge_vpr
+from edge_vpr import errors
 from edge_vpr.archive import kind_of
 from edge_vpr.errors import MissingExtraError, did_you_mean
 from edge_vpr.events import Sensor, make_events
@@ -320,6 +323,21 @@ def test_the_hint_to_install_an_extra_works_from_here(monkeypatch):
     assert str(MissingExtraError("x", "y", "parquet")).endswith(f"pip install '{root}[parquet]'")
     monkeypatch.chdir(root)
     assert str(MissingExtraError("x", "y", "parquet")).endswith("pip install '.[parquet]'")
+
+
+def test_the_hint_names_an_extras_libraries_if_the_checkout_that_was_installed_is_gone(
+    monkeypatch, tmp_path
+):
+    monkeypatch.setattr(errors, "__file__", str(tmp_path / "edge_vpr/errors.py"))
+    recorded = json.dumps({"url": tmp_path.as_uri(), "dir_info": {}})
+    requires = ["numpy>=2", "h5py>=3.11; extra == 'hdf5'", "lz4>=4.3; extra == 'aedat4'"]
+    installed = SimpleNamespace(read_text=lambda name: recorded, requires=requires)
+    monkeypatch.setattr("importlib.metadata.distribution", lambda name: installed)
+    assert errors.install_command("hdf5") == f"pip install '{tmp_path}[hdf5]'"
+    recorded = json.dumps({"url": (tmp_path / "gone").as_uri(), "dir_info": {}})
+    monkeypatch.setattr(errors.os, "access", lambda path, mode: False)
+    said = errors.install_command("hdf5")
+    assert said == f"sudo {sys.executable} -m pip install 'h5py>=3.11'"
 
 
 def completions(line, tmp_path):

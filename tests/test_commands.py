@@ -9,7 +9,8 @@ from importlib import import_module
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES
+from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES, event_speed, rivals
+from edge_vpr_tools.report.style import figure, save
 from streams import random_events
 
 from edge_vpr.archive import read_archive, write_archive
@@ -251,6 +252,38 @@ def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
     if folder is not None:
         arguments = ("experiment", name, "--data", tmp_path)
         refused(capsys, *arguments, code=2, says=SOURCES[folder])
+
+
+def test_experiments_are_put_into_one_page(capsys, tmp_path, monkeypatch):
+    """Two small ones, of which one draws a figure."""
+    ran = []
+
+    def drawing(data, seeds, on_start, *figures, baselines=()):
+        ran.append((seeds, [path.suffix for path in figures], list(baselines)))
+        for path in figures:
+            with figure() as (drawn, _):
+                save(drawn, path)
+        return "pair:\n\n| way | P@100R |\n| --- | --- |\n| one | 0.500 |"
+
+    monkeypatch.setattr(rivals, "run", drawing)
+    text = "| camera |\n| --- |\n| fast |\n\nText."
+    monkeypatch.setattr(event_speed, "run", lambda *unused: text)
+    page = tmp_path / "page.html"
+    arguments = ["experiment", "rivals", "event-speed", "--seeds", "2", "--report", str(page)]
+    assert main(arguments) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("rivals:\n\npair:") and "event-speed:\n\n| camera |" in shown
+    html = page.read_text()
+    assert html.count("<img") == 1 and "data:image/png;base64," in html
+    for part in ("with 2 seeds", "0.500", "Systems side by side", "fast", "Text."):
+        assert part in html, part
+    assert main(["experiment", "rivals", "--with", "hog", "--with", "model:a.onnx"]) == 0
+    capsys.readouterr()
+    assert ran == [(2, [".png"], []), (5, [], ["hog", "model:a.onnx"])]
+    refused(capsys, *arguments, "--figure", "a.png", code=2, says="use --report")
+    # before any of them is run
+    refused(capsys, "experiment", "all", "--data", tmp_path, code=2, says="experiment speck-walks")
+    refused(capsys, "experiment", "event-speed", "--with", "hog", code=2, says="leave --with out")
 
 
 def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -97,12 +98,26 @@ def test_nowhere_to_keep_kernels_is_wrong(monkeypatch):
     assert only(kernels.check_kernels()).state == "wrong"
 
 
+_ONE_KERNEL = "def plus_one(x):\n    return x + 1\n"
+
+
 def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
     assert only(kernels.check_kernels()).state == "absent"
-    (tmp_path / "module").mkdir()
-    (tmp_path / "module/kernel.nbi").touch()
-    assert only(kernels.check_kernels()).text.startswith("1 kept")
+    (tmp_path / "one_kernel.py").write_text(_ONE_KERNEL)
+    program = "import numba, one_kernel; numba.njit(cache=True)(one_kernel.plus_one)(1)"
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    keep = [sys.executable, "-c", program]
+    elsewhere = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    subprocess.run(keep, env={**os.environ, **environment, **elsewhere}, check=True)
+    finding = only(kernels.check_kernels())
+    assert finding.state == "absent"
+    assert finding.text.startswith(f"0 kept in {tmp_path} for this processor and Numba, 1 for")
+    subprocess.run(keep, env={**os.environ, **environment}, check=True)
+    assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
+    for index in tmp_path.rglob("*.nbi"):
+        index.write_bytes(index.read_bytes()[:-5])
+    assert only(kernels.check_kernels()).state == "absent"
 
 
 def test_something_wrong_is_marked_and_ends_with_an_error(monkeypatch, capsys):

@@ -171,6 +171,9 @@ RUNS = [
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png --figures pdf,svg", 0),
     ("experiment codes --data {f} --seeds 1 --figures pdf", 2),
+    ("experiment codes --data {f} --seeds 1 --report {f}/experiments.html", 0),
+    # 2: rivals and frames alone compare systems, and drive streets for it
+    ("experiment codes --data {f} --seeds 1 --with hog", 2),
     # 2: calibration alone writes a table, and drives a dozen streets for it
     ("experiment codes --data {f} --seeds 1 --table {f}", 2),
     ("sweep {f}/sweep.toml -o {f}/swept --workers 1", 0),

@@ -614,7 +614,7 @@ def test_the_figures_in_the_specification_are_those_of_the_table():
     for name, column in ROWS.items():
         assert f"| {name} | " + " | ".join(core[column] for core in cores) + " |\n" in page
     each = float(cores[0]["event_4"]) + int(cores[0]["frame"]) / 250
-    assert f"that is {each:.0f} instructions an event" in page
+    assert f"takes {each:.0f} instructions per event" in page
     assert f"{48e6 / each / 1e3:.0f},000 events/s at 48 MHz" in page
 
 

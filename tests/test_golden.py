@@ -426,7 +426,7 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
     golden = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(tmp_path / "vectors")]
     for suite, message in (
         ("filter", "--suite filter: this design has no place filter and no own means"),
-        ("recording", "--suite recording is made of a drive: name one by --recording"),
+        ("recording", "--suite recording needs a drive: name one with --recording"),
     ):
         assert main([*golden, "--suite", suite]) == 2
         assert message in capsys.readouterr().err

@@ -798,7 +798,7 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         (["--window-s", "3"], "--quick"),
         (["--window-s", "0"], "0 s"),
         (["--ground-truth", "t.csv"], "give --map"),
-        (["--meter", "--meter-port", "x"], "name one"),
+        (["--meter", "--meter-port", "x"], "give only one"),
         (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),
         (["compare", "a.json"], "required: B.json"),
         (["compare", "a.json", "b.json"], "cannot read a profile"),

@@ -6,7 +6,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pytest
 from edge_vpr_tools.experiments import (
+    counted_pairs,
     event_speed,
     mount_shift,
     pixel_number,
@@ -17,6 +19,8 @@ from edge_vpr_tools.experiments.codes_frontier import Pair
 from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
 
 from edge_vpr.baselines import baseline_names
+from edge_vpr.evaluation.mean_curve import mean_precision
+from edge_vpr.evaluation.metrics import precision_recall
 from edge_vpr.evaluation.truth_from_alignment import from_alignment
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import CAMERAS, simulate_pair
@@ -39,41 +43,57 @@ def drives(windows=20):
 
 
 def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_path):
-    pair = rivals.count_pair(
+    pair = counted_pairs.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
     )
     assert np.array_equal(pair.reference.centre_us, np.arange(20) * TAU + TAU // 2)
-    monkeypatch.setattr(rivals, "recorded_pairs", lambda data: iter([pair]))
-    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
+    monkeypatch.setattr(counted_pairs, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     started = []
-    text = rivals.run(tmp_path, 2, started.append, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    figures = (tmp_path / "figure.png", tmp_path / "figure.pdf")
+    text = rivals.run(tmp_path, 2, started.append, *figures, baselines=["all-pixels@1,3"])
+    for figure in ("figure.png", "figure_curves.png"):
+        assert (tmp_path / figure).stat().st_size > 10_000
+    assert (tmp_path / "figure_curves.pdf").is_file()
     assert started[0] == "street 1 of 2" and len(started) == 4
     assert text.count("all pixels, SAD | 1.000") == 2
+    assert text.count("| all pixels, SAD, windows 1, 3 | 1.000") == 2
     lines = [line for line in text.splitlines() if line.startswith("| ")]
-    assert len(lines) == 2 * (2 + len(baseline_names()))
+    assert len(lines) == 2 * (3 + len(baseline_names()))
     assert "| 9,216 | 184,320 |" in text  # bytes of 96 x 96 pixels, and differences to 20 places
 
 
 def test_a_simulated_street_is_counted_by_events():
-    pair = rivals.simulated_pair(1, length_m=20, sensor="tiny")
+    pair = counted_pairs.simulated_pair(1, length_m=20, sensor="tiny")
     totals = pair.reference.images.sum(axis=(1, 2))
     assert len(pair.reference.images) >= 2 and len(pair.query.images) >= 2
     # hot pixels were taken out after the windows were counted
     assert totals.min() > 0.5 * totals.max()
     found = rivals.compare_all(
-        rivals.CountedPair("tiny", pair.reference, pair.query,
+        counted_pairs.CountedPair("tiny", pair.reference, pair.query,
                            pair.settings.replaced({"sequence_length": 1}, "test"), pair.truth_of),
         0, ["all-pixels", "active-pixels"],
     )  # fmt: skip
     assert set(found) == {"all-pixels", "active-pixels"}
 
 
+def test_a_curve_of_trials_is_the_mean_of_their_precision():
+    """One trial is right in all matches, the other's surest of two is wrong; one finds nothing."""
+    right = np.array([True, True])
+    curves = [
+        precision_recall(np.array([0.1, 0.2]), correct, right)
+        for correct in (right, np.array([False, True]), ~right)
+    ]
+    found = mean_precision(curves, np.array([0.0, 0.5, 1.0]))
+    # at recall 0 the strictest threshold: 1, 0 and 0; then 1, 1/2 and never
+    assert found == pytest.approx([1 / 3, 0.5, 0.5])
+
+
 def test_a_system_that_does_not_fit_a_sensor_is_said_to(monkeypatch, tmp_path):
     """The released code draws 100 pixels, each 7 pixels apart."""
     images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]
-    pair = rivals.count_pair("drives", *images, SETTINGS, truth_of)
-    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
+    pair = counted_pairs.count_pair("drives", *images, SETTINGS, truth_of)
+    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     text = rivals.run(None, 1, lambda name: None)
     assert "released code: 100 pixels, clipped at 10, SAD | does not fit |" in text
     assert "| all pixels, SAD | 1.000 |" in text
@@ -98,11 +118,11 @@ def test_the_mount_shift_is_undone_and_drawn(monkeypatch, tmp_path):
 
 
 def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch, tmp_path):
-    pair = rivals.count_pair(
+    pair = counted_pairs.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
     )
-    monkeypatch.setattr(rivals, "recorded_pairs", lambda data: iter([pair]))
-    monkeypatch.setattr(rivals, "simulated_pair", lambda seed: pair)
+    monkeypatch.setattr(counted_pairs, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
     text = pixel_number.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000

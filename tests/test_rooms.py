@@ -47,7 +47,8 @@ STAGES = [
     *("events", "evt_words", "archive", "settings", "boxed"),
     *("confidence", "route", "odometry", "recordings", "descriptors", "map_checks"),
     "reference_map",
-    *("matching", "pipeline", "evaluation", "simulate", "datasets", "online", "stream"),
+    *("matching", "pipeline", "evaluation", "simulate", "intensity"),
+    *("datasets", "online", "stream"),
     "baselines",
 ]
 

@@ -59,23 +59,35 @@ class PatchNormalised(AbsoluteDifferences):
 
 
 def shrunk(images: Images, side: int) -> npt.NDArray[np.float64]:
-    """Return the mean count in each cell of a grid, shape (n, side, side).
+    """Return the mean count in each cell of a square grid, shape (n, side, side)."""
+    return mean_cells(images, side, side)
 
-    Smaller sensors repeat pixels.
+
+def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float64]:
+    """Return the mean of the pixels in each cell of a grid; smaller images repeat pixels.
+
+    Parameters
+    ----------
+    images : ndarray of int, shape (n, height, width)
+    rows, columns : int
+
+    Returns
+    -------
+    ndarray of float64, shape (n, rows, columns)
     """
     _, height, width = images.shape
     total = np.zeros((len(images), height + 1, width + 1))
     total[:, 1:, 1:] = images.cumsum(axis=1, dtype=np.int64).cumsum(axis=2)
     edges = []
-    for length in (height, width):
-        first = np.arange(side) * length // side
-        edges.append((first, np.maximum((np.arange(side) + 1) * length // side, first + 1)))
+    for length, cells in ((height, rows), (width, columns)):
+        first = np.arange(cells) * length // cells
+        edges.append((first, np.maximum((np.arange(cells) + 1) * length // cells, first + 1)))
     (top, bottom), (left, right) = edges
-    cells = (
+    sums = (
         total[:, bottom[:, None], right] - total[:, top[:, None], right]
         - total[:, bottom[:, None], left] + total[:, top[:, None], left]
     )  # fmt: skip
-    return np.asarray(cells / ((bottom - top)[:, None] * (right - left)))
+    return np.asarray(sums / ((bottom - top)[:, None] * (right - left)))
 
 
 def all_pixels(seed: int) -> AbsoluteDifferences:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.baselines.baseline import Described, Images
+from edge_vpr.baselines.cosine import cosine_distances
 from edge_vpr.baselines.dense import shrunk
 from edge_vpr.errors import MissingExtraError
 
@@ -47,11 +48,7 @@ class OrientedGradients:
 
     def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
         """Return the distances, shape (K, Q); 1 to an image without a gradient."""
-        a, b = (rows.astype(np.float64) for rows in (places, queries))
-        scale = np.linalg.norm(a, axis=1)[:, None] * np.linalg.norm(b, axis=1)
-        product = a @ b.T
-        like = np.divide(product, scale, out=np.zeros_like(product), where=scale > 0)
-        return np.maximum(1.0 - like, 0.0)
+        return cosine_distances(places, queries)
 
     def bits_per_place(self, places: Described) -> int:
         """Return the size of one description in bits."""

@@ -30,8 +30,7 @@ class CausalBurstFilter:
 
     Like `BurstFilter`, it checks whether more than half of all pixels have fired in a slot of 2 ms
     and the one before it, but it counts only the events so far. No event is delayed. The events of
-    a
-    burst before that moment pass: up to one of half of the pixels, and repeated events of these.
+    a burst before that moment pass: up to one of half of the pixels, and repeated events of these.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
 """Kernels that count events at selected pixels.
 
 A table gives the slot of each pixel of the sensor, or -1 for pixels that are not selected. Almost
-all
-events are at such pixels, so that sixteen look-ups share one branch.
+all events are at such pixels, so that sixteen look-ups share one branch.
 """
 
 from __future__ import annotations

@@ -17,8 +17,7 @@ class SaliencyPass:
     """Sums over the windows of a traverse, for all pixels; memory does not grow with the windows.
 
     The image of each window is also written to a temporary file, from which the descriptors are
-    read
-    when pixels have been selected. The recording is thus decoded only once.
+    read when pixels have been selected. The recording is thus decoded only once.
 
     Parameters
     ----------

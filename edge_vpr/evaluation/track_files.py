@@ -77,11 +77,10 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
 def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
     """Read the RMC and GGA sentences of a GPS log (NMEA 0183, any talker).
 
-    Time 0 is the first sentence of the log with a time, with or without a fix. If logger and
-    camera start together, this is the start of the recording. Sentences with a wrong or missing
-    checksum, or
-    without a fix, are left out and counted in `Track.dropped`. RMC and GGA of one instant
-    make one point, the first. A log may pass midnight.
+    Time 0 is the first sentence of the log with a time, with or without a fix. If logger and camera
+    start together, this is the start of the recording. Sentences with a wrong or missing checksum,
+    or without a fix, are left out and counted in `Track.dropped`. RMC and GGA of one instant make
+    one point, the first. A log may pass midnight.
 
     Parameters
     ----------

@@ -167,8 +167,7 @@ def interpolate(
     """Interpolate linearly; the result is NaN outside the points and in gaps.
 
     `numpy.interp` continues the end values, and can use fused operations on some machines. Here
-    each
-    operation rounds once, so that every machine gets the same places.
+    each operation rounds once, so that every machine gets the same places.
 
     Parameters
     ----------

@@ -3,10 +3,8 @@
 ``D[k, j]`` is the SAD of reference place k and query j over the J selected pixels. A reference is
 packed once: its lowest count is subtracted, and the rest is stored in 8 or 16 bits. A query is
 clipped to the range of the reference and packed in the same way. The clipped amount is then added
-to
-its distances: for a count q above the range, ``|q - r| = (q - high) + |high - r|`` at every place,
-and
-similarly below. The distance is thus exact for every query.
+to its distances: for a count q above the range, ``|q - r| = (q - high) + |high - r|`` at every
+place, and similarly below. The distance is thus exact for every query.
 """
 
 from __future__ import annotations

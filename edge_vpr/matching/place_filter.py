@@ -2,8 +2,7 @@
 
 This is Viterbi's algorithm over the places of a route (the min-plus form of a discrete Bayes
 filter), in unsigned integers of fixed widths. Each place has one metric: the price of the cheapest
-way
-to be there now. Each window adds the price of a move from the place before, and evidence.
+way to be there now. Each window adds the price of a move from the place before, and evidence.
 """
 
 from __future__ import annotations

@@ -13,8 +13,7 @@ def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArra
     """Add distances along diagonals: ``S[k, j] = sum_{i<L} D[k + i, j + i]``.
 
     This is L times D_seq of method.md section 5, in integers. The division by L would not change
-    the
-    order of places.
+    the order of places.
 
     Parameters
     ----------

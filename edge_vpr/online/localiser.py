@@ -32,8 +32,7 @@ class Localiser:
 
     It holds the counters of the newest L windows, one directly after the other
     (`edge_vpr.online.state`), and the distances of this sequence to all places. An event changes
-    each
-    distance by a few steps of +-1, so that the best place is known without a new comparison.
+    each distance by a few steps of +-1, so that the best place is known without a new comparison.
 
     Parameters
     ----------

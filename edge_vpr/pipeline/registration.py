@@ -1,10 +1,9 @@
 """Registration of a query with a map: estimate by how many pixels the image has shifted.
 
 The pixels of the map are tried at every shift. The result is the shift at which the first windows
-of
-the query are most similar to sequences of places. Counts are compared as logarithms less the mean
-of
-each counter, so that neither light nor properties of single pixels (thresholds, noise) matter.
+of the query are most similar to sequences of places. Counts are compared as logarithms less the
+mean of each counter, so that neither light nor properties of single pixels (thresholds, noise)
+matter.
 """
 
 from __future__ import annotations

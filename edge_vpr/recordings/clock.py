@@ -12,8 +12,7 @@ class Unwrapper:
     """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
 
     Between two events the shorter direction is taken, so that a step of less than half the period
-    of
-    the clock can go either way. Slightly late events stay late, also across a wrap.
+    of the clock can go either way. Slightly late events stay late, also across a wrap.
 
     Examples
     --------

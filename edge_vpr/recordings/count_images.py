@@ -37,6 +37,50 @@ def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
     RecordingError
         If it is damaged, of another mode or size, or larger than :data:`MOST_PIXELS`.
     """
+    pixels, mode = _open_png(path)
+    if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
+        raise RecordingError(
+            f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
+        )
+    if sensor is not None and pixels.shape != (sensor.height, sensor.width):
+        raise RecordingError(
+            f"{path} has {pixels.shape[1]}x{pixels.shape[0]} pixels and the first frame {sensor}: "
+            "all frames need one size"
+        )
+    if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
+        raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
+    return pixels.astype(np.uint16)
+
+
+def read_png(path: Path) -> npt.NDArray[np.uint8]:
+    """Read a grey or coloured PNG as an image of 8 bits a channel.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width) or (height, width, 3 or 4)
+        Red, green, blue and alpha; of 16 bits the upper 8.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, of another mode, or larger than :data:`MOST_PIXELS`.
+    """
+    pixels, mode = _open_png(path)
+    if mode in ("L", "RGB", "RGBA"):
+        return pixels.astype(np.uint8)
+    if mode.startswith("I") and pixels.min(initial=0) >= 0 and pixels.max(initial=0) <= 0xFFFF:
+        return (pixels >> 8).astype(np.uint8)
+    raise RecordingError(
+        f"{path} has mode {mode}: write 8- or 16-bit grey, or RGB without a palette"
+    )
+
+
+def _open_png(path: Path) -> tuple[npt.NDArray[Any], str]:
+    """Return the pixels of a PNG and Pillow's name of their mode."""
     from PIL import Image
 
     if path.stat().st_size > _LARGEST_IMAGE:
@@ -59,18 +103,7 @@ def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
             f"{path} claims {size} pixels; there is one at least, and the most is "
             f"{MOST_PIXELS:,}: write it again"
         )
-    if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
-        raise RecordingError(
-            f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
-        )
-    if sensor is not None and pixels.shape != (sensor.height, sensor.width):
-        raise RecordingError(
-            f"{path} has {pixels.shape[1]}x{pixels.shape[0]} pixels and the first frame {sensor}: "
-            "all frames need one size"
-        )
-    if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
-        raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
-    return pixels.astype(np.uint16)
+    return pixels, mode
 
 
 def number_key(path: Path) -> list[tuple[int, str]]:

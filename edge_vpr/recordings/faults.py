@@ -91,8 +91,7 @@ class FaultLog:
         """Check one chunk, in the order of the file.
 
         An event is late if any good event before it has a later time. A single wrong time far in
-        the
-        future thus makes all events after it late, which the count shows.
+        the future thus makes all events after it late, which the count shows.
 
         Returns
         -------

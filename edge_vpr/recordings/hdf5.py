@@ -35,13 +35,29 @@ def load_h5py() -> Any:
     return h5py
 
 
+def open_hdf5(path: Path) -> Any:
+    """Open a file for reading.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged.
+    """
+    try:
+        return load_h5py().File(path, "r", rdcc_nbytes=_LARGEST_CHUNK, locking=False)
+    except OSError as error:
+        raise RecordingError(
+            f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
+        ) from error
+
+
 class Hdf5Source(Source):
     """A group of columns, a compound dataset, or a dataset of columns, wherever it lies."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._h5py = load_h5py()
         self.path = path
-        with self._open(path) as file:
+        with open_hdf5(path) as file:
             places = self._places(file, options)
             if options.topic is not None:
                 wanted = options.topic.strip("/")
@@ -70,14 +86,6 @@ class Hdf5Source(Source):
             self.start_us, self.relative = int(start), True
         self.unit_assumed = start is None and options.time_unit is None
         self.position = 0.0
-
-    def _open(self, path: Path) -> Any:
-        try:
-            return self._h5py.File(path, "r", rdcc_nbytes=_LARGEST_CHUNK, locking=False)
-        except OSError as error:
-            raise RecordingError(
-                f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
-            ) from error
 
     def _places(self, file: Any, options: ReadOptions) -> dict[str, dict[str, Any]]:
         """Where events lie: for each group or dataset, where its t, x, y, p are."""
@@ -108,45 +116,14 @@ class Hdf5Source(Source):
                 return item
         return None
 
-    def _check(self, dataset: Any) -> CheckedDataset:
-        """Refuse data outside the file, and claims that the file is too small for.
-
-        Returns
-        -------
-        CheckedDataset
-            By which it is to be read.
-
-        Raises
-        ------
-        RecordingError
-        """
-        name = f"{self.path}: {dataset.name}"
-        if dataset.external or dataset.is_virtual:
-            raise RecordingError(
-                f"{name} lies in other files, which are not read: copy it into one file"
-            )
-        pipeline = dataset.id.get_create_plist()
-        filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
-        chunk = math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize
-        if chunk > _LARGEST_CHUNK or len(set(filters)) < len(filters):
-            raise RecordingError(
-                f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
-                f"the most is {_LARGEST_CHUNK:,} bytes, and each filter once; write it again"
-            )
-        claimed = dataset.size * dataset.dtype.itemsize
-        held = min(dataset.id.get_storage_size(), self.path.stat().st_size)
-        if claimed > (held * _MOST_EXPANSION if dataset.chunks and filters else held):
-            raise RecordingError(
-                f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
-                "not closed when it was written, or is damaged; copy or record it again"
-            )
-        return CheckedDataset(dataset, name)
-
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        with self._open(self.path) as file:
+        with open_hdf5(self.path) as file:
             place = file[self._place]
-            checked = {name: self._check(item) for name, item in self._datasets(place).items()}
+            checked = {
+                name: checked_dataset(self.path, item)
+                for name, item in self._datasets(place).items()
+            }
             total = self._rows(place)
             for begin in range(0, total, self.options.chunk_events):
                 rows = slice(begin, min(begin + self.options.chunk_events, total))
@@ -167,7 +144,7 @@ class Hdf5Source(Source):
         for group in groups:
             offset = self._dataset(group, "t_offset")
             if offset is not None and not offset.shape:
-                self._check(offset)
+                checked_dataset(self.path, offset)
                 return int(offset[()])
         return 0
 
@@ -196,6 +173,41 @@ class Hdf5Source(Source):
         if block.dtype.names is None:
             return {name: block[:, column] for name, column in self._fields.items()}
         return {name: block[field] for name, field in self._fields.items()}
+
+
+def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
+    """Refuse data outside the file, and claims that the file is too small for.
+
+    Returns
+    -------
+    CheckedDataset
+        By which it is to be read.
+
+    Raises
+    ------
+    RecordingError
+    """
+    name = f"{path}: {dataset.name}"
+    if dataset.external or dataset.is_virtual:
+        raise RecordingError(
+            f"{name} lies in other files, which are not read: copy it into one file"
+        )
+    pipeline = dataset.id.get_create_plist()
+    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+    chunk = math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize
+    if chunk > _LARGEST_CHUNK or len(set(filters)) < len(filters):
+        raise RecordingError(
+            f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
+            f"the most is {_LARGEST_CHUNK:,} bytes, and each filter once; write it again"
+        )
+    claimed = dataset.size * dataset.dtype.itemsize
+    held = min(dataset.id.get_storage_size(), path.stat().st_size)
+    if claimed > (held * _MOST_EXPANSION if dataset.chunks and filters else held):
+        raise RecordingError(
+            f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
+            "not closed when it was written, or is damaged; copy or record it again"
+        )
+    return CheckedDataset(dataset, name)
 
 
 def _sensor(file: Any, place: Any) -> Sensor | None:

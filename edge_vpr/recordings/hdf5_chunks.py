@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ class CheckedDataset:
     Parameters
     ----------
     dataset : h5py.Dataset
-        Of one or two dimensions.
+        Of one dimension or more.
     name : str
         For messages: file and data set.
 
@@ -90,8 +91,9 @@ class CheckedDataset:
         """Check the chunks that begin at a row; the rows of the only one, if they are plain."""
         if self._dataset.ndim == 1:
             return self._expand((first,))
-        for column in range(0, self._dataset.shape[1], self._dataset.chunks[1]):
-            self._expand((first, column))
+        sides = zip(self._dataset.shape[1:], self._dataset.chunks[1:], strict=True)
+        for others in product(*(range(0, length, step) for length, step in sides)):
+            self._expand((first, *others))
         return None
 
     def _expand(self, at: tuple[int, ...]) -> npt.NDArray[Any] | None:

@@ -37,8 +37,8 @@ class TextSource(Source):
     """Lines of numbers between commas, semicolons, tabs or spaces; ``#`` starts a comment.
 
     A first line of two whole numbers is the sensor's size (the rpg data sets write it); a comment
-    of this package says it, and the start. Times
-    are read as decimal numbers, so that seconds become microseconds without passing a float.
+    of this package says it, and the start. Times are read as decimal numbers, so that seconds
+    become microseconds without passing a float.
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:

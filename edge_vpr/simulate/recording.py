@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.faults import Faults
 from edge_vpr.simulate.camera import CAMERAS, Camera
-from edge_vpr.simulate.drive import QUERY, REFERENCE, Drive, drive_motion, looks, shake
+from edge_vpr.simulate.drive import QUERY, REFERENCE, Drive, Motion, drive_motion, looks, shake
 from edge_vpr.simulate.lighting import illuminate
 from edge_vpr.simulate.noise import Noise
 from edge_vpr.simulate.pixel_model import PixelArray
@@ -147,29 +148,68 @@ class SimulatedRecording:
             self._view = View(self.camera, self.drive, lit)
         return self._view
 
-    def _blocks(self) -> Iterator[Events]:
-        """Simulate, a block of looks at a time."""
-        view, camera, sensor = self.view(), self.camera, self.sensor
-        at = looks(self._motion, STEP_M, STEP_US)
+    def light_at(self, time_us: npt.NDArray[np.int64]) -> Iterator[npt.NDArray[np.float32]]:
+        """Yield the light that reaches each pixel at each moment.
+
+        Parameters
+        ----------
+        time_us : ndarray of int64, shape (n,)
+            Ascending, within the drive.
+
+        Yields
+        ------
+        ndarray of float32, shape (height, width)
+            1 for white in full light, with the glare and the dark current; the same array is
+            overwritten each time.
+
+        Raises
+        ------
+        UsageError
+            If a moment lies outside the drive.
+        """
+        time_us = np.asarray(time_us, dtype=np.int64)
+        if time_us.size and not 0 <= time_us.min() <= time_us.max() <= self.duration_us:
+            raise UsageError(
+                f"moments from {time_us.min()} to {time_us.max()} us: the drive lasts from 0 to "
+                f"{self.duration_us} us"
+            )
+        position_m = np.interp(time_us, *self._motion)
+        yield from self._light(Motion(time_us, position_m))
+
+    def _light(self, at: Motion) -> Iterator[npt.NDArray[np.float32]]:
+        view, sensor = self.view(), self.sensor
         times, places = at.time_us.tolist(), at.position_m.tolist()
-        shifts = (shake(self.drive, at.time_us, self.seed) * (sensor.width / 128)).tolist()
+        # shaken as in the whole drive, whichever moments are asked for
+        moments = np.append(at.time_us, self.duration_us)
+        shifts = (shake(self.drive, moments, self.seed) * (sensor.width / 128)).tolist()
         movers = traffic(self.drive, self._motion, self.seed)
-        noise = Noise(camera, seed=self.seed, device=self.device, duration_us=self.duration_us)
-        pixels = PixelArray(sensor, *camera.thresholds(self.device), camera.refractory_us)
         frames = np.empty((BLOCK, *view.shape), np.float32)
         image = np.empty((sensor.height, sensor.width), np.float32)
-        veil = camera.dark + self.drive.light.glare
-        for number, start in enumerate(range(0, len(times), BLOCK)):
+        veil = self.camera.dark + self.drive.light.glare
+        for start in range(0, len(times), BLOCK):
             stop = min(start + BLOCK, len(times))
             view.render(at.position_m[start:stop], frames[: stop - start])
             for look, frame in zip(range(start, stop), frames, strict=False):
                 paint_traffic(movers, view, times[look], places[look], frame)
                 right, down = shifts[look]
                 cut(frame, view.margin, right, down, view.fixed, veil, image)
-                pixels.step(image, times[look])
-            before = times[start - 1] if start else 0
-            self.position = times[stop - 1] / times[-1]
-            yield pixels.take(*noise.between(number, before, times[stop - 1]))
+                yield image
+
+    def _blocks(self) -> Iterator[Events]:
+        """Simulate, a block of looks at a time."""
+        camera = self.camera
+        at = looks(self._motion, STEP_M, STEP_US)
+        times = at.time_us.tolist()
+        noise = Noise(camera, seed=self.seed, device=self.device, duration_us=self.duration_us)
+        pixels = PixelArray(self.sensor, *camera.thresholds(self.device), camera.refractory_us)
+        before = 0
+        for number, image in enumerate(self._light(at), 1):
+            now = times[number - 1]
+            pixels.step(image, now)
+            if number % BLOCK == 0 or number == len(times):
+                self.position = now / times[-1]
+                yield pixels.take(*noise.between((number - 1) // BLOCK, before, now))
+                before = now
 
 
 def _rechunk(blocks: Iterator[Events], chunk: int) -> Iterator[Events]:

@@ -3,8 +3,7 @@
 The street is straight and its surfaces are planes along it, so that the ray of one pixel always
 meets a surface at the same height and the same distance ahead: all that changes while the camera
 moves is the column of the texture. These constants are computed once for a drive. A frame then
-takes
-one linear interpolation for each surface and pixel.
+takes one linear interpolation for each surface and pixel.
 """
 
 from __future__ import annotations

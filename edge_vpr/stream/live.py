@@ -196,8 +196,7 @@ class LiveLocaliser:
         """Advance the time until `time_us` is less than `MOST_TICKS` ahead.
 
         Each tick gives a match. In a jump, however, only the last tick does, so that no clock and
-        no
-        silence can stop the run; the jump is counted.
+        no silence can stop the run; the jump is counted.
         """
         if time_us - self._time > max(self._most_us, JUMP_US):
             self.decoder.health.clock_jumps += 1
@@ -220,8 +219,7 @@ class LiveLocaliser:
 
         The flag can stay one piece too long, but is never removed too early. It is decided for the
         first match of these pieces, which is not earlier than `before_us`, the time of the
-        localiser
-        before them.
+        localiser before them.
         """
         health = self.decoder.health
         losses = health.losses

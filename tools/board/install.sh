@@ -22,8 +22,10 @@ fail() {
 }
 
 here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
+needed_mib=1000
 root=
 source=
+staged=
 remove=no
 while [ $# -gt 0 ]; do
     case $1 in
@@ -70,6 +72,22 @@ uninstall() {
     echo "edge-vpr is removed; maps in $root/var/lib/edge-vpr and $root/etc/default/edge-vpr stay"
 }
 
+# Refuse a first installation that would fill the card; try_install.sh measures what one takes.
+check_space() {
+    [ ! -x "$root/opt/edge-vpr/bin/edge-vpr" ] || return 0
+    for folder in opt var/tmp; do
+        free=$(df -Pk "$root/$folder" | awk 'NR == 2 { print int($4 / 1024) }')
+        [ "$free" -ge $needed_mib ] ||
+            fail "$root/$folder has $free MiB free, and $needed_mib are needed: make room first"
+    done
+}
+
+# Run pip, whose wheels need not fit into a /tmp in memory; what it says stands above the error.
+run_pip() {
+    inside env TMPDIR=/var/tmp /opt/edge-vpr/bin/python -m pip install --quiet --no-cache-dir "$@" ||
+        fail "pip could not install edge-vpr: mend what it says (a network? a full card?), and run this again"
+}
+
 # Take a checkout where a chroot sees it, and no other user can change it meanwhile.
 bring_source() {
     case ${source:-$here/../..} in
@@ -90,6 +108,7 @@ bring_source() {
 install_all() {
     inside python3 -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
         fail "Python 3.11 or newer with venv is needed: apt install python3-venv"
+    check_space
     bring_source
     if ! inside id edge-vpr >/dev/null 2>&1; then
         inside useradd --system --user-group --no-create-home --home-dir /nonexistent \
@@ -98,9 +117,10 @@ install_all() {
     inside install -d -o edge-vpr -g edge-vpr -m 755 /var/lib/edge-vpr /var/cache/edge-vpr
     inside python3 -m venv /opt/edge-vpr
     # a checkout of the same version number is installed again; its dependencies are not
-    inside /opt/edge-vpr/bin/python -m pip install --quiet --no-cache-dir --upgrade "$source"
-    inside /opt/edge-vpr/bin/python -m pip install --quiet --no-cache-dir --no-deps \
-        --force-reinstall "$source"
+    run_pip --upgrade "$source"
+    run_pip --no-deps --force-reinstall "$source"
+    # before doctor, which would say that extras are installed from there
+    [ -z "$staged" ] || rm -rf "$staged"
     [ -e "$root/etc/default/edge-vpr" ] ||
         install -D -m 644 "$here/edge-vpr.conf" "$root/etc/default/edge-vpr"
     install -D -m 644 "$here/edge-vpr.service" "$root/etc/systemd/system/edge-vpr.service"

@@ -20,6 +20,10 @@ mountpoint -q "$root/proc" || mount -t proc proc "$root/proc"
 trap 'umount "$root/proc"' EXIT
 
 sh "$here/install.sh" --root "$root"
+needed=$(sed -n 's/^needed_mib=//p' "$here/install.sh")
+taken=$(du -smc "$root/opt/edge-vpr" "$root/var/cache/edge-vpr" | awk 'END { print $1 }')
+echo "installed: $taken MiB"
+[ "$taken" -lt "$needed" ] || exit 1
 echo 'STREAM="--baud 9600 --protocol evpr"' >"$root/etc/default/edge-vpr"
 sh "$here/install.sh" --root "$root"
 grep -q 9600 "$root/etc/default/edge-vpr" || exit 1

@@ -66,6 +66,12 @@ STAGES = {
         names=("edge_vpr.recordings.time_crop.TimeCrop",),
         exported=("events", "errors"),
     ),
+    "intensity": Stage(
+        "Intensity images",
+        "Frames of a conventional camera, beside events or alone; "
+        "[compared](../results.md#conventional-frames).",
+        packages=("edge_vpr.intensity",),
+    ),
     "pipeline": Stage(
         "Maps and matches of whole drives",
         "From a recording to a map, and from a map and a recording to matches.",

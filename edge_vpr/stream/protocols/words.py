@@ -2,8 +2,7 @@
 
 Nothing marks the beginning of a word, so that it is found by what valid words look like. A decoder
 that has lost the beginning tries every offset over the next words, and takes the one with most
-valid
-words.
+valid words.
 """
 
 from __future__ import annotations

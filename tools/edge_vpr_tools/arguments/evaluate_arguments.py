@@ -23,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
         help="figure of a match to which the thresholds of the precision-recall curve apply "
-        "(default: trust with the place filter, distance with sequences)",
+        "(default: that of the map's settings; if they leave it to auto, trust with the place "
+        "filter and ratio with sequences)",
     )  # fmt: skip
     metrics.add_argument(
         "--recall-denominator",

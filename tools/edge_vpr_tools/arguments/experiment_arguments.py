@@ -8,13 +8,19 @@ from edge_vpr_tools.experiments import EXPERIMENTS
 
 EXAMPLES = """\
   edge-vpr experiment simulated
-  edge-vpr experiment codes --data recordings --figure codes.png"""
+  edge-vpr experiment codes --data recordings --figure codes.png
+  edge-vpr experiment rivals frames --data recordings --report paper.html
+  edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "name", choices=tuple(EXPERIMENTS), help=f"experiment: {', '.join(EXPERIMENTS)}"
+        "names",
+        nargs="+",
+        metavar="NAME",
+        choices=(*EXPERIMENTS, "all"),
+        help=f"experiments: {', '.join(EXPERIMENTS)}, or all",
     )
     group = parser.add_argument_group("experiment")
     group.add_argument(
@@ -28,6 +34,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FORMATS",
         help="with --figure, formats of the figure: png, pdf, svg, or several separated by commas "
         "(default: by the suffix of FILE)",
+    )
+    group.add_argument(
+        "--report",
+        metavar="FILE",
+        help="also write tables and figures to one page of HTML",
+    )
+    group.add_argument(
+        "--with",
+        dest="baselines",
+        action="append",
+        default=[],
+        metavar="SYSTEM",
+        help="compare this system too (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
+        "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
     )
     group.add_argument(
         "--table",

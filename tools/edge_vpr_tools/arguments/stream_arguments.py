@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     line.add_argument(
         "--busy-wait",
         action="store_true",
-        help="keep a core busy asking for bytes instead of sleeping until they come; each match is "
-        "earlier by the time that waking up takes",
+        help="use a whole core to wait for bytes, instead of sleeping until they arrive; each "
+        "match then comes earlier by the time of waking up",
     )
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES
 from edge_vpr_tools.output.progress import status
+from edge_vpr_tools.report.experiment_page import ExperimentPage
 from edge_vpr_tools.report.formats import read_formats
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run one experiment and print its table as Markdown.
+    """Run experiments and print their tables as Markdown.
 
     Raises
     ------
@@ -22,25 +26,56 @@ def run(args: argparse.Namespace) -> None:
     """
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
-    module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[args.name]}")
-    folder = getattr(module, "FOLDER", None)
-    data = None if args.data is None else Path(args.data)
-    if args.figure is not None and not hasattr(module, "draw"):
-        raise UsageError(f"experiment {args.name} draws no figure: leave --figure out")
     if args.figures is not None and args.figure is None:
         raise UsageError("--figures says how to write the figure of --figure: name a file there")
-    if args.table is not None and args.name != "calibration":
-        raise UsageError(f"experiment {args.name} writes no table: leave --table out")
+    names = list(EXPERIMENTS) if "all" in args.names else list(dict.fromkeys(args.names))
+    if len(names) > 1 and args.figure is not None:
+        raise UsageError(
+            f"--figure names one file, and {len(names)} experiments were named: use --report"
+        )
+    data = None if args.data is None else Path(args.data)
+    modules = {
+        name: import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}") for name in names
+    }
+    for name, module in modules.items():  # before hours of work
+        _check(name, module, args, data)
+    page = None if args.report is None else ExperimentPage(args.seeds)
+    for name, module in modules.items():
+        more: dict[str, Any] = {"baselines": args.baselines} if args.baselines else {}
+        files = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
+        files += [] if args.table is None else [Path(args.table)]
+        with status("starting") as show:
+            if page is None:
+                table = module.run(data, args.seeds, show, *files, **more)
+            else:
+                drawn = hasattr(module, "draw")
+                with page.figures(drawn) as kept:
+                    table = module.run(data, args.seeds, show, *files, *kept, **more)
+                    page.add(name, _summary(module), table)
+        print(f"{name}:\n\n{table}\n" if len(names) > 1 else table)
+        if page is not None:  # what is done is kept, if a later one fails
+            page.write(Path(args.report))
+
+
+def _check(name: str, module: ModuleType, args: argparse.Namespace, data: Path | None) -> None:
+    """Refuse what the experiment has not got."""
+    folder = getattr(module, "FOLDER", None)
+    if args.figure is not None and not hasattr(module, "draw"):
+        raise UsageError(f"experiment {name} draws no figure: leave --figure out")
+    if args.table is not None and name != "calibration":
+        raise UsageError(f"experiment {name} writes no table: leave --table out")
+    if args.baselines and "baselines" not in inspect.signature(module.run).parameters:
+        raise UsageError(f"experiment {name} compares no systems: leave --with out")
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
-            f"experiment {args.name} reads the folder {folder}, {SOURCES[folder]}, which is not in "
+            f"experiment {name} reads the folder {folder}, {SOURCES[folder]}, which is not in "
             f"{args.data or 'any folder given'}: name the folder that holds it with --data"
         )
-    with status("starting") as show:
-        more = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
-        more += [] if args.table is None else [Path(args.table)]
-        table = module.run(data, args.seeds, show, *more)
-    print(table)
+
+
+def _summary(module: ModuleType) -> str:
+    """Return the first line of a module's docstring."""
+    return (module.__doc__ or "").strip().split("\n")[0]
 
 
 def _figure_files(named: Path, formats: str | None) -> list[Path]:

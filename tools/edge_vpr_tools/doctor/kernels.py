@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
 
+import numba
 from numba import njit
+from numba.core.registry import cpu_target
 
 import edge_vpr
 from edge_vpr.online.schedule import MatchSchedule
@@ -32,11 +35,14 @@ def check_kernels() -> Iterator[Finding]:
             "set NUMBA_CACHE_DIR to a folder that this user may write",
         )
         return
-    kept = sum(1 for _ in folder.rglob("*.nbi"))
+    files = list(folder.rglob("*.nbi"))
+    kept = sum(map(_is_of_this_machine, files))
     text = f"{kept} kept in {folder}"
     if kept:
         yield Finding("compiled kernels", "good", text)
     else:
+        if files:
+            text = f"{text} for this processor and Numba, {len(files)} for another"
         yield Finding("compiled kernels", "absent", f"{text}: the first run takes longer", _COMPILE)
 
 
@@ -63,6 +69,20 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     for protocol in PROTOCOLS:
         show(f"decoding protocol {protocol}")
         open_decoder(protocol, first.sensor).warm_up()
+
+
+def _is_of_this_machine(index: Path) -> bool:
+    """Return whether Numba would load a kernel of an index of its cache, on this processor."""
+    try:
+        with index.open("rb") as file:
+            # as Numba itself does, from where it does
+            if pickle.load(file) != numba.__version__:
+                return False
+            _, kernels = pickle.load(file)
+    except Exception:  # a pickle that does not load raises anything, and Numba compiles again
+        return False
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    return any(key[1] == processor for key in kernels)
 
 
 def _cache_folder() -> Path:

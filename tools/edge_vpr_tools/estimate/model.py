@@ -1,9 +1,8 @@
 """What a design costs on a target: instructions or cycles, time, and modelled energy.
 
 The layers are separate: counts are exact (`counts`), instructions come from tables that were
-counted
-on the emulated firmware, time needs an assumed number of cycles per instruction, and energy a cited
-constant. Without a constant the energy is None, which is shown as unknown.
+counted on the emulated firmware, time needs an assumed number of cycles per instruction, and energy
+a cited constant. Without a constant the energy is None, which is shown as unknown.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ EXPERIMENTS = {
     "trust": "trust",
     "mount-shift": "mount_shift",
     "rivals": "rivals",
+    "frames": "frames",
     "pixel-number": "pixel_number",
     "event-speed": "event_speed",
     "burst-filters": "burst_filters",

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.track_files import load_nmea
@@ -25,7 +26,7 @@ from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import EventSource, WindowSource, coded_map, describe, map_traverse
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr_tools.experiments import brisbane, speck_walks
+from edge_vpr_tools.experiments import SOURCES, brisbane, speck_walks
 from edge_vpr_tools.experiments.trial import Kept, Summary, Times, TruthOf, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 from fixedpoint.codes import packed_bytes
@@ -76,45 +77,65 @@ class Pair:
 Scores = dict[tuple[str, int], list[float]]
 
 
-def pairs(data: Path) -> Iterator[Pair]:
+def pairs(data: Path, *, needed: bool = True) -> Iterator[Pair]:
     """Open the pairs of drives, one after another.
 
     Parameters
     ----------
     data : path
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``, or some of
+        them.
+    needed : bool
+        Whether there has to be one.
+
+    Raises
+    ------
+    UsageError
+        If one is needed, and none of them is there.
     """
-    drives: list[EventSource | WindowSource] = [
-        PublishedWindows(data / FOLDER / f"{name}.npz", period=_INDOOR_PERIOD)
-        for name in ("reference", "query")
-    ]
-    for pixels in (25, 150):
-        yield Pair(
-            f"Speck indoor, {pixels} px",
-            drives[0],
-            drives[1],
-            PRESETS["paper"].replaced({"pixels": pixels, "sequence_length": 15}, "indoor"),
-            _truth_indoor,
+    found = [
+        (data / folder, open_pairs)
+        for folder, open_pairs in (
+            (FOLDER, _indoor),
+            (speck_walks.FOLDER, _walks),
+            (brisbane.FOLDER, _brisbane),
         )
-    folder = data / speck_walks.FOLDER
-    drives = [
+        if (data / folder).is_dir()
+    ]
+    if needed and not found:
+        listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
+        raise UsageError(f"{data} holds none of the folders {listed}: name the folder that does")
+    for folder, open_pairs in found:
+        yield from open_pairs(folder)
+
+
+def _indoor(folder: Path) -> Iterator[Pair]:
+    reference, query = (
+        PublishedWindows(folder / f"{name}.npz", period=_INDOOR_PERIOD)
+        for name in ("reference", "query")
+    )
+    for pixels in (25, 150):
+        settings = PRESETS["paper"].replaced({"pixels": pixels, "sequence_length": 15}, "indoor")
+        yield Pair(f"Speck indoor, {pixels} px", reference, query, settings, _truth_indoor)
+
+
+def _walks(folder: Path) -> Iterator[Pair]:
+    reference, query = (
         Kept(open_recording(folder / f"{name}.npz", frame_period=speck_walks.FRAME_PERIOD))
         for name in ("reference", "query")
-    ]
+    )
+    truth_of = speck_walks.truth_of_walks(folder)
     for pixels in (25, 150):
-        yield Pair(
-            f"Speck walks, {pixels} px",
-            drives[0],
-            drives[1],
-            speck_walks.SETTINGS.replaced({"pixels": pixels}, "walks"),
-            speck_walks.truth_of_walks(folder),
-        )
-    folder = data / brisbane.FOLDER
-    drives = [PublishedWindows(folder / f"{name}.npz") for name in ("sunset2", "sunset1")]
+        settings = speck_walks.SETTINGS.replaced({"pixels": pixels}, "walks")
+        yield Pair(f"Speck walks, {pixels} px", reference, query, settings, truth_of)
+
+
+def _brisbane(folder: Path) -> Iterator[Pair]:
+    reference, query = (PublishedWindows(folder / f"{name}.npz") for name in ("sunset2", "sunset1"))
     drawn = brisbane.SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
     truth_of = _truth_brisbane(folder)
-    yield Pair("Brisbane, 25 of 49 px", drives[0], drives[1], drawn, truth_of)
-    yield Pair("Brisbane, 49 px", drives[0], drives[1], brisbane.SETTINGS, truth_of, drawn=False)
+    yield Pair("Brisbane, 25 of 49 px", reference, query, drawn, truth_of)
+    yield Pair("Brisbane, 49 px", reference, query, brisbane.SETTINGS, truth_of, drawn=False)
 
 
 def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str, Any]]) -> Scores:

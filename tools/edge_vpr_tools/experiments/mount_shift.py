@@ -151,9 +151,7 @@ def score(
     return scores, estimates
 
 
-def run(
-    data: Path, seeds: int, on_start: Callable[[str], None], figure_path: Path | None = None
-) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Shift the queries of the Speck's drives, as Markdown tables.
 
     Parameters
@@ -164,7 +162,7 @@ def run(
         Draws of pixels.
     on_start : callable
         Told which pair begins.
-    figure_path : path, optional
+    *figures : path
         Where to write the figure.
     """
     parts, drawn = [], {}
@@ -184,8 +182,8 @@ def run(
         header = ("way", *(f"({shift}, {shift})" for shift in SHIFTS))
         parts.append(markdown_table(header, rows) + "\n")
         parts.append(f"{_off(estimates)}\n")
-    if figure_path is not None:
-        save(draw(drawn), figure_path)
+    if figures:
+        save(draw(drawn), *figures)
     return "\n".join(parts)
 
 

@@ -20,7 +20,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import coded_map, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.rivals import CountedDrive, CountedPair, draws
+from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, absent_data, draws
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
@@ -110,7 +110,7 @@ def run(
     data: Path | None,
     seeds: int,
     on_start: Callable[[str], None],
-    figure_path: Path | None = None,
+    *figures: Path,
 ) -> str:
     """Vary the number of pixels on simulated pairs, and on recorded ones where a folder is given.
 
@@ -122,20 +122,21 @@ def run(
         Simulated pairs, and draws of pixels.
     on_start : callable
         Told what begins.
-    figure_path : path, optional
+    *figures : path
         Where to write the figure.
     """
     results: dict[str, Found] = {}
     for each in draws(data, seeds, on_start):
         found = results.setdefault(each.name, Found({}, []))
         score(each.pair, each.seed, found, dense=each.is_new)
-    if figure_path is not None:
-        save(draw(results), figure_path)
-    return "\n\n".join(
+    if figures:
+        save(draw(results), *figures)
+    tables = "\n\n".join(
         f"{name}, {method}, P@100R:\n\n{_table(found, method)}"
         for name, found in results.items()
         for method in (PAPER, ROBOT)
     )
+    return tables + absent_data(data, results)
 
 
 def _table(found: Found, method: str) -> str:

@@ -54,7 +54,7 @@ def run(
     data: Path | None,
     seeds: int,
     on_start: Callable[[str], None],
-    figure_path: Path | None = None,
+    *figures: Path,
 ) -> str:
     """Vary windows and sequences on simulated pairs, and on the walks where a folder is given.
 
@@ -66,7 +66,7 @@ def run(
         Simulated pairs, and draws of pixels.
     on_start : callable
         Told what begins.
-    figure_path : path, optional
+    *figures : path
         Where to write the figure.
     """
     results: dict[str, Found] = {}
@@ -80,8 +80,8 @@ def run(
                 trial = run_trial(reference, query, truth_of, settings, tried)
                 right = trial.evaluation.precision_at_100_recall
                 found.setdefault((window_s, span_s), []).append(right)
-    if figure_path is not None:
-        save(draw(results), figure_path)
+    if figures:
+        save(draw(results), *figures)
     return "\n\n".join(f"{name}, P@100R:\n\n{_table(found)}" for name, found in results.items())
 
 

@@ -42,8 +42,7 @@ def terminated_as_interrupted() -> Iterator[None]:
     """Let SIGTERM end the block as Ctrl-C does, so that no incomplete file is left.
 
     Python drops an interrupt that is raised in a callback from C, which Numba makes when it loads
-    and
-    looks up kernels. The interrupt is therefore stored for `check_interrupted`.
+    and looks up kernels. The interrupt is therefore stored for `check_interrupted`.
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:

@@ -1,8 +1,7 @@
 """Conversion of frozen dataclasses to and from JSON, with all checks of such files.
 
 The names of the fields are the names in the file. Fields that the class does not have are ignored,
-so
-that a file of a newer version with the same schema can be read.
+so that a file of a newer version with the same schema can be read.
 """
 
 from __future__ import annotations

@@ -1,0 +1,27 @@
+"""Distance of two descriptions by the angle between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+
+def cosine_distances(
+    places: npt.NDArray[np.floating], queries: npt.NDArray[np.floating]
+) -> npt.NDArray[np.float64]:
+    """Return 1 less the cosine of each pair; 1 to a description of zeros.
+
+    Parameters
+    ----------
+    places, queries : ndarray of float, shape (K, D) and (Q, D)
+
+    Returns
+    -------
+    ndarray of float64, shape (K, Q)
+        From 0 to 2.
+    """
+    a, b = (rows.astype(np.float64) for rows in (places, queries))
+    scale = np.linalg.norm(a, axis=1)[:, None] * np.linalg.norm(b, axis=1)
+    product = a @ b.T
+    like = np.divide(product, scale, out=np.zeros_like(product), where=scale > 0)
+    return np.maximum(1.0 - like, 0.0)

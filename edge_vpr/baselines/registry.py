@@ -1,0 +1,125 @@
+"""Where systems to compare with are found, and how one is named.
+
+A name is one of `baseline_names`, or ``lens:FILE`` and ``model:FILE`` with weights of the user.
+``NAME@1,2,4`` is the ensemble of a system over windows of these lengths, and ``NAME+NAME`` the
+ensemble of two.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from edge_vpr.baselines.baseline import Baseline
+from edge_vpr.baselines.ensemble import Ensemble, Member
+from edge_vpr.errors import UsageError, did_you_mean
+
+#: entry points of this group name a callable that takes a seed and returns a `Baseline`
+GROUP = "edge_vpr.baselines"
+_WINDOWS = re.compile(r"@(\d{1,3}(?:,\d{1,3})*)$")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A baseline of our own, imported when it is first used."""
+
+    name: str
+    module: str
+    factory: str
+
+
+BASELINES: dict[str, Entry] = {
+    entry.name: entry
+    for entry in (
+        Entry("paper", "selected_pixels", "paper"),
+        Entry("seed-code", "selected_pixels", "released_code"),
+        Entry("all-pixels", "dense", "all_pixels"),
+        Entry("patch-normalised", "dense", "patch_normalised"),
+        Entry("active-pixels", "active_pixels", "active_pixels"),
+        Entry("hog", "hog", "hog"),
+        Entry("ensemble-windows", "ensemble", "windows_ensemble"),
+        Entry("ensemble-descriptors", "ensemble", "descriptors_ensemble"),
+    )
+}
+#: baselines with weights of the user, whose factory takes the file too
+WITH_FILE: dict[str, Entry] = {
+    entry.name: entry
+    for entry in (Entry("lens", "lens", "lens"), Entry("model", "model_file", "model"))
+}
+
+
+def baseline_names() -> list[str]:
+    """Names of all baselines that need no file, those of other packages last."""
+    others = {point.name for point in entry_points(group=GROUP)} - set(BASELINES)
+    return [*BASELINES, *sorted(others)]
+
+
+def open_baseline(name: str, seed: int = 0) -> Baseline:
+    """Make a baseline.
+
+    Parameters
+    ----------
+    name : str
+        See `baseline_names`; or ``lens:FILE``, ``model:FILE``, ``NAME@1,2,4``, ``NAME+NAME``.
+    seed : int
+        Of whatever it draws.
+
+    Raises
+    ------
+    UsageError
+        If there is none of this name.
+    MissingLibraryError
+        If a library that it needs is not installed.
+    WeightsError
+        If the weights of its file cannot be read.
+
+    Examples
+    --------
+    >>> open_baseline("patch-normalised@1,2+all-pixels").title
+    'patch-normalised 32 x 32, SAD, windows 1, 2 + all pixels, SAD'
+    """
+    members, titles = [], []
+    for part in name.split("+"):
+        lengths = _WINDOWS.search(part)
+        one = part[: lengths.start()] if lengths else part
+        windows = [int(text) for text in lengths[1].split(",")] if lengths else [1]
+        baselines = [_open(one, seed) for _ in windows]
+        members += [Member(*pair) for pair in zip(baselines, windows, strict=True)]
+        shown = f", windows {', '.join(map(str, windows))}" if lengths else ""
+        titles.append(baselines[0].title + shown)
+    if len(members) == 1 and members[0].windows == 1:
+        return members[0].baseline
+    return Ensemble(" + ".join(titles), members)
+
+
+def _open(name: str, seed: int) -> Baseline:
+    kind, _, file = name.partition(":")
+    if kind in WITH_FILE:
+        if not file:
+            raise UsageError(f"baseline {kind!r} needs a file: write {kind}:FILE")
+        entry = WITH_FILE[kind]
+        with_file: Callable[[int, Path], Baseline] = _factory(entry)
+        return with_file(seed, Path(file))
+    factory: Callable[[int], Baseline] | None = None
+    if name in BASELINES:
+        factory = _factory(BASELINES[name])
+    for point in entry_points(group=GROUP):
+        if factory is None and point.name == name:
+            factory = point.load()
+    if factory is None:
+        raise UsageError(
+            f"baseline {name!r} is unknown{did_you_mean(name, baseline_names())}: choose one of "
+            f"{', '.join(baseline_names())}, lens:FILE, model:FILE"
+        )
+    return factory(seed)
+
+
+def _factory(entry: Entry) -> Callable[..., Baseline]:
+    found: Callable[..., Baseline] = getattr(
+        import_module(f"edge_vpr.baselines.{entry.module}"), entry.factory
+    )
+    return found

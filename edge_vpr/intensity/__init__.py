@@ -1,0 +1,6 @@
+"""Intensity images of a conventional camera: read from files, and chosen at moments."""
+
+from edge_vpr.intensity.frames import IntensityFrames, frames_at
+from edge_vpr.intensity.registry import open_intensity
+
+__all__ = ["IntensityFrames", "frames_at", "open_intensity"]

@@ -1,0 +1,130 @@
+"""A sequence of intensity images with their times, and the one nearest to each moment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError, UsageError
+
+Image = npt.NDArray[np.uint8]
+Times = npt.NDArray[np.int64]
+
+
+class IntensityFrame(NamedTuple):
+    """One image.
+
+    Attributes
+    ----------
+    time_us : int
+        On the clock of its source.
+    image : ndarray of uint8, shape (height, width)
+    """
+
+    time_us: int
+    image: Image
+
+
+class IntensityFrames(Protocol):
+    """Images in the order of their times; each ``iter()`` begins at the first one.
+
+    Attributes
+    ----------
+    start_us : int
+        The moment t = 0 of the recording, on the clock of the images: that of the first event in
+        the same file, or of the first image where there are no events.
+    has_events : bool
+        Whether the same file holds events.
+    """
+
+    start_us: int
+    has_events: bool
+
+    def __iter__(self) -> Iterator[IntensityFrame]:
+        """Yield the images."""
+        ...
+
+
+def to_grey(image: npt.NDArray[np.uint8], blue_first: bool) -> Image:
+    """Return the luma of a colour image (ITU-R BT.601, rounded), or a grey image as it is.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (height, width) or (height, width, 3 or 4)
+        A fourth channel (alpha) is left out.
+    blue_first : bool
+        Whether the channels are blue, green, red, and not red, green, blue.
+
+    Examples
+    --------
+    >>> to_grey(np.array([[[255, 0, 0]]], np.uint8), blue_first=False)
+    array([[76]], dtype=uint8)
+    """
+    if image.ndim == 2:
+        return image
+    red, green, blue = (
+        image[..., i].astype(np.uint32) for i in ((2, 1, 0) if blue_first else (0, 1, 2))
+    )
+    return ((299 * red + 587 * green + 114 * blue + 500) // 1000).astype(np.uint8)
+
+
+def frames_at(
+    frames: IntensityFrames, times_us: Times, most_apart_us: int, start_us: int | None = None
+) -> tuple[npt.NDArray[np.uint8], Times]:
+    """Choose the image nearest to each moment, in one pass and in the memory of those chosen.
+
+    Parameters
+    ----------
+    frames : IntensityFrames
+    times_us : ndarray of int64, shape (n,)
+        Ascending; 0 is the start of the recording.
+    most_apart_us : int
+        Most that an image may be apart from its moment, in microseconds.
+    start_us : int, optional
+        The moment t = 0 on the clock of the images; that of `frames` by default.
+
+    Returns
+    -------
+    images : ndarray of uint8, shape (n, height, width)
+    found_us : ndarray of int64, shape (n,)
+        When they were taken; the earlier one of two that are as near.
+
+    Raises
+    ------
+    UsageError
+        If the moments do not ascend, or there are none.
+    RecordingError
+        If there is no image near a moment, or images differ in size.
+    """
+    wanted = np.asarray(times_us, dtype=np.int64)
+    if not wanted.size or (np.diff(wanted) < 0).any():
+        raise UsageError(f"{wanted.size} moments: give one or more, in ascending order")
+    images: npt.NDArray[np.uint8] | None = None
+    found = np.full(wanted.size, np.iinfo(np.int64).min // 2)
+    start = frames.start_us if start_us is None else start_us
+    for time_us, image in frames:
+        at = time_us - start
+        if images is None:
+            images = np.zeros((wanted.size, *image.shape), np.uint8)
+        elif image.shape != images.shape[1:]:
+            raise RecordingError(
+                f"the image at {at / 1e6:g} s has shape {image.shape} and the first one "
+                f"{images.shape[1:]}: all images need one size"
+            )
+        # moments long before this image have found theirs
+        first = int(np.searchsorted(wanted, at - most_apart_us))
+        last = int(np.searchsorted(wanted, at + most_apart_us, side="right"))
+        near = np.s_[first:last]
+        better = first + np.flatnonzero(abs(wanted[near] - at) < abs(wanted[near] - found[near]))
+        images[better], found[better] = image, at
+    missing = np.flatnonzero(abs(found - wanted) > most_apart_us)
+    if images is None or missing.size:
+        raise RecordingError(
+            f"there is no image within {most_apart_us / 1e6:g} s of "
+            f"{wanted[missing[0]] / 1e6:g} s, nor of {missing.size - 1} other moments: "
+            "check the times of the images, and the clock of the events"
+        )
+    return images, found

@@ -1,0 +1,81 @@
+"""Which reader opens which file of intensity images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from importlib import import_module
+from pathlib import Path
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.intensity.frames import IntensityFrame, IntensityFrames
+from edge_vpr.recordings.guard import foreign_errors
+from edge_vpr.recordings.registry import sniff
+
+
+class Guarded:
+    """Images whose reader raises only our own errors, whatever the file makes it raise.
+
+    Parameters
+    ----------
+    path : Path
+    frames : IntensityFrames
+    """
+
+    def __init__(self, path: Path, frames: IntensityFrames) -> None:
+        self._path, self._frames = path, frames
+        self.start_us, self.has_events = frames.start_us, frames.has_events
+
+    def __iter__(self) -> Iterator[IntensityFrame]:
+        with foreign_errors(self._path):
+            yield from self._frames
+
+
+def open_intensity(
+    path: str | Path, *, topic: str | None = None, frame_period: Fraction | None = None
+) -> IntensityFrames:
+    """Open the intensity images of a recording, or of a folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
+        ``NAME_ts`` as in MVSEC, or a folder of PNG or ``.npy`` (for its times see
+        `edge_vpr.intensity.image_folder.ImageFolder`).
+    topic : str, optional
+        Stream, topic or data set of the images, where there are several.
+    frame_period : Fraction, optional
+        Seconds an image, for folders that do not say.
+
+    Returns
+    -------
+    IntensityFrames
+
+    Raises
+    ------
+    RecordingError
+        If there are no images, or they cannot be read.
+    UsageError
+        If there are several streams of images, and none is named.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise RecordingError(f"{path} does not exist: check the path")
+    with foreign_errors(path):
+        name = sniff(path)
+        if name == "aedat4":
+            module = import_module("edge_vpr.intensity.aedat4_frames")
+            return Guarded(path, module.Aedat4Frames(path, topic))
+        if name in ("rosbag1", "rosbag2"):
+            module = import_module("edge_vpr.intensity.rosbag_images")
+            return Guarded(path, module.BagImages(path, 1 if name == "rosbag1" else 2, topic))
+        if name == "hdf5":
+            module = import_module("edge_vpr.intensity.hdf5_images")
+            return Guarded(path, module.Hdf5Images(path, topic))
+        if name == "frames" and path.is_dir():
+            module = import_module("edge_vpr.intensity.image_folder")
+            return Guarded(path, module.ImageFolder(path, frame_period))
+    raise RecordingError(
+        f"{path} is {name}, which holds no images that are read: name an AEDAT 4 file, a ROS bag, "
+        "HDF5, or a folder of PNG or .npy"
+    )

@@ -1,0 +1,198 @@
+"""The experiment on conventional frames: simulated, of the user, and of the published drives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import recording_files as files
+from edge_vpr_tools.experiments import counted_pairs, frame_drives, frames
+from test_datasets import brisbane, write_bag, write_log, write_parquet
+from test_intensity import IMAGE, ros_image
+from test_intensity import write_bag as write_messages
+
+from edge_vpr.datasets.published_drives import published_pairs
+from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.settings import PRESETS
+
+SECOND = 1_000_000
+STREETS = counted_pairs.SIMULATED
+SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
+
+
+def nothing(name):
+    """Hear what begins."""
+
+
+def images_of_places(places=14, seed=0, side=96):
+    rng = np.random.default_rng(seed)
+    return rng.integers(0, 256, (places, side, side), dtype=np.uint8)
+
+
+def own_drives(data, seconds=14):
+    """The same places twice in two folders of images, the second with noise."""
+    folder = data / frame_drives.FRAMES
+    noise = np.random.default_rng(1)
+    for side in ("reference", "query"):
+        (folder / side).mkdir(parents=True)
+        for i, image in enumerate(images_of_places(seconds)):
+            shown = (
+                image if side == "reference" else image // 2 + noise.integers(0, 30, image.shape)
+            )
+            # at the middle of each second, on a clock that does not begin at 0
+            np.save(folder / side / f"{100 + i}.5.npy", shown.astype(np.uint8))
+        lines = "".join(f"{t},{10 * t}\n" for t in range(-1, seconds + 1))
+        (folder / f"{side}_track.csv").write_text("time_s,position_m\n" + lines)
+    return folder
+
+
+def test_frames_of_the_user_are_matched_and_drawn(tmp_path, monkeypatch):
+    own_drives(tmp_path)
+    monkeypatch.setattr(frames, "simulated_frames", lambda seed: small_pair())
+    text = frames.run(tmp_path, 2, nothing, tmp_path / "a.png", tmp_path / "a.pdf")
+    simulated, own = text.split("own frames:")
+    assert "events, all pixels | 1.000" in simulated and "frames, all pixels | 1.000" in simulated
+    assert "events" not in own and "frames, 150 by variance | 1.000" in own
+    assert "frames, 25 by random | 1.000 ± 0.000 |" in own  # of two draws
+    assert (tmp_path / "a.png").stat().st_size > 10_000 and (tmp_path / "a.pdf").is_file()
+
+
+def small_pair():
+    """A pair as windows of events and as frames, both easily matched."""
+    images = images_of_places()
+    times = np.arange(len(images), dtype=np.int64) * SECOND + SECOND // 2
+    drive = counted_pairs.CountedDrive(images, times)
+    pair = counted_pairs.CountedPair("streets", drive, drive, SETTINGS, truth_of)
+    return frame_drives.FramedPair("streets", pair, pair)
+
+
+def truth_of(places_us, queries_us):
+    from edge_vpr.evaluation.truth_from_alignment import from_alignment
+
+    ends = np.array([[0.0, 0.0], [100.0, 100.0]])
+    return from_alignment(ends, queries_us / SECOND, places_us / SECOND, 1.0, "s")
+
+
+def test_simulated_frames_are_taken_in_the_middle_of_the_windows():
+    pair = frames.simulated_frames(1, length_m=30.0, sensor="tiny")
+    for counted, framed in (
+        (pair.events.reference, pair.frames.reference),
+        (pair.events.query, pair.frames.query),
+    ):
+        assert np.array_equal(counted.centre_us, framed.centre_us)
+        assert framed.images.shape == counted.images.shape and framed.images.dtype == np.uint8
+    found = frames.score(pair, 0, drawn_only=True)
+    assert not {"events, all pixels", "frames, patch-normalised"} & set(found)
+
+
+def test_own_drives_that_are_incomplete_say_what_is_missing(tmp_path):
+    folder = own_drives(tmp_path)
+    (folder / "query_track.csv").unlink()
+    with pytest.raises(UsageError, match=r"0 files of the query track.*query_track.csv"):
+        list(frame_drives.framed_pairs(tmp_path, nothing))
+
+
+def test_frames_and_events_of_one_recording_share_a_clock(tmp_path):
+    """Events begin 2 s before the first frame; frames are chosen for the windows of the events."""
+    folder = own_drives(tmp_path)
+    start = 1_600_000_000 * SECOND
+    images = images_of_places(9, side=40)
+    for side in ("reference", "query"):
+        times = start + np.arange(0, 9 * SECOND, 1_000)
+        events = [(int(t), int(i % 40), int(i // 40 % 40), True) for i, t in enumerate(times)]
+        messages = [("/events", "dvs_msgs/msg/EventArray", files.event_array(events, 40, 40, 1))]
+        messages += [
+            # half a second into each second, 0.1 s late
+            ("/image", IMAGE, ros_image(1, "mono8", image, start + i * SECOND + 600_000))
+            for i, image in enumerate(images)
+        ]
+        write_messages(folder / f"{side}.bag", 1, messages)
+        for file in (folder / side).iterdir():
+            file.unlink()
+        (folder / side).rmdir()
+    ((_, counted, framed),) = frame_drives.framed_pairs(tmp_path, nothing)
+    assert counted.reference.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(8)]
+    assert np.array_equal(framed.reference.images, images[:8])
+    assert counted.reference.images.sum(axis=(1, 2)).tolist() == [1000] * 8
+
+
+def test_frames_of_published_bags_are_taken_on_the_clock_of_their_tracks(tmp_path):
+    """The GPS log begins 2 s after the recording; a frame is taken 0.4 s into each second."""
+    images = np.random.default_rng(4).integers(0, 256, (14, 260, 346), dtype=np.uint8)
+    for name in ("sunset1", "morning"):
+        traverse = brisbane(name)
+        start = round(traverse.complete_beginning_s * SECOND) - 2 * SECOND
+        events = [(start + 10_000 * i, i % 346, i % 260, True) for i in range(1_400)]
+        messages = [
+            ("/dvs/events", "dvs_msgs/msg/EventArray", files.event_array(part, 346, 260, 1))
+            for part in (events[i : i + 100] for i in range(0, 1_400, 100))
+        ]
+        messages += [
+            ("/dvs/image_raw", IMAGE, ros_image(1, "mono8", image, start + i * SECOND + 400_000))
+            for i, image in enumerate(images)
+        ]
+        write_messages(tmp_path / traverse.file_name("bag"), 1, messages)
+        write_log(tmp_path / f"{traverse.video}_concat.nmea", 12)
+    ((name, counted, framed),) = frame_drives.framed_pairs(tmp_path, nothing)
+    assert name == "Brisbane, morning against sunset1"
+    for drive in (framed.reference, framed.query):
+        assert drive.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(10)]
+        assert np.array_equal(drive.images, images[2:12])
+    assert np.array_equal(counted.query.centre_us, framed.query.centre_us)
+
+
+def test_frames_are_compared_with_further_systems(monkeypatch):
+    monkeypatch.setattr(frames, "simulated_frames", lambda seed: small_pair())
+    text = frames.run(None, 1, nothing, baselines=["all-pixels@1,2"])
+    assert "| events, all pixels, SAD, windows 1, 2 | 1.000 |" in text
+    assert "| frames, all pixels, SAD, windows 1, 2 | 1.000 |" in text
+
+
+@pytest.mark.parametrize("kind", ["parquet", "bag"])
+def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
+    assert list(published_pairs(tmp_path)) == []
+    write = write_parquet if kind == "parquet" else write_bag
+    zero = {}
+    for name in ("morning", "sunset1"):
+        traverse = brisbane(name)
+        log = f"{traverse.recording}.nmea" if kind == "parquet" else f"{traverse.video}_concat.nmea"
+        zero[name] = round(traverse.logs[log] * SECOND)
+        t = zero[name] + np.arange(-30, 120) * 100_000
+        write(tmp_path / traverse.file_name(kind), t)
+        if name == "sunset1":
+            write_log(tmp_path / log, 10)
+    with pytest.raises(GroundTruthError, match="no GPS log of morning"):
+        list(published_pairs(tmp_path))
+
+    traverse = brisbane("morning")
+    log = f"{traverse.recording}.nmea" if kind == "parquet" else f"{traverse.video}_concat.nmea"
+    write_log(tmp_path / log, 10)
+    (pair,) = published_pairs(tmp_path)
+    assert pair.name == "Brisbane, morning against sunset1" and pair.tolerance_m == 70
+    for drive in (pair.reference, pair.query):
+        assert drive.recording.start_us == zero[drive.name]
+        events = np.concatenate(list(drive.recording))
+        # the log spans 9 s, from its own beginning on
+        assert events["t"].tolist() == list(range(0, 9 * SECOND, 100_000))
+    (counted,) = counted_pairs.recorded_pairs(tmp_path)
+    assert counted.name == pair.name and len(counted.query.images) >= 8
+    truth = counted.truth_of(counted.reference.centre_us, counted.query.centre_us)
+    expected = from_tracks(
+        pair.reference.track, pair.query.track, counted.reference.centre_us,
+        counted.query.centre_us, 70,
+    )  # fmt: skip
+    assert np.array_equal(truth.correct, expected.correct)
+
+
+def test_a_folder_without_drives_says_where_they_come_from(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        frames, "simulated_frames", lambda seed: small_pair()._replace(name=STREETS)
+    )
+    text = frames.run(tmp_path, 1, nothing)
+    assert f"{tmp_path} holds none. Name a folder with two bags" in text
+    assert "https://zenodo.org/records/4302805" in text
+    assert "no folder was given with --data" in frames.run(None, 1, nothing)
+    assert list(counted_pairs.recorded_pairs(tmp_path)) == []
+    text = counted_pairs.absent_data(tmp_path, [STREETS])
+    assert "zenodo.org/records/10494919" in text and "speck_walks: two walks" in text
+    assert counted_pairs.absent_data(tmp_path, [STREETS, "Speck walks"]) == ""

@@ -1,0 +1,125 @@
+"""What `in_debian.sh` runs on other processors and Pythons, leaves out there, and says."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parents[1]
+SCRIPT = Path(__file__).with_name("in_debian.sh")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+# of a requirement, what is imported
+MODULES = {"tonic": "tonic", "cyclonedds": "cyclonedds"}
+
+
+def said(*words: str, **environment: str) -> str:
+    run = subprocess.run(
+        [shutil.which("sh") or "sh", str(SCRIPT), *words],
+        env={**os.environ, **environment}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (run.returncode, run.stdout) == (1, "")
+    (line,) = run.stderr.splitlines()
+    return line
+
+
+def imported_at_once(path: Path) -> set[str]:
+    """Return the packages that are imported with a module, and not by a function of it."""
+    found = set()
+    waiting: list[ast.AST] = [ast.parse(path.read_text())]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.ImportFrom):
+            found.add(str(node.module))
+        elif isinstance(node, ast.Import):
+            found.update(name.name for name in node.names)
+        elif isinstance(node, ast.FunctionDef) or (
+            isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        ):
+            continue
+        else:
+            waiting.extend(ast.iter_child_nodes(node))
+    return {name.partition(".")[0] for name in found}
+
+
+def test_what_cannot_be_installed_everywhere_is_imported_by_no_module_that_is_collected():
+    extras = PROJECT["project"]["optional-dependencies"]
+    needed = [Requirement(text) for text in extras["test"]]
+    x86 = {
+        extra for each in needed if "platform_machine" in str(each.marker) for extra in each.extras
+    }
+    names = {Requirement(text).name for extra in x86 for text in extras[extra]}
+    assert names == set(MODULES)
+    options = PROJECT["tool"]["pytest"]["ini_options"]
+    left_out = [ROOT / path for path in re.findall(r"--ignore=(\S+)", options["addopts"])]
+    importing = [
+        path
+        for folder in options["testpaths"]
+        for path in (ROOT / folder).rglob("*.py")
+        if imported_at_once(path) & set(MODULES.values())
+    ]
+    assert importing, "nothing to leave out"
+    for path in importing:
+        assert any(path.is_relative_to(each) for each in left_out), path
+
+
+def test_shellcheck_finds_nothing_in_the_script():
+    if shutil.which("shellcheck") is None:
+        pytest.skip("shellcheck is not installed")
+    run = subprocess.run(["shellcheck", str(SCRIPT)], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout
+
+
+def test_a_wrong_argument_is_told_in_one_line():
+    assert "riscv64, which is neither amd64 nor arm64" in said("riscv64", "3.13")
+    assert "no Debian has Python 3.12" in said("amd64", "3.12")
+    assert "PART=all is neither" in said("amd64", "3.13", PART="all")
+
+
+def test_what_the_machine_lacks_is_told_in_one_line(tmp_path):
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    for name in ("dirname", "uname"):
+        (tools / name).symlink_to(str(shutil.which(name)))
+    path = {"PATH": str(tools), "CACHE": str(tmp_path / "cache")}
+    if not Path("/usr/sbin/debootstrap").exists():
+        assert "apt install debootstrap" in said("arm64", "3.13", **path)
+    (tools / "debootstrap").symlink_to(tools / "uname")
+    (tools / "unshare").write_text("#!/bin/sh\nexit 1\n")
+    (tools / "unshare").chmod(0o755)
+    assert "may not make namespaces" in said("arm64", "3.13", **path)
+    (tools / "unshare").write_text("#!/bin/sh\nexit 0\n")
+    if (
+        os.uname().machine == "x86_64"
+        and not Path("/proc/sys/fs/binfmt_misc/qemu-aarch64").exists()
+    ):
+        assert "apt install qemu-user-static" in said("arm64", "3.13", **path)
+    assert not (tmp_path / "cache").exists()
+
+
+def test_each_part_names_tests_that_there_are():
+    text = SCRIPT.read_text()
+    for variable in ("kernels", "elsewhere", "commands"):
+        (names,) = re.findall(rf'^{variable}="([^"]*)"', text, re.MULTILINE)
+        for name in names.split():
+            assert (ROOT / f"tests/test_{name}.py").is_file(), name
+
+
+def test_every_python_that_is_promised_is_run_here_or_by_the_workflow():
+    promised = {
+        line.rpartition(" :: ")[2]
+        for line in PROJECT["project"]["classifiers"]
+        if re.search(r":: 3\.\d+$", line)
+    }
+    by_script = set(re.findall(r"^    (3\.\d+)\) suite=", SCRIPT.read_text(), re.MULTILINE))
+    workflow = (ROOT / ".github/workflows/test.yml").read_text()
+    assert promised == set(re.findall(r'"(3\.\d+)"', workflow))
+    assert by_script < promised
+    assert "-arm" in workflow

@@ -1,0 +1,198 @@
+"""Pairs of drives whose windows are counted at every pixel, as every system to compare gets them.
+
+On simulated streets, whose drives differ in speed, a window is a number of events of the whole
+sensor; on recorded ones it is a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.datasets.catalogue import BRISBANE_BAGS_PAGE, BRISBANE_PAGE, QCR_PAGE
+from edge_vpr.datasets.published_drives import PublishedPair, published_pairs
+from edge_vpr.descriptors.descriptor_stream import DescriptorStream
+from edge_vpr.descriptors.hot_pixels import find_hot_pixels
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import FixedCount, FixedTime, Window
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.pipeline import EventSource, WindowSource, cleaned
+from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.simulate import SimulatedRecording, simulate_pair
+from edge_vpr_tools.experiments import SOURCES, codes_frontier
+from edge_vpr_tools.experiments.simulated import truth_of_pair
+from edge_vpr_tools.experiments.trial import Times, TruthOf
+
+#: of the simulated streets, in metres
+LENGTH_M = 450.0
+SIMULATED = "simulated streets"
+
+
+@dataclass(frozen=True, eq=False)
+class CountedDrive:
+    """Windows of a drive, counted at every pixel.
+
+    Attributes
+    ----------
+    images : ndarray of int, shape (n, height, width)
+    centre_us : ndarray of int64, shape (n,)
+    """
+
+    images: npt.NDArray[np.integer]
+    centre_us: Times
+
+
+@dataclass(frozen=True, eq=False)
+class CountedPair:
+    """Two drives as windows, and how they are matched."""
+
+    name: str
+    reference: CountedDrive
+    query: CountedDrive
+    settings: Settings
+    truth_of: TruthOf
+
+
+def count_drive(drive: EventSource | WindowSource, window: Window) -> CountedDrive:
+    """Count a drive's windows at every pixel, without bursts."""
+    if isinstance(drive, WindowSource):
+        windows = drive.windows()
+    else:
+        stream = DescriptorStream(PixelMap.all_of(drive.sensor), window)
+        windows = (
+            one for events in cleaned(drive, PRESETS["paper"]) for one in stream.windows(events)
+        )
+    size = (drive.sensor.height, drive.sensor.width)
+    images, centres = [], []
+    for one in windows:
+        images.append(np.minimum(one.counts, 65_535).astype(np.uint16).reshape(size))
+        centres.append(one.start_us + (one.end_us - one.start_us) // 2)
+    return CountedDrive(np.array(images), np.array(centres, dtype=np.int64))
+
+
+def count_pair(
+    name: str,
+    reference: EventSource | WindowSource,
+    query: EventSource | WindowSource,
+    settings: Settings,
+    truth_of: TruthOf,
+) -> CountedPair:
+    """Count both drives; by events if the settings ask for it, and without hot pixels."""
+    window: Window = FixedTime(settings.tau_us)
+    first = count_drive(reference, window)
+    if settings.window == "count":
+        window = FixedCount(max(1, int(first.images.sum(dtype=np.int64)) // len(first.images)))
+        first = count_drive(reference, window)
+    second = count_drive(query, window)
+    hot = find_hot_pixels(first.images.sum(axis=0, dtype=np.int64))
+    for drive in (first, second):
+        drive.images[:, hot] = 0
+    return CountedPair(name, first, second, settings, truth_of)
+
+
+def simulated_pair(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> CountedPair:
+    """Simulate and count the pair of this seed."""
+    return count_simulated(*(d.keep() for d in simulate_pair(seed, sensor, length_m=length_m)))
+
+
+def count_simulated(reference: SimulatedRecording, query: SimulatedRecording) -> CountedPair:
+    """Count two simulated drives of one street, by events."""
+    settings = PRESETS["paper"].replaced({"window": "count"}, "pairs")
+    return count_pair(SIMULATED, reference, query, settings, truth_of_pair(reference, query))
+
+
+def recorded_pairs(data: Path) -> Iterator[CountedPair]:
+    """Open the recorded pairs that were counted at every pixel, each once.
+
+    Parameters
+    ----------
+    data : Path
+        Folder of the stand-ins of `SOURCES`, and of the published traverses under their names
+        (`edge_vpr.datasets.published_drives`); data that are not there are left out.
+    """
+    for pair in codes_frontier.pairs(data, needed=False):
+        if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
+            continue
+        if pair.settings.pixels != PRESETS["paper"].pixels:  # the same drives again
+            continue
+        name = pair.name.split(",")[0]
+        yield count_pair(name, pair.reference, pair.query, pair.settings, pair.truth_of)
+    for drives in published_pairs(data):
+        yield count_published(drives)
+
+
+def absent_data(data: Path | None, pairs: Collection[str]) -> str:
+    """Return where recorded drives come from, as a paragraph; empty if a recorded pair was matched.
+
+    Parameters
+    ----------
+    data : Path, optional
+        The folder that was given.
+    pairs : collection of str
+        Names of the pairs that were matched.
+    """
+    if set(pairs) - {SIMULATED}:
+        return ""
+    listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
+    where = "no folder was given with --data" if data is None else f"{data} holds none"
+    return (
+        f"\n\nNo recorded drives were compared: {where}. Name a folder with two traverses or more "
+        f"of Brisbane-Event-VPR ({BRISBANE_PAGE}, or {BRISBANE_BAGS_PAGE}) or QCR-Event-VPR "
+        f"({QCR_PAGE}) under their published names, or with one of the folders {listed}."
+    )
+
+
+def count_published(pair: PublishedPair) -> CountedPair:
+    """Count two published traverses, in windows of a fixed time as in the paper."""
+    tracks = (pair.reference.track, pair.query.track)
+
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return from_tracks(*tracks, places_us, queries_us, pair.tolerance_m)
+
+    drives = (pair.reference.recording, pair.query.recording)
+    return count_pair(pair.name, *drives, PRESETS["paper"], truth_of)
+
+
+class Draw(NamedTuple):
+    """A pair of drives, and the seed of a draw of pixels.
+
+    Attributes
+    ----------
+    name : str
+        Of the pair, or `SIMULATED`.
+    pair : CountedPair
+    seed : int
+    is_new : bool
+        Whether the pair comes for the first time: what draws nothing need not be matched again.
+    """
+
+    name: str
+    pair: CountedPair
+    seed: int
+    is_new: bool
+
+
+def draws(data: Path | None, seeds: int, on_start: Callable[[str], None]) -> Iterator[Draw]:
+    """Yield a simulated pair for each seed, and each recorded pair with all of them.
+
+    Parameters
+    ----------
+    data : path, optional
+        Folder of the recordings; without it, there is none.
+    seeds : int
+    on_start : callable
+        Told what begins.
+    """
+    for seed in range(seeds):
+        on_start(f"street {seed + 1} of {seeds}")
+        yield Draw(SIMULATED, simulated_pair(seed), seed, is_new=True)
+    for pair in recorded_pairs(data) if data is not None else ():
+        for seed in range(seeds):
+            on_start(f"{pair.name}, draw {seed + 1} of {seeds}")
+            yield Draw(pair.name, pair, seed, is_new=seed == 0)

@@ -1,0 +1,143 @@
+"""Drives of the user that have intensity frames.
+
+In the folder given with ``--data``: the bags of Brisbane-Event-VPR under their published names; and
+a folder ``frames`` with ``reference`` and ``query``, each an AEDAT 4 file, a ROS bag, HDF5 or a
+folder of images (see `edge_vpr.intensity`), and ``reference_track`` and ``query_track`` (``.csv``,
+``.nmea`` or ``.gpx``), whose times count from the start of their recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from edge_vpr.datasets.published_drives import PublishedDrive, published_pairs
+from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.intensity import IntensityFrames, frames_at, open_intensity
+from edge_vpr.pipeline import EventSource
+from edge_vpr.recordings import open_recording
+from edge_vpr.settings import PRESETS
+from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, count_pair
+from edge_vpr_tools.experiments.trial import Times, TruthOf
+
+FRAMES = "frames"
+#: within which a match is right, by the kind of track
+TOLERANCE_M = {"geographic": 70.0, "metric": 10.0}
+SETTINGS = PRESETS["paper"]
+_TRACKS = (".csv", ".nmea", ".gpx")
+
+
+class FramedPair(NamedTuple):
+    """A pair of drives as windows of events (None where none were recorded), and as frames."""
+
+    name: str
+    events: CountedPair | None
+    frames: CountedPair
+
+
+@dataclass(frozen=True, eq=False)
+class FramedDrive:
+    """A drive with frames.
+
+    Attributes
+    ----------
+    frames : IntensityFrames
+    start_us : int
+        Time 0 of the drive on the clock of the frames.
+    recording : EventSource or None
+        Its events.
+    track : Track
+    """
+
+    frames: IntensityFrames
+    start_us: int
+    recording: EventSource | None
+    track: Track
+
+
+def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[FramedPair]:
+    """Read the pairs of drives that have frames.
+
+    Parameters
+    ----------
+    data : Path
+    on_start : callable
+        Told what begins.
+
+    Raises
+    ------
+    UsageError
+        If the folder of own drives holds half of a pair.
+    """
+    folder = data / FRAMES
+    if folder.is_dir():
+        on_start("reading frames")
+        yield _read("own frames", _own_drive(folder, "reference"), _own_drive(folder, "query"))
+    for pair in published_pairs(data, ("bag",)):
+        on_start(f"reading {pair.name}")
+        reference, query = (_published_drive(drive) for drive in (pair.reference, pair.query))
+        yield _read(pair.name, reference, query, pair.tolerance_m)
+
+
+def _read(
+    name: str, reference: FramedDrive, query: FramedDrive, tolerance_m: float | None = None
+) -> FramedPair:
+    truth_of = _truth_of(
+        reference.track, query.track, tolerance_m or TOLERANCE_M[reference.track.kind]
+    )
+    if reference.recording is None or query.recording is None:
+        events = None
+        times = [_grid(drive) for drive in (reference, query)]
+    else:
+        events = count_pair(name, reference.recording, query.recording, SETTINGS, truth_of)
+        times = [events.reference.centre_us, events.query.centre_us]
+    first, second = (
+        CountedDrive(
+            frames_at(drive.frames, wanted, SETTINGS.tau_us // 2, drive.start_us)[0], wanted
+        )
+        for drive, wanted in zip((reference, query), times, strict=True)
+    )
+    return FramedPair(name, events, CountedPair(name, first, second, SETTINGS, truth_of))
+
+
+def _truth_of(reference: Track, query: Track, tolerance_m: float) -> TruthOf:
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return from_tracks(reference, query, places_us, queries_us, tolerance_m)
+
+    return truth_of
+
+
+def _grid(drive: FramedDrive) -> Times:
+    """Return the middles of windows of tau, from the drive's start to its last frame."""
+    last_us = max(frame.time_us for frame in drive.frames) - drive.start_us
+    return np.arange(SETTINGS.tau_us // 2, last_us + 1, SETTINGS.tau_us, dtype=np.int64)
+
+
+def _own_drive(folder: Path, side: str) -> FramedDrive:
+    tracks = [path for path in sorted(folder.glob(f"{side}_track.*")) if path.suffix in _TRACKS]
+    drives = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] == side]
+    for what, found, example in (
+        ("drive", drives, f"{side}.aedat4, {side}.bag, or a folder {side} of images"),
+        ("track", tracks, f"{side}_track.csv"),
+    ):
+        if len(found) != 1:
+            raise UsageError(
+                f"{folder} has {len(found)} files of the {side} {what}, and one is needed: put "
+                f"there {example}"
+            )
+    frames = open_intensity(drives[0])
+    recording = open_recording(drives[0]) if frames.has_events else None
+    return FramedDrive(frames, frames.start_us, recording, load_track(tracks[0]))
+
+
+def _published_drive(drive: PublishedDrive) -> FramedDrive:
+    frames = open_intensity(drive.path)
+    return FramedDrive(frames, drive.recording.start_us, drive.recording, drive.track)

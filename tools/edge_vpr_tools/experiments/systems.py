@@ -1,0 +1,133 @@
+"""What systems did on pairs of drives: a table, memory against right matches, and their curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+
+from edge_vpr.baselines import Compared
+from edge_vpr.evaluation.mean_curve import mean_precision
+from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr_tools.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, name_label
+
+Result = tuple[Compared, Evaluation]
+#: trials by the name of the system
+Results = Mapping[str, Sequence[Result]]
+#: colour and dashes of a curve
+Look = tuple[str, Any]
+#: of a curve: recall from 0 to 1
+_RECALL = np.linspace(0.0, 1.0, 501)
+_HEADER = (
+    "system", "P@100R", "R@99P", "bytes a place", "operations a match", "describing",
+    "matching a query",
+)  # fmt: skip
+
+
+def systems_table(results: Results, titles: Mapping[str, str]) -> str:
+    """Set a row for each system, with the spread of its trials, as a Markdown table.
+
+    Parameters
+    ----------
+    results : mapping of name to sequence of (Compared, Evaluation)
+    titles : mapping of name to str
+        Of all systems, in the order of the rows; one without results did not fit the sensor.
+    """
+    rows = []
+    for name, title in titles.items():
+        if name not in results:
+            rows.append([title, "does not fit", *["-"] * (len(_HEADER) - 2)])
+            continue
+        trials = results[name]
+        rows.append(
+            [
+                title,
+                str(Summary([e.precision_at_100_recall for _, e in trials])),
+                str(Summary([e.recall_at_99_precision for _, e in trials])),
+                f"{max(c.bytes_per_place for c, _ in trials):,}",
+                f"{trials[0][0].operations:,}",
+                f"{np.median([c.describe_us for c, _ in trials]):,.0f} us",
+                f"{np.median([c.match_us for c, _ in trials]):,.0f} us",
+            ]
+        )
+    return markdown_table(_HEADER, rows)
+
+
+def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
+    """Draw right matches against bytes a place, a panel for each pair of drives."""
+    with figure(4.2 * len(found) + 1.5, 4.8) as (drawing, only):
+        only.remove()
+        panels = drawing.subplots(1, len(found), squeeze=False)
+        for axes, (pair, results) in zip(panels.flat, found.items(), strict=True):
+            for i, (name, title) in enumerate(titles.items()):
+                if name not in results:
+                    continue
+                values = [e.precision_at_100_recall for _, e in results[name]]
+                axes.errorbar(
+                    results[name][0][0].bytes_per_place,
+                    float(np.mean(values)),
+                    float(np.std(values, ddof=1)) if len(values) > 1 else 0,
+                    color=CYCLE[i % len(CYCLE)],
+                    marker="osD^vP"[i % 6],
+                    ms=7,
+                    linestyle="none",
+                    label=name_label(title),
+                )
+            axes.set_xscale("log")
+            axes.set(title=pair, xlabel="bytes a place", ylim=(0, 1.03))
+        panels[0, 0].set_ylabel("P@100R")
+        _legend(drawing)
+    return drawing
+
+
+def draw_curves(
+    found: Mapping[str, Results], titles: Mapping[str, str], looks: Mapping[str, Look] | None = None
+) -> Figure:
+    """Draw precision against recall of every system, a panel for each pair of drives.
+
+    A curve is the mean of the trials' precision at each recall.
+
+    Parameters
+    ----------
+    found : mapping of pair to mapping of name to sequence of (Compared, Evaluation)
+    titles : mapping of name to str
+        Of the systems that are drawn.
+    looks : mapping of name to (colour, dashes), optional
+    """
+    with figure(4.2 * max(len(found), 2) + 1.5, 5.4) as (drawing, only):
+        only.remove()
+        panels = drawing.subplots(1, len(found), squeeze=False, sharey=True)
+        lowest = 1.0
+        for axes, (pair, results) in zip(panels.flat, found.items(), strict=True):
+            for i, (name, title) in enumerate(titles.items()):
+                if name not in results:
+                    continue
+                colour, dashes = CYCLE[i % len(CYCLE)], DASHES[i % len(DASHES)]
+                if looks is not None:
+                    colour, dashes = looks[name]
+                curves = [evaluation.curve for _, evaluation in results[name]]
+                precision = mean_precision(curves, _RECALL)
+                # below some recall, a curve of few matches jumps
+                lowest = min(lowest, float(precision[_RECALL > 0.05].min()))
+                axes.plot(
+                    _RECALL, precision, color=colour, linestyle=dashes, lw=1.8,
+                    label=name_label(title),
+                )  # fmt: skip
+            axes.axhline(0.99, color="gray", lw=0.8)
+            axes.set(title=pair, xlabel="recall", xlim=(0, 1.01))
+        panels[0, 0].set(ylabel="precision", ylim=(max(0.0, np.floor(10 * lowest) / 10), 1.01))
+        _legend(drawing)
+    return drawing
+
+
+def _legend(drawing: Figure) -> None:
+    """Put one legend of all panels below them: a system may be missing in some."""
+    entries: dict[str, Artist] = {}
+    for axes in drawing.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        entries.update((str(label), each) for label, each in zip(labels, handles, strict=True))
+    drawing.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=2)
