@@ -94,33 +94,6 @@ def model_check(model: Path, seconds: int) -> bool:
     raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
 
 
-def bounded_check(model: Path, clocks: int, seconds: int) -> bool:
-    """Return whether the assertions of an AIGER model hold in its first clocks.
-
-    By bounded model checking (bmc3 of yosys-abc). What a model of a core does within so many clocks
-    of a reset is decided; what it does later is not.
-
-    Parameters
-    ----------
-    model : path
-    clocks : int
-        The bound.
-    seconds : int
-        After which the model checker is ended.
-
-    Raises
-    ------
-    ToolError
-        As of `solve`, also if the bound was not reached in time.
-    """
-    done = _run(["yosys-abc", "-c", f"read_aiger {model}; fold; bmc3 -F {clocks}"], seconds)
-    if f"No output asserted in {clocks} frames" in done.stdout:
-        return True
-    if "was asserted in frame" in done.stdout:
-        return False
-    raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
-
-
 def translate(
     folder: Path,
     unit: str,
