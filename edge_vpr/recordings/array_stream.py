@@ -102,8 +102,8 @@ class ArrayStream:
         -------
         array : ndarray, shape (n, ...)
             ``n`` may be less than `rows`; it is 0 at the end only.
-        Number of bytes of a last incomplete row, if the stream is cut off.
-            Bytes of a last incomplete row, where the stream is cut off.
+        leftover : int
+            Number of bytes of a last incomplete row, if the stream is cut off.
         """
         rows = min(rows, self.shape[0] - self.rows_read, self.most_rows)
         data = self._stream.read(rows * self.row_bytes) if self.row_bytes else b""

@@ -85,8 +85,7 @@ def _open_png(path: Path) -> tuple[npt.NDArray[Any], str]:
 
     if path.stat().st_size > _LARGEST_IMAGE:
         raise RecordingError(f"{path} has more than {_LARGEST_IMAGE:,} bytes: write it again")
-    # avoids running out of memory: from a file, Pillow asks for as many bytes as a damaged chunk
-    # claims
+    # not from the file: Pillow would ask it for as many bytes as a damaged chunk claims
     content = io.BytesIO(path.read_bytes())
     try:
         with warnings.catch_warnings():

@@ -36,7 +36,7 @@ def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterato
     except EdgeVprError as error:
         if printable(str(path)) in str(error):
             raise
-        raise RecordingError(f"{path}: {error}") from error  # the file holds invalid text
+        raise RecordingError(f"{path}: {error}") from error  # concerns text within the file
     except OSError as error:
         if error.strerror is None:  # raised by a library, and not by the operating system
             raise _damaged(path, place(), error) from error

@@ -1,8 +1,8 @@
 """Read the compressed chunks of an HDF5 data set, and check the size of each.
 
 libhdf5 and h5py's LZF filter do not compare the size of an expanded chunk with the size that the
-data set states: libhdf5 reads beyond the buffer of a chunk that is too short, and reserves any
-memory for one that is too long. Here each chunk is expanded or measured first. libhdf5 does not
+data set states: a chunk that is too short is read beyond the end of its buffer, and one that is too
+long takes any amount of memory. Here each chunk is expanded or measured first. libhdf5 does not
 expand deflated columns again, so that the check costs no time.
 """
 
@@ -32,7 +32,7 @@ class CheckedDataset:
     Parameters
     ----------
     dataset : h5py.Dataset
-        One with one dimension or more.
+        Data set of one dimension or more.
     name : str
         File and data set, for messages.
 
@@ -108,7 +108,7 @@ class CheckedDataset:
                 return None
             if size == self._bytes:
                 return self._array(mask, expanded) if self._plain else None
-        # A chunk beyond the border may be stored unfiltered; libhdf5 refuses it otherwise
+        # A chunk beyond the border may be stored unfiltered; if it is not, libhdf5 refuses it
         if size == -1 and info.size == self._bytes and self._at_border(at):
             return None
         raise RecordingError(

@@ -106,8 +106,7 @@ class ForgivingFile(io.RawIOBase):
         """Set the length of the file."""
         size = self._at if size is None else size
         with contextlib.suppress(OSError):
-            # a longer file is set without using space; the library asks for a shorter one at its
-            # end
+            # a longer size takes no space; the library sets a shorter one at the end
             if self.error is None:
                 self._file.truncate(size)
         return size

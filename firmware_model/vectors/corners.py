@@ -36,5 +36,5 @@ def corner_cases(design: Design) -> list[Case]:
 
 
 def _roomy(design: Design) -> int:
-    """Return a number of places with room for two sequences and an exclusion zone at each side."""
+    """Return a number of places with room for two sequences, and zones around and between them."""
     return 3 * design.length + 3 * (design.exclusion + 2)
