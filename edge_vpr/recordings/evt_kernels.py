@@ -23,7 +23,7 @@ STATE = np.dtype(
 
 @njit(cache=True, nogil=True)
 def _advance(s, high, bits):  # type: ignore[no-untyped-def]
-    """Return the unwrapped counter of high time bits after a new value of these bits.
+    """Advance the unwrapped time base to a new value of the high time bits.
 
     The shorter direction decides between a wrap and a step back; a step back is kept.
     """

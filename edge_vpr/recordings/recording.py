@@ -66,7 +66,7 @@ class Recording:
         return self._walk(log) if self._span == (0, None) else self._cropped(log)
 
     def cropped(self, crop: TimeCrop) -> Recording:
-        """Return the part of this recording between two moments; its time starts at its beginning.
+        """Return the part between two moments; its times count from the part's beginning.
 
         Parameters
         ----------

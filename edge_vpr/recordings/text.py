@@ -34,7 +34,7 @@ _TRUTH = {"true": 1, "on": 1, "false": 0, "off": 0}
 
 
 class TextSource(Source):
-    """Source of lines of numbers between commas, semicolons, tabs or spaces; ``#`` is a comment.
+    """Source of lines of numbers between commas, semicolons, tabs or spaces; ``#`` starts comments.
 
     A first line of two whole numbers is the sensor's size (as in the rpg data sets); a comment of
     this package states the size and the start. Times are read as decimal numbers: seconds are
