@@ -22,7 +22,7 @@ from edge_vpr_tools.experiments.speck_walks import FOLDER, FRAME_PERIOD, truth_o
 from edge_vpr_tools.experiments.trial import Kept, Summary, markdown_table
 from edge_vpr_tools.runs.online import made_causal
 
-#: Flashes per second that are added to the query: none, a failing lamp, or a strobe.
+#: Flashes per second that are added to the query: from none over a failing lamp to a strobe.
 RATES = (0.0, 0.1, 1.0, 10.0)
 #: Duration of a flash, probability that a pixel fires in it, and most events of a pixel.
 FLASH_US, SHARE, MOST_EVENTS = 3_000, 0.9, 3

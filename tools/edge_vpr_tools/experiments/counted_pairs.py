@@ -119,7 +119,7 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
     for pair in codes_frontier.pairs(data, needed=False):
         if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
             continue
-        if pair.settings.pixels != PRESETS["paper"].pixels:  # other numbers of pixels are the same drives
+        if pair.settings.pixels != PRESETS["paper"].pixels:  # same drives, other pixels
             continue
         name = pair.name.split(",")[0]
         yield count_pair(name, pair.reference, pair.query, pair.settings, pair.truth_of)
