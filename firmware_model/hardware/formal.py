@@ -54,7 +54,7 @@ def solve(model: Path, options: Sequence[str], seconds: int) -> bool:
     options : sequence of str
         Options of yosys-smtbmc: the number of clocks, and ``-i`` for induction.
     seconds : int
-        Time limit of the solver.
+        Time limit of the solver in seconds.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def model_check(model: Path, seconds: int) -> bool:
     ----------
     model : path
     seconds : int
-        Time limit of the model checker.
+        Time limit of the model checker in seconds.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from firmware_model.hardware.formal import run_yosys
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.report import pack, synthesize, write_tables
 
-#: name of the table of events that are inside the look-up
+#: part of the names of the tables with events that are inside the look-up
 _UNDER_WAY = "pixel_lookup.pixels."
 
 

@@ -1,6 +1,6 @@
 """Registers on AXI4-Lite, from a design: ``python -m firmware_model.hardware.registers``.
 
-One list of them makes a SystemVerilog package, a C header and the table of docs/hardware.md.
+A SystemVerilog package, a C header and the table of docs/hardware.md are made from one list.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from firmware_model.hardware.parameters import parameters
 PACKAGE = "vpr_registers"
 #: file of the generated C header
 HEADER = "vpr_registers.h"
-#: what the register `ID` holds: "VPR1"
+#: value of the register `ID`: "VPR1"
 ID_VALUE = 0x56505231
-#: tables by their number in `TABLE_ADDRESS`
+#: tables, whose index is their number in `TABLE_ADDRESS`
 TABLES = ("displacement", "lookup", "codes", "code_tables", "means")
 
 
 class Register(NamedTuple):
-    """A register of 32 bits: its byte address, and who may do what."""
+    """Register of 32 bits: its byte address, and the allowed accesses."""
 
     name: str
     address: int
@@ -74,7 +74,7 @@ REGISTERS = (
 
 
 def constants(design: Design) -> dict[str, int]:
-    """List what a driver needs of a design.
+    """Return the constants of a design that a driver needs.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def constants(design: Design) -> dict[str, int]:
     Returns
     -------
     dict of str to int
-        ``PLACE_PARTS`` are the writes of `PLACE` that a word of ``places.mem`` takes.
+        ``PLACE_PARTS`` is the number of writes to `PLACE` for one word of ``places.mem``.
     """
     known = parameters(design)
     names = ("PIXELS", "SLOTS", "PLACES", "WORDS", "LANES", "CODE_BITS", "TIMESTAMP_BITS", "FILTER")
@@ -96,7 +96,7 @@ def constants(design: Design) -> dict[str, int]:
 
 
 def package(design: Design) -> str:
-    """Write addresses and constants as a SystemVerilog package, for ``vpr_axi_lite.sv``."""
+    """Return a SystemVerilog package of addresses and constants, for ``vpr_axi_lite.sv``."""
     found = constants(design)
     lines = [
         "// Registers of one design, made by edge-vpr from its design.toml: do not edit.",
@@ -113,7 +113,7 @@ def package(design: Design) -> str:
 
 
 def header(design: Design) -> str:
-    """Write addresses and constants as a C header."""
+    """Return a C header of addresses and constants."""
     guard = HEADER.upper().replace(".", "_")
     lines = [
         "/* Registers of one design, made by edge-vpr from its design.toml: do not edit. */",
@@ -132,7 +132,7 @@ def header(design: Design) -> str:
 
 
 def table() -> str:
-    """Write the registers as a Markdown table."""
+    """Return the registers as a Markdown table."""
     lines = ["| address | register | | |", "| --- | --- | --- | --- |"]
     lines += [f"| {r.address:#04x} | `{r.name}` | {r.access} | {r.text} |" for r in REGISTERS]
     return "\n".join(lines)
@@ -144,7 +144,7 @@ def main(words: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     words : sequence of str, optional
-        The command line.
+        Words of the command line.
 
     Returns
     -------

@@ -186,7 +186,7 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
     changed : mapping of str to str, optional
         Text of changed source files, by name.
     seconds : int
-        Time limit of the model checker.
+        Time limit of the model checker in seconds.
 
     Raises
     ------

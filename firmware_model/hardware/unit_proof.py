@@ -79,7 +79,7 @@ def prove(size: Size, source: str | None = None, *, seconds: int = 300) -> bool:
     source : str, optional
         Text of ``vpr_search.sv``; by default the original.
     seconds : int
-        Time limit of the solver.
+        Time limit of the solver in seconds.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def refuted(size: Size, source: str, *, seconds: int = 300) -> bool:
     source : str
         Text of ``vpr_search.sv``.
     seconds : int
-        Time limit of the solver.
+        Time limit of the solver in seconds.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def prove_prediction(source: str | None = None, *, seconds: int = 600) -> bool:
     source : str, optional
         Text of ``vpr_prediction.sv``; by default the original.
     seconds : int
-        Time limit of the solver.
+        Time limit of the solver in seconds.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
     source : str, optional
         Text of ``vpr_window_timer.sv``; by default the original.
     seconds : int
-        Time limit of the solver.
+        Time limit of the solver in seconds.
 
     Returns
     -------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-#: "absent": an extra or device is missing; "wrong": something will fail or mislead
+#: "good"; "absent": an extra or device is missing; "wrong": something will fail or mislead
 State = Literal["good", "absent", "wrong"]
 
 

@@ -20,7 +20,7 @@ from edge_vpr_tools.energy.sensors.search import find_sensors
 from edge_vpr_tools.energy.sensors.sensor import ROOT
 from edge_vpr_tools.output.provenance import processor_name
 
-#: a live run needs about 180 MB (`tools/bench/soak.py`), and so does a map of any recording
+#: a live run needs about 180 MB (`tools/bench/soak.py`), and mapping any recording not more
 _NEEDED_BYTES = 256 << 20
 #: `map` stores the images of all windows in a temporary file of at most 2 GiB, or reads twice
 _TEMPORARY_BYTES = 2 << 30

@@ -150,7 +150,7 @@ def _against(
     rounds = [_rounds(work) for work in (sparse, dense)]
     took = np.empty((_REPEATS, 2))
     for i in range(_REPEATS):
-        # the order alternates
+        # the variant that goes first alternates
         for which in (0, 1) if i % 2 == 0 else (1, 0):
             took[i, which] = _time((sparse, dense)[which], rounds[which]) / units
     return Against(
