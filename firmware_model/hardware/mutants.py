@@ -1,8 +1,9 @@
 """Generated faults of the core: ``python -m firmware_model.hardware.mutants``.
 
-Each changes one operator or constant of the sources, or leaves a statement out. Vectors of a design
-with sequences and of one with the place filter and own-mean codes are replayed until a case finds
-it, with stalls and a reset; the command lists those that no case finds. Needs Icarus Verilog.
+Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
+a design with sequences, and of one with the place filter and own-mean codes, are replayed with
+stalls and a reset until a case finds the mutant. The command lists the mutants that no case finds.
+It needs Icarus Verilog.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import verify
 
-#: seconds of the processor after which a simulation is ended: the fault is found. The longest case
-#: takes four; a core that stands still is found by the testbench
+#: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
+#: four; the testbench itself detects a core that has stopped.
 LIMIT = 30
 _SEQUENCES = Design(
     width=24, height=16, pixels=9, places=20, length=3, full_scales=(15,), window_events=12, lanes=4
 )
 _FILTER = replace(_SEQUENCES, matching="filter", length=1, code="own-mean")
-#: the third has codes of so few bits that they saturate at both ends: for the cases of own means
+#: the third has so few bits that codes saturate at both ends, for the cases of own means
 DESIGNS = (_SEQUENCES, _FILTER, replace(_FILTER, code_bits=2))
-#: cases that find most faults come first
+#: cases that find most mutants come first
 FIRST = (
     *("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time"),
     *(
@@ -46,7 +47,7 @@ FIRST = (
         "random_2",
     ),
 )
-#: mutants that do the same as the source, and why
+#: mutants that behave as the source does, and the reason
 EQUAL = {
     (
         "vpr_own_mean.sv",
@@ -72,14 +73,14 @@ _CHANGES = (
     (re.compile(r" - 1\)"), ")"),
 )
 _STATEMENT = re.compile(r"^\s+(?:if \([^;]*\) |else )?\w[\w\[\]:]*\s+<= .*;$")
-#: lines that state what there is, and not what it does
+#: lines with declarations instead of behaviour
 _STATED = re.compile(
     r"^\s*(?://|parameter|localparam|input|output|logic [^=]*;|\.|genvar|for |module|wire unused)"
 )
 
 
 class Mutant(NamedTuple):
-    """A changed line of a source."""
+    """Changed line of a source."""
 
     file: str
     line: int
@@ -87,7 +88,7 @@ class Mutant(NamedTuple):
 
 
 def mutants(file: str, source: str) -> Iterator[Mutant]:
-    """Change each line of a source in every way.
+    """Yield every change of each line of a source.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
 
 
 def all_mutants() -> list[Mutant]:
-    """List those of all units of the core."""
+    """Return the mutants of all units of the core."""
     return [
         mutant
         for file in sources.UNITS
@@ -118,22 +119,22 @@ def all_mutants() -> list[Mutant]:
 
 
 class Bench:
-    """Vectors of `DESIGNS` in a folder, and what finds a mutant of their sources.
+    """Vectors of `DESIGNS` in a folder, with which mutants of the sources are tested.
 
     Parameters
     ----------
     folder : path
-        An empty one.
+        Empty folder.
     seed : int
-        Of the vectors, and of stalls and resets.
+        Seed of the vectors, and of stalls and resets.
     only : collection of str, optional
-        Names of the cases; by default all.
+        Names of the cases; by default all cases.
 
     Attributes
     ----------
     cases : list of (path, str)
-        Folder of vectors, and suite and case, in the order in which they are replayed: the one that
-        found the latest mutant comes first.
+        Folder of vectors, and suite and case, in the order of replay; the case that found the
+        latest mutant comes first.
     """
 
     def __init__(self, folder: Path, seed: int, only: Collection[str] | None = None) -> None:
@@ -144,7 +145,7 @@ class Bench:
         self._work = folder
         for number, design in enumerate(DESIGNS):
             suites = standard_suites(design, seed)
-            if number:  # those of sequences are there already
+            if number:  # the cases of sequences are already present
                 del suites["corners"]
             if number == 2:
                 del suites["random"]
@@ -161,7 +162,7 @@ class Bench:
         self.cases.sort(key=lambda case: case[1].partition("/")[2] not in FIRST)
 
     def found_by(self, mutant: Mutant | None) -> str | None:
-        """Return the case that finds a mutant, or None; of no mutant, the case that fails."""
+        """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
         if mutant is not None:
             source = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")
             source[mutant.line] = mutant.text
@@ -170,7 +171,7 @@ class Bench:
             programs: dict[str, Path] = {}
             for at, (vectors, name) in enumerate(self.cases):
                 if not self._holds(vectors, name, programs):
-                    # the next mutant is often of the same unit
+                    # the next mutant often belongs to the same unit
                     self.cases.insert(0, self.cases.pop(at))
                     return name
             return None
@@ -206,7 +207,7 @@ def main(words: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     words : sequence of str, optional
-        The command line.
+        Words of the command line.
 
     Returns
     -------

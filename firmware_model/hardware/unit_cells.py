@@ -22,7 +22,7 @@ from firmware_model.errors import ToolError
 from firmware_model.hardware.boards import ICEBREAKER
 from firmware_model.hardware.report import KINDS, pack, synthesize, write_tables
 
-#: cells whose names begin with no known unit
+#: names for cells of the top itself, and for cells of carry chains without a unit
 TOP, CARRIES = "window's number, busy, board", "ends of carries"
 _SKIPPED = re.compile(r"^(?:device\.)*(?:core\.)?|\bg_\w+(?:\[\d+\])?\.|\bgenblk\d+\.")
 

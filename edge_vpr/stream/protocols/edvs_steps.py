@@ -114,7 +114,8 @@ def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
         if not bad and n > 0:
             if first < 0:
                 first = start
-            # starting at a later event leaves out one step, but time runs much faster if shifted
+            # from a later event, the same reading takes one step less; the right reading takes far
+            # less time than a shifted one
             if best_time < 0 or 2 * time < best_time:
                 best, best_time = start, time
     return best, first >= 0

@@ -135,7 +135,7 @@ class EvtEncoder(Encoder):
 
 
 class Evt2Encoder(EvtEncoder):
-    """Encodes EVT 2.0: the high bits of the time as often as cameras, and a word an event."""
+    """Encodes EVT 2.0: high time bits as often as cameras send them, and a word an event."""
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""

@@ -195,7 +195,7 @@ class Session:
             self.restart()
 
     def _go_on(self, answer: bytes) -> None:
-        """Send the command that follows an answer."""
+        """Prepare the command that follows an answer."""
         if self.awaited == Opcode.GET_CAPS:
             self._offered = max(_LEAST_PAYLOAD, CAPS.unpack_from(answer)[1])
             wanted = CAP_CRC | CAP_SEQ | CAP_EVENTS | (CAP_ACK if self._acknowledge else 0)
