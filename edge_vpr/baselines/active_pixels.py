@@ -20,7 +20,7 @@ class ActivePixels:
     title = TITLE
 
     def prepare(self, reference: Images) -> None:
-        """Do nothing: the baseline needs no reference drive."""
+        """Do nothing: no parameters are taken from the reference."""
 
     def describe(self, images: Images) -> Described:
         """Return packed bits, shape (n, ceil(pixels / 8)), uint8."""

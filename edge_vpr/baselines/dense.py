@@ -21,7 +21,7 @@ class AbsoluteDifferences:
     title = "all pixels, SAD"
 
     def prepare(self, reference: Images) -> None:
-        """Do nothing: the baseline needs no reference drive."""
+        """Do nothing: no parameters are taken from the reference."""
 
     def describe(self, images: Images) -> Described:
         """Return the counts of every pixel, shape (n, pixels)."""

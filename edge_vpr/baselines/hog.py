@@ -33,7 +33,7 @@ class OrientedGradients:
         self._hog = load_hog()
 
     def prepare(self, reference: Images) -> None:
-        """Do nothing: the baseline needs no reference drive."""
+        """Do nothing: no parameters are taken from the reference."""
 
     def describe(self, images: Images) -> Described:
         """Return the histograms, shape (n, D), float32."""

@@ -85,7 +85,7 @@ class ModelDescriptor:
         self.title = f"{path.stem}, cosine"
 
     def prepare(self, reference: Images) -> None:
-        """Do nothing: the baseline needs no reference drive."""
+        """Do nothing: no parameters are taken from the reference."""
 
     def describe(self, images: Images) -> Described:
         """Return the vectors, shape (n, D), float32.

@@ -192,8 +192,8 @@ def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] |
     mean : int
     counts : tuple of int
         The third count has another code if the mean is rounded the other way.
-        +
-        None is returned if there are none.
+
+    None is returned if there are none.
     """
     levels, unit = design.tables[0], 1 << LEVEL_BITS
     counts = range(1, min(60, len(levels)))  # higher counts have the level of the full scale
