@@ -1,7 +1,7 @@
-"""Binary frames: which pixels fired at all in a window, compared by their overlap.
+"""Binary frames: the pixels with any event in a window, compared by their overlap.
 
-The idea is that of Flash (active pixel locations, normalised by activity); this is our own reading
-of it, not its authors' code. The similarity is the cosine of the two binary frames.
+The idea is that of Flash (active pixel locations, normalised by activity). This is our own
+interpretation, not the code of its authors. The similarity is the cosine of the two binary frames.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class ActivePixels:
     title = TITLE
 
     def prepare(self, reference: Images) -> None:
-        """Take nothing from the reference."""
+        """Do nothing: the baseline needs no reference drive."""
 
     def describe(self, images: Images) -> Described:
         """Return packed bits, shape (n, ceil(pixels / 8)), uint8."""
@@ -41,10 +41,10 @@ class ActivePixels:
         return 8 * places.shape[1]
 
     def operations_per_place(self, places: Described) -> int:
-        """Return words of 64 bits to combine."""
+        """Return the number of 64-bit words to combine."""
         return -(-places.shape[1] // 8)
 
 
 def active_pixels(seed: int) -> ActivePixels:
-    """Make the baseline; nothing is drawn."""
+    """Make the baseline; it draws no random numbers."""
     return ActivePixels()

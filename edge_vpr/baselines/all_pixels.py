@@ -1,4 +1,4 @@
-"""The dense baseline: the same counts and distances over every pixel of the sensor."""
+"""Dense baseline: the same counts and distances over all pixels of the sensor."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ def map_all_pixels(
     ----------
     recording : EventSource
     settings : Settings
-        `pixels` and `strategy` are replaced; a fixed-count window holds `events_per_pixel` events
-        for each pixel of the sensor, or by None as many as a window of tau holds on average.
+        `pixels` and `strategy` are replaced. A fixed-count window holds `events_per_pixel` events
+        for each pixel of the sensor; if that is None, it holds the average number of a window of
+        tau.
     hot : ndarray of bool, shape (height, width)
 
     Returns

@@ -1,4 +1,4 @@
-"""What a system to compare with has to give."""
+"""Interface of the systems that the method is compared with."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Described = npt.NDArray[Any]
 class Baseline(Protocol):
     """A system that describes windows and compares descriptions.
 
-    Images are event counts of windows at all pixels, shape (n, height, width), of 16 bits or more;
-    or intensities of 8 bits.
+    Images are either event counts of windows at all pixels, shape (n, height, width), of 16 bits or
+    more, or intensities of 8 bits.
     """
 
     @property
     def title(self) -> str:
-        """What a table calls it."""
+        """Name in tables."""
         ...
 
     def prepare(self, reference: Images) -> None:
-        """Choose or learn what the system takes from the reference drive; called once, first."""
+        """Choose or learn parameters from the reference drive; called once, before all others."""
         ...
 
     def describe(self, images: Images) -> Described:
-        """Return one description a window, shape (n, D)."""
+        """Return one description for each window, shape (n, D)."""
         ...
 
     def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
@@ -40,5 +40,5 @@ class Baseline(Protocol):
         ...
 
     def operations_per_place(self, places: Described) -> int:
-        """Return how many differences, products or words of bits one comparison takes."""
+        """Return the number of differences, products or words of bits of one comparison."""
         ...

@@ -1,4 +1,4 @@
-"""One baseline on one pair of drives: matched by sequences, and what each match costs."""
+"""Match one pair of drives with a baseline and sequences, and measure the cost of a match."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edge_vpr.matching.sequence import sequence_sums
 from edge_vpr.matching.sequence_matches import BestSequences, sequence_matches
 from edge_vpr.settings import Settings
 
-#: the largest distance is below 2 to this power in the whole numbers that sequences add up
+#: sequences add up integers; the largest distance is below 2 to this power
 _BITS = 30
 
 
@@ -28,12 +28,12 @@ class Compared:
     ----------
     matches : Matches
     bytes_per_place : int
-        Rounded up.
+        Size of one stored description in bytes, rounded up.
     operations : int
-        Differences, products or words of bits to compare one query with the whole map.
+        Number of differences, products or words of bits to compare one query with the whole map.
     describe_us, match_us : float
-        Time of one query, measured here and now: to describe its counted window, and to compare it
-        with the map.
+        Time of one query in microseconds, measured on this computer: to describe its counted
+        window, and to compare it with the map.
     """
 
     matches: Matches
@@ -73,7 +73,7 @@ def compare(
     """
     baseline.prepare(reference)
     places = baseline.describe(reference)
-    baseline.distances(places, baseline.describe(queries[:1]))  # compiled before timing
+    baseline.distances(places, baseline.describe(queries[:1]))  # compiles kernels before timing
     start = time.perf_counter()
     described = baseline.describe(queries)
     between = time.perf_counter()
@@ -96,7 +96,7 @@ def match_distances(
     Parameters
     ----------
     distances : ndarray of float, shape (K, Q)
-        0 or more, finite; rounded to 2**-29 of the largest at most.
+        0 or more, finite. Rounding errors are at most 2**-29 of the largest distance.
     query_us : ndarray of int64, shape (Q,)
     settings : Settings
 
@@ -104,7 +104,7 @@ def match_distances(
     -------
     Matches
     """
-    # a power of two, so that whole numbers stay whole and ties stay ties
+    # scaled by a power of two, so that integers stay integers and ties stay ties
     _, exponent = math.frexp(float(distances.max()))
     whole = np.rint(np.ldexp(distances, _BITS - exponent)).astype(np.int64)
     sums = sequence_sums(whole, settings.sequence_length)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 def cosine_distances(
     places: npt.NDArray[np.floating], queries: npt.NDArray[np.floating]
 ) -> npt.NDArray[np.float64]:
-    """Return 1 less the cosine of each pair; 1 to a description of zeros.
+    """Return 1 less the cosine of each pair; 1 if a description has only zeros.
 
     Parameters
     ----------

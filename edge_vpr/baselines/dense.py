@@ -9,9 +9,9 @@ from edge_vpr.baselines.baseline import Described, Images
 from edge_vpr.descriptors.windows import narrow
 from edge_vpr.matching.distances import distance_matrix
 
-#: side of the image that patches are normalised in, and of a patch (Milford and Wyeth, 2012)
+#: side of the image whose patches are normalised, and of a patch (Milford and Wyeth, 2012)
 SIDE, PATCH = 32, 8
-#: normalised values are stored in so many steps a standard deviation, saturated to 8 bits
+#: steps of a stored value for one standard deviation; values are saturated to 8 bits
 STEPS = 32
 
 
@@ -21,7 +21,7 @@ class AbsoluteDifferences:
     title = "all pixels, SAD"
 
     def prepare(self, reference: Images) -> None:
-        """Take nothing from the reference."""
+        """Do nothing: the baseline needs no reference drive."""
 
     def describe(self, images: Images) -> Described:
         """Return the counts of every pixel, shape (n, pixels)."""
@@ -36,12 +36,12 @@ class AbsoluteDifferences:
         return 8 * int(places.itemsize) * int(places.shape[1])
 
     def operations_per_place(self, places: Described) -> int:
-        """Return differences to add."""
+        """Return the number of differences to add."""
         return int(places.shape[1])
 
 
 class PatchNormalised(AbsoluteDifferences):
-    """Images of 32 x 32, each patch of 8 x 8 at mean 0 and deviation 1, in 8 bits."""
+    """Images of 32 x 32, each 8 x 8 patch normalised to mean 0 and deviation 1, in 8 bits."""
 
     title = f"patch-normalised {SIDE} x {SIDE}, SAD"
 
@@ -91,10 +91,10 @@ def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float6
 
 
 def all_pixels(seed: int) -> AbsoluteDifferences:
-    """Make the paper's dense baseline; nothing is drawn."""
+    """Make the paper's dense baseline; it draws no random numbers."""
     return AbsoluteDifferences()
 
 
 def patch_normalised(seed: int) -> PatchNormalised:
-    """Make the baseline; nothing is drawn."""
+    """Make the baseline; it draws no random numbers."""
     return PatchNormalised()

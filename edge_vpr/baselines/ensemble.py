@@ -1,8 +1,8 @@
-"""Several systems as one: the mean of their distances, over descriptors and lengths of windows.
+"""Ensembles: the mean distance of several systems with different descriptors or windows.
 
-Ensemble-Event-VPR (Fischer and Milford, 2020) averages the distances of one descriptor over
-windows of several lengths. Here any descriptors can be joined, so that the distances of each are
-divided by their mean between places of the reference first.
+Ensemble-Event-VPR (Fischer and Milford, 2020) averages the distances of one descriptor over windows
+of several lengths. Here any descriptors can be joined. The distances of each member are therefore
+first divided by their mean between places of the reference.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Member(NamedTuple):
     ----------
     baseline : Baseline
     windows : int
-        Of how many neighbouring windows it is shown the sum, at each window.
+        Number of neighbouring windows whose sum the system gets, at each window.
     """
 
     baseline: Baseline
@@ -34,7 +34,7 @@ class Member(NamedTuple):
 
 
 class Ensemble:
-    """The mean of the members' distances; each is divided by its mean between different places.
+    """Mean of the members' distances; each is divided by its mean between different places.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Ensemble:
     Raises
     ------
     UsageError
-        If there is no member, or one sums no windows.
+        If there is no member, or a member sums no windows.
     """
 
     def __init__(self, title: str, members: Sequence[Member]) -> None:
@@ -58,7 +58,7 @@ class Ensemble:
         self._scales = np.ones(len(members))
 
     def prepare(self, reference: Images) -> None:
-        """Prepare each member, and measure how far apart its places are."""
+        """Prepare each member, and measure the mean distance between its places."""
         for i, member in enumerate(self._members):
             images = summed(reference, member.windows)
             member.baseline.prepare(images)
@@ -69,7 +69,7 @@ class Ensemble:
             self._scales[i] = mean if mean > 0 else 1.0
 
     def describe(self, images: Images) -> Described:
-        """Return a record a window, with the description by each member as a field."""
+        """Return a record for each window, with the description by each member as a field."""
         parts = [
             member.baseline.describe(summed(images, member.windows)) for member in self._members
         ]
@@ -88,13 +88,13 @@ class Ensemble:
         return np.asarray(total / len(self._members))
 
     def bits_per_place(self, places: Described) -> int:
-        """Return the bits of all members' descriptions."""
+        """Return the total bits of all members' descriptions."""
         return sum(
             member.baseline.bits_per_place(places[str(i)]) for i, member in enumerate(self._members)
         )
 
     def operations_per_place(self, places: Described) -> int:
-        """Return the operations of all members."""
+        """Return the total operations of all members."""
         return sum(
             member.baseline.operations_per_place(places[str(i)])
             for i, member in enumerate(self._members)
@@ -104,8 +104,8 @@ class Ensemble:
 def summed(images: Images, windows: int) -> Images:
     """Return for each window the sum of `windows` neighbours around it.
 
-    Of an even number, one more lies after the window than before it. Before the first and behind
-    the last window, these are repeated.
+    If the number is even, one more neighbour lies after the window than before it. The first and
+    the last window are repeated beyond the ends.
 
     Parameters
     ----------
@@ -133,12 +133,12 @@ def summed(images: Images, windows: int) -> Images:
 
 
 def windows_ensemble(seed: int) -> Ensemble:
-    """Make the ensemble of patch-normalised images of 1, 2 and 4 windows; nothing is drawn."""
+    """Make the ensemble of patch-normalised 1, 2 and 4 windows; it draws no random numbers."""
     members = [Member(patch_normalised(seed), windows) for windows in (1, 2, 4)]
     return Ensemble("ensemble of 1, 2 and 4 windows, patch-normalised", members)
 
 
 def descriptors_ensemble(seed: int) -> Ensemble:
-    """Make the ensemble of all pixels, patch-normalised images and HOG; nothing is drawn."""
+    """Make the ensemble of all pixels, patch-normalised and HOG; it draws no random numbers."""
     members = [Member(make(seed)) for make in (all_pixels, patch_normalised, hog)]
     return Ensemble("ensemble of all pixels, patch-normalised and HOG", members)

@@ -16,7 +16,7 @@ SIDE, CELL, BLOCK, ORIENTATIONS = 64, 8, 2, 9
 
 
 def load_hog() -> Any:
-    """Import scikit-image's function, or name the extra that has it."""
+    """Import scikit-image's function, or raise an error that names the extra with it."""
     try:
         from skimage.feature import hog as function
     except ImportError as error:
@@ -33,7 +33,7 @@ class OrientedGradients:
         self._hog = load_hog()
 
     def prepare(self, reference: Images) -> None:
-        """Take nothing from the reference."""
+        """Do nothing: the baseline needs no reference drive."""
 
     def describe(self, images: Images) -> Described:
         """Return the histograms, shape (n, D), float32."""
@@ -55,10 +55,10 @@ class OrientedGradients:
         return 8 * int(places.itemsize) * int(places.shape[1])
 
     def operations_per_place(self, places: Described) -> int:
-        """Return products to add."""
+        """Return the number of products to add."""
         return int(places.shape[1])
 
 
 def hog(seed: int) -> OrientedGradients:
-    """Make the baseline; nothing is drawn."""
+    """Make the baseline; it draws no random numbers."""
     return OrientedGradients()

@@ -2,9 +2,10 @@
 
 Written from the description and the released code (https://github.com/AdamDHines/LENS,
 ``lens/run_model.py``, off the chip), for the weights that its training saves. Pixels on a grid are
-turned into random spikes; a hidden layer and an output layer of integrate-and-fire neurons (of
-sinabs: the membrane may fall to -1, several spikes a step, reset by subtraction) count them over
-some steps; the place with the most spikes is the match. Membranes are not reset between windows.
+converted to random spikes. A hidden layer and an output layer of integrate-and-fire neurons (those
+of sinabs: the membrane may fall to -1, several spikes a step, reset by subtraction) count the
+spikes over a number of steps. The place with the most spikes is the match. Membranes are not reset
+between windows.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from edge_vpr.baselines.baseline import Described, Images
 from edge_vpr.baselines.state_dict import read_state_dict
 from edge_vpr.errors import UsageError, WeightsError
 
-#: a window, as in the released code (``timebin``)
+#: steps of a window, as in the released code (``timebin``)
 STEPS = 1000
-#: lowest membrane, of sinabs
+#: lowest value of a membrane, as in sinabs
 LOWEST = -1.0
 _LAYERS = ("feature_layer.w.weight", "output_layer.w.weight")
 
@@ -36,7 +37,7 @@ class LensWeights(NamedTuple):
     ----------
     feature : ndarray of float32, shape (F, side * side)
     output : ndarray of float32, shape (K, F)
-        A row for each place.
+        One row for each place.
     """
 
     feature: Floats
@@ -49,12 +50,12 @@ def load_lens(path: str | Path) -> LensWeights:
     Parameters
     ----------
     path : str or Path
-        ``NAME_LENS_IN100_FN200_DB80.pth``, for example.
+        For example ``NAME_LENS_IN100_FN200_DB80.pth``.
 
     Raises
     ------
     WeightsError
-        If they cannot be read, or are not those of LENS.
+        If the weights cannot be read, or are not those of LENS.
     """
     found = read_state_dict(path)
     missing = [name for name in _LAYERS if name not in found]
@@ -76,18 +77,18 @@ def load_lens(path: str | Path) -> LensWeights:
 
 
 class Lens:
-    """The network, as a baseline: its places are the windows that it was trained with.
+    """LENS as a baseline; its places are the windows with which it was trained.
 
     Parameters
     ----------
     weights : LensWeights
     seed : int
-        Of the input's spikes.
+        Seed of the input's random spikes.
     steps : int
-        A window.
+        Number of steps of a window.
     thresholds : tuple of float
-        Of the membranes of the hidden and of the output layer. The released code has (1, 1); its
-        first edition, for the Speck, (10, 2).
+        Thresholds of the membranes of the hidden and of the output layer. They are (1, 1) in the
+        released code, and (10, 2) in its first edition, for the Speck.
 
     Attributes
     ----------
@@ -123,7 +124,7 @@ class Lens:
 
     def describe(self, images: Images) -> Described:
         """Return the spikes of each place's neuron during each window, shape (n, K), float32."""
-        # as in the released code, every window meets the same draws
+        # as in the released code, all windows use the same random numbers
         shape = (self._steps, self._weights.feature.shape[1])
         draws = np.random.default_rng(self._seed).random(shape, np.float32)
         share = grid_pixels(images, math.isqrt(self._weights.feature.shape[1]))
@@ -140,20 +141,20 @@ class Lens:
         return counts
 
     def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
-        """Return how many spikes fewer than the most each place has, shape (K, Q).
+        """Return the difference of each place's spikes from the largest number, shape (K, Q).
 
-        The places' own spikes are not used: the weights are the map.
+        The places' own spikes are not used, since the weights are the map.
         """
         spikes = queries.T.astype(np.float64)
         return np.asarray(spikes.max(initial=0.0) - spikes)
 
     def bits_per_place(self, places: Described) -> int:
-        """Return the bits of both layers' weights, divided by the places."""
+        """Return the bits of both layers' weights for each place, rounded up."""
         bits = 32 * (self._weights.feature.size + self._weights.output.size)
         return -(-bits // len(self._weights.output))
 
     def operations_per_place(self, places: Described) -> int:
-        """Return products of both layers in all steps, divided by the places."""
+        """Return the products of both layers in all steps for each place, rounded up."""
         products = self._weights.feature.size + self._weights.output.size
         return -(-self._steps * products // len(self._weights.output))
 
@@ -164,7 +165,7 @@ def fire(membrane: Floats, current: Floats, threshold: float) -> Floats:
     Parameters
     ----------
     membrane : ndarray of float32, shape (n,)
-        Is changed.
+        Changed in place.
     current : ndarray of float32, shape (n,)
     threshold : float
     """
@@ -176,18 +177,18 @@ def fire(membrane: Floats, current: Floats, threshold: float) -> Floats:
 
 
 def grid_pixels(images: Images, side: int) -> Floats:
-    """Return one pixel of each cell of a grid over the middle of the image, 0 to 1.
+    """Return one pixel of each cell of a grid over the middle of the image, from 0 to 1.
 
     Parameters
     ----------
     images : ndarray of int, shape (n, height, width)
     side : int
-        Cells in a row and in a column.
+        Number of cells in a row and in a column.
 
     Returns
     -------
     ndarray of float32, shape (n, side * side)
-        The count of the pixel left and above of each cell's middle, as a share of 255 events.
+        Count of the pixel to the upper left of each cell's centre, as a share of 255 events.
 
     Raises
     ------

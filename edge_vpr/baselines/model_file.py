@@ -1,9 +1,9 @@
-"""Descriptors by a network that the user exported to ONNX: NetVLAD, EventVLAD, or any other.
+"""Descriptors of a network that the user exported to ONNX: NetVLAD, EventVLAD, or any other.
 
 The model maps images, float32 of shape (n, channels, height, width), to vectors, which are compared
-by their cosine. It is given values from 0 to 1: intensities divided by 255, or the logarithms of
-event counts divided by the window's largest. What else it needs (means and deviations of ImageNet)
-belongs into the exported model.
+by their cosine. Its input is from 0 to 1: intensities divided by 255, or the logarithms of event
+counts divided by the largest one of the window. Any other preprocessing (means and deviations of
+ImageNet) must be part of the exported model.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from edge_vpr.baselines.cosine import cosine_distances
 from edge_vpr.baselines.dense import mean_cells
 from edge_vpr.errors import MissingExtraError, WeightsError, printable
 
-#: images in one call of a model that takes any number
+#: number of images in one call of a model that takes any number
 BATCH = 8
 
 
 def load_runtime() -> Any:
-    """Import ONNX Runtime, or name the extra that has it."""
+    """Import ONNX Runtime, or raise an error that names the extra with it."""
     try:
         import onnxruntime
     except ImportError as error:
@@ -33,11 +33,11 @@ def load_runtime() -> Any:
 
 
 class ModelDescriptor:
-    """The vectors of an ONNX model; distance is 1 less the cosine.
+    """Vectors of an ONNX model; distance is 1 less the cosine.
 
-    Images are brought to the model's height and width by the mean of the pixels in each cell
-    (smaller ones repeat pixels), and repeated for its channels. A model of any size gets them as
-    they are. It runs on one core.
+    Images are resized to the model's height and width by the mean of the pixels in each cell
+    (smaller images repeat pixels), and repeated for its channels. A model of variable size gets the
+    images as they are. The model runs on one core.
 
     Parameters
     ----------
@@ -80,12 +80,12 @@ class ModelDescriptor:
                 "shape (n, channels, height, width)"
             )
         self._name = str(inputs[0].name)
-        # what is no number is any
+        # an axis whose length is not a number has any length
         self._size = [length if isinstance(length, int) else None for length in shape]
         self.title = f"{path.stem}, cosine"
 
     def prepare(self, reference: Images) -> None:
-        """Take nothing from the reference."""
+        """Do nothing: the baseline needs no reference drive."""
 
     def describe(self, images: Images) -> Described:
         """Return the vectors, shape (n, D), float32.
@@ -93,14 +93,14 @@ class ModelDescriptor:
         Raises
         ------
         WeightsError
-            If the model fails, or gives something else than a finite vector an image.
+            If the model fails, or does not return a finite vector for each image.
         """
         batch = self._size[0] or BATCH
         rows = []
         for first in range(0, len(images), batch):
             part = self._input(images[first : first + batch])
             wanted = len(part)
-            if self._size[0]:  # a model of a fixed number is given no fewer
+            if self._size[0]:  # a model of a fixed number always gets that number
                 part = np.concatenate([part, np.repeat(part[-1:], batch - wanted, axis=0)])
             rows.append(self._run(part)[:wanted])
         return np.concatenate(rows)
@@ -126,7 +126,7 @@ class ModelDescriptor:
         _, channels, height, width = self._size
         size = (height or images.shape[1], width or images.shape[2])
         values = images if size == images.shape[1:] else mean_cells(images, *size)
-        if images.dtype == np.uint8:  # intensities; counts are wider
+        if images.dtype == np.uint8:  # intensities; counts have more bits
             scaled = values / 255.0
         else:
             logarithms = np.log1p(values)
@@ -143,10 +143,10 @@ class ModelDescriptor:
         return 8 * int(places.itemsize) * int(places.shape[1])
 
     def operations_per_place(self, places: Described) -> int:
-        """Return products to add, without those of the model."""
+        """Return the number of products to add, without those of the model."""
         return int(places.shape[1])
 
 
 def model(seed: int, path: Path) -> ModelDescriptor:
-    """Make the baseline of a file; nothing is drawn."""
+    """Make the baseline of a model's file; it draws no random numbers."""
     return ModelDescriptor(path)

@@ -1,8 +1,8 @@
-"""Where systems to compare with are found, and how one is named.
+"""Baselines by name.
 
-A name is one of `baseline_names`, or ``lens:FILE`` and ``model:FILE`` with weights of the user.
-``NAME@1,2,4`` is the ensemble of a system over windows of these lengths, and ``NAME+NAME`` the
-ensemble of two.
+A name is one of `baseline_names`, or ``lens:FILE`` or ``model:FILE`` with weights of the user.
+``NAME@1,2,4`` is the ensemble of a baseline over windows of these lengths, and ``NAME+NAME`` is the
+ensemble of two baselines.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _WINDOWS = re.compile(r"@(\d{1,3}(?:,\d{1,3})*)$")
 
 @dataclass(frozen=True)
 class Entry:
-    """A baseline of our own, imported when it is first used."""
+    """Baseline of this package, which is imported when it is first used."""
 
     name: str
     module: str
@@ -45,7 +45,7 @@ BASELINES: dict[str, Entry] = {
         Entry("ensemble-descriptors", "ensemble", "descriptors_ensemble"),
     )
 }
-#: baselines with weights of the user, whose factory takes the file too
+#: baselines with weights of the user; their factories also take the file
 WITH_FILE: dict[str, Entry] = {
     entry.name: entry
     for entry in (Entry("lens", "lens", "lens"), Entry("model", "model_file", "model"))
@@ -53,25 +53,25 @@ WITH_FILE: dict[str, Entry] = {
 
 
 def baseline_names() -> list[str]:
-    """Names of all baselines that need no file, those of other packages last."""
+    """Return the names of all baselines that need no file, those of other packages last."""
     others = {point.name for point in entry_points(group=GROUP)} - set(BASELINES)
     return [*BASELINES, *sorted(others)]
 
 
 def open_baseline(name: str, seed: int = 0) -> Baseline:
-    """Make a baseline.
+    """Make a baseline by its name.
 
     Parameters
     ----------
     name : str
         See `baseline_names`; or ``lens:FILE``, ``model:FILE``, ``NAME@1,2,4``, ``NAME+NAME``.
     seed : int
-        Of whatever it draws.
+        Seed of its random numbers.
 
     Raises
     ------
     UsageError
-        If there is none of this name.
+        If there is no baseline of this name.
     MissingLibraryError
         If a library that it needs is not installed.
     WeightsError

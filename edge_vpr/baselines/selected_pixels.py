@@ -1,4 +1,4 @@
-"""The paper's method and its released code, behind the interface of the baselines."""
+"""The paper's method and its released code, with the interface of the baselines."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ class SelectedPixels(AbsoluteDifferences):
 
     @property
     def pixel_map(self) -> PixelMap:
-        """The pixels, once `prepare` has drawn them."""
+        """Selected pixels, after `prepare` has drawn them."""
         if self._pixels is None:
             raise UsageError("the pixels are not drawn yet: prepare with the reference first")
         return self._pixels
 
     def describe(self, images: Images) -> Described:
-        """Return the counts at the pixels, clipped if the settings say so, shape (n, J)."""
+        """Return the counts at the pixels, clipped if the settings have a limit, shape (n, J)."""
         counts = images[:, self.pixel_map.y, self.pixel_map.x]
         clip = self._settings.clip
         return narrow(counts if clip is None else np.minimum(counts, clip))

@@ -1,8 +1,8 @@
 """Weights that PyTorch saved (``torch.save`` of a state dict), read without PyTorch.
 
-Such a file is a ZIP with a pickle, and pickles run code. Here no unpickler is used: the few
-instructions that a state dict needs are carried out, with the few names that it needs, and keys are
-texts alone (tuples within tuples would take for ever to hash).
+Such a file is a ZIP with a pickle, and pickles can run code. No unpickler is used here: this module
+executes only the few instructions and names that a state dict needs. Keys must be strings (tuples
+within tuples would take extremely long to hash).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import EdgeVprError, WeightsError, printable
 
-#: most bytes of the pickle, which holds names and shapes alone, and of one tensor's numbers
+#: most bytes of the pickle, which holds only names and shapes, and of one tensor's numbers
 _LONGEST_PICKLE, _LARGEST = 1 << 22, 1 << 30
 _KINDS = {
     "FloatStorage": "f4",
@@ -41,7 +41,7 @@ _PARAMETER = ("torch._utils", "_rebuild_parameter")
 
 
 class _Name(NamedTuple):
-    """A class or function that the pickle names."""
+    """Class or function that the pickle names."""
 
     module: str
     name: str
@@ -62,7 +62,7 @@ def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     Raises
     ------
     WeightsError
-        If the file is missing, damaged or of another kind, or holds anything but tensors.
+        If the file is missing, damaged or of another kind, or holds anything other than tensors.
     """
     path = Path(path)
     try:
@@ -76,7 +76,7 @@ def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
         ) from error
     except MemoryError as error:
         raise WeightsError(f"{path} needs more memory than there is: give it more") from error
-    except Exception as error:  # zipfile and pickle raise what they come across
+    except Exception as error:  # zipfile and pickle raise exceptions of many kinds
         raise WeightsError(
             f"{path} is damaged, or no state dict of PyTorch 1.6 or newer "
             f"({printable(error, 200)}): save it again with torch.save(model.state_dict(), ...)"
@@ -113,7 +113,7 @@ def _read(archive: zipfile.ZipFile) -> Any:
 
 
 def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Return a member of at most so many bytes; PyTorch compresses none."""
+    """Return a member of at most `most` bytes; PyTorch compresses no member."""
     member = archive.getinfo(name)
     if member.file_size > most or member.compress_type != zipfile.ZIP_STORED:
         raise ValueError(f"{name} of {member.file_size:,} bytes, or compressed")
@@ -121,12 +121,12 @@ def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
 
 
 class _Machine:
-    """The stack on which a pickle builds what it holds.
+    """Stack on which a pickle builds its objects.
 
     Parameters
     ----------
     storage : callable
-        ``(kind, key, count)`` to the numbers of a storage.
+        Function that maps ``(kind, key, count)`` to the numbers of a storage.
     """
 
     def __init__(self, storage: Callable[[str, str, int], npt.NDArray[Any]]) -> None:
@@ -136,7 +136,7 @@ class _Machine:
         self._memo: dict[int, Any] = {}
 
     def run(self, text: bytes) -> Any:
-        """Carry out the instructions, and return what they build."""
+        """Execute the instructions, and return the object that they build."""
         for operation, argument, _ in pickletools.genops(text):
             self._step(operation.name, argument)
         return self._stack[-1]
@@ -180,7 +180,7 @@ class _Machine:
             raise ValueError(f"it has the instruction {name}, which no state dict needs")
 
     def _popped(self, count: int) -> list[Any]:
-        """Take the last values off the stack."""
+        """Remove the last values from the stack, and return them."""
         if len(self._stack) < count:
             raise ValueError("it takes values that it has not built")
         taken = self._stack[-count:]
@@ -188,7 +188,7 @@ class _Machine:
         return taken
 
     def _marked(self) -> list[Any]:
-        """Take the values since the last mark off the stack."""
+        """Remove the values since the last mark from the stack, and return them."""
         first = self._marks.pop()
         taken = self._stack[first:]
         del self._stack[first:]
@@ -214,13 +214,13 @@ class _Machine:
         return self._storage(_KINDS[kind.name], key, count)
 
 
-#: instructions that hold a value, and those that stand for one
+#: instructions that contain a value, and those that stand for one
 _LITERALS = ("BINUNICODE", "SHORT_BINUNICODE", "BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT")
 _FIXED: dict[str, Any] = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
 
 
 def _known(module: Any, name: Any) -> _Name:
-    """Return a name that a state dict may have."""
+    """Return a name if a state dict may have it; raise an error if not."""
     if type(module) is not str or type(name) is not str:
         raise ValueError("a name that is no text")
     found = _Name(module, name)
@@ -230,7 +230,7 @@ def _known(module: Any, name: Any) -> _Name:
 
 
 def _called(function: Any, arguments: Any) -> Any:
-    """Return what a function would have made."""
+    """Return the object that a call of `function` would make."""
     if isinstance(function, _Name) and isinstance(arguments, tuple):
         if function == _ORDERED and not arguments:
             return {}
@@ -242,7 +242,7 @@ def _called(function: Any, arguments: Any) -> Any:
 
 
 def _tensor(storage: Any, offset: Any, shape: Any, strides: Any) -> npt.NDArray[Any]:
-    """Return a tensor of a storage, as an own array in native byte order."""
+    """Return a tensor of a storage as an array of its own, in native byte order."""
     if (
         not (isinstance(storage, np.ndarray) and isinstance(shape, tuple))
         or not (isinstance(strides, tuple) and len(shape) == len(strides) <= _MOST_DIMENSIONS)
@@ -253,7 +253,7 @@ def _tensor(storage: Any, offset: Any, shape: Any, strides: Any) -> npt.NDArray[
         raise ValueError(f"a tensor of shape {shape} and strides {strides}")
     size = math.prod(shape)
     last = offset + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
-    # a stride of 0 would repeat a number without end
+    # a stride of 0 could repeat a number without limit
     if size and (last >= storage.size or size > storage.size):
         raise ValueError(f"a tensor of shape {shape} in {storage.size} numbers")
     if not size:

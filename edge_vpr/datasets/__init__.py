@@ -1,1 +1,1 @@
-"""Published data sets: what their files are called, and tonic data sets of them."""
+"""Published data sets: names of their files, and tonic data sets of them."""

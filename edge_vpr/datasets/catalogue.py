@@ -40,11 +40,12 @@ Landmarks = Literal["common", "released-code"]
 class BrisbaneTraverse:
     """One drive of the 8 km route of Brisbane-Event-VPR.
 
-    The GPS logs come from a second camera, whose first frame and first GPS second coincide. Its
-    beginning in the event camera's clock was published twice, with two editions of the logs: the
-    complete ones on Zenodo (``*_concat.nmea``), and others on Hugging Face, named as the
-    recordings, whose first seconds are cut off. Each beginning belongs to its own edition: for
-    sunset 1 they differ by 11 s, and the logs' published sizes by just 11 s of sentences.
+    The GPS logs come from a second camera, whose first frame and first GPS second coincide. The
+    time of this beginning on the event camera's clock was published twice, with two editions of the
+    logs: the complete logs on Zenodo (``*_concat.nmea``), and others on Hugging Face, which have
+    the names of the recordings and lack the first seconds. Each beginning belongs to its own
+    edition: for sunset 1 the two beginnings differ by 11 s, and the published logs by exactly 11 s
+    of sentences.
 
     Attributes
     ----------
@@ -54,7 +55,7 @@ class BrisbaneTraverse:
     video : str
         Stem of the complete log's file name.
     beginning_s : float or None
-        Unix time at the first second of the log on Hugging Face; None where there is no such log.
+        Unix time at the first second of the log on Hugging Face; None if there is no such log.
     complete_beginning_s : float
         Unix time at the first second of the log on Zenodo.
     """
@@ -66,14 +67,14 @@ class BrisbaneTraverse:
     complete_beginning_s: float
 
     def file_name(self, kind: Files) -> str:
-        """Name of the recording's file, as published."""
+        """Return the published name of the recording's file."""
         if kind == "bag":
             return f"{self.recording}.bag"
         return f"{self.recording}_no_hot_pixels_nobursts_denoised.parquet"
 
     @property
     def logs(self) -> dict[str, float]:
-        """Names of the published GPS logs, and the Unix time at the first second of each."""
+        """Return the published GPS logs by name, each with the Unix time at its first second."""
         logs = {f"{self.video}_concat.nmea": self.complete_beginning_s}
         if self.beginning_s is not None:
             logs = {f"{self.recording}.nmea": self.beginning_s, **logs}
@@ -86,7 +87,7 @@ class BrisbaneTraverse:
         -------
         track : Track
         beginning_us : int
-            Unix time of the track's time 0 in the event camera's clock, in microseconds.
+            Unix time of the track's time 0 on the event camera's clock, in microseconds.
 
         Raises
         ------
@@ -112,9 +113,9 @@ class QCRTraverse:
     recording : str
         Stem of the recording's file names.
     start_s : float
-        When the robot set off, after the first event.
+        Time at which the robot set off, in seconds after the first event.
     landmarks_s : tuple of float
-        When it passed each of the eleven landmarks, after it had set off.
+        Times at which it passed each of the eleven landmarks, in seconds after it set off.
     """
 
     name: str
@@ -123,19 +124,20 @@ class QCRTraverse:
     landmarks_s: tuple[float, ...]
 
     def file_name(self, kind: Files) -> str:
-        """Name of the recording's file, as published."""
+        """Return the published name of the recording's file."""
         return f"{self.recording}.bag" if kind == "bag" else f"{self.recording}_denoised.parquet"
 
     def track(self, landmarks: Landmarks = "common") -> Track:
-        """Metres along the route, from the times at which the landmarks were passed.
+        """Return the metres along the route, from the times at which the landmarks were passed.
 
         Parameters
         ----------
         landmarks : {"common", "released-code"}
-            Where a landmark lies. No position was published. "common": at one place for all
-            traverses, the median of their shares of time, times 160 m. "released-code": at each
-            traverse's own share of time, so that the landmarks in between do not matter; a landmark
-            then lies at places up to 13 m apart, where 3 m is the tolerance.
+            Positions of the landmarks, which were not published. "common": the same for all
+            traverses, the median over traverses of the landmark's share of time, times 160 m.
+            "released-code": each traverse's own share of time, so that the landmarks in between
+            have no effect; the positions of a landmark then differ by up to 13 m, although the
+            tolerance is 3 m.
 
         Returns
         -------
@@ -149,7 +151,7 @@ class QCRTraverse:
             route = QCR_ROUTE_M * time_s / time_s[-1]
         else:
             raise UsageError(f"landmarks {landmarks!r} is unknown: use common or released-code")
-        # set by hand and tens of seconds apart: no gap is too long
+        # the times were set by hand, tens of seconds apart: no gap is too long
         return Track(np.round(time_s * 1e6).astype(np.int64), route[:, None])
 
 
@@ -175,7 +177,7 @@ BRISBANE_TRAVERSES = (
         1587705136.80,
         1587705130.80,
     ),
-    # published as a bag alone, and not evaluated in either paper
+    # published only as a bag, and not evaluated in either paper
     BrisbaneTraverse(
         "night", "dvs_vpr_2020-04-27-18-13-29", "20200427_181204-night", None, 1587975221.10
     ),
@@ -240,7 +242,7 @@ QCR_TRAVERSES = (
     ),
 )
 
-#: Metres along the route of each landmark, see `QCRTraverse.track`.
+#: Metres along the route of each landmark; see `QCRTraverse.track`.
 QCR_LANDMARKS_M = QCR_ROUTE_M * np.median(
     [np.array(t.landmarks_s) / t.landmarks_s[-1] for t in QCR_TRAVERSES], axis=0
 )

@@ -19,17 +19,17 @@ from edge_vpr.events import EVENT_DTYPE, Events, check_events
 class CountPixels:
     """Count the events at the selected pixels, of a whole array or of each of its windows.
 
-    Takes the place of `tonic.transforms.ToFrame`: after the steps of a `tonic.transforms.Compose`,
-    as the transform of a dataset, or of a `tonic.SlicedDataset`. Counts are 64 bits wide.
+    It replaces `tonic.transforms.ToFrame`: after the steps of a `tonic.transforms.Compose`, or as
+    the transform of a dataset or of a `tonic.SlicedDataset`. Counts are 64 bits wide.
 
     Parameters
     ----------
     pixel_map : PixelMap
     window : FixedTime or FixedCount, optional
-        Cut the array into windows, the incomplete last one dropped. Fixed-time windows start at
-        time 0. Without it, all events are one window, as fits a slicer's slices.
+        Cut the array into windows, without the incomplete last one. Fixed-time windows start at
+        time 0. If absent, all events are one window, which suits the slices of a slicer.
     polarity : bool
-        Count ON and OFF events apart.
+        Count ON and OFF events separately.
 
     Examples
     --------
@@ -48,24 +48,25 @@ class CountPixels:
         object.__setattr__(self, "_table", self.pixel_map.table())
 
     def __call__(self, events: Events) -> npt.NDArray[np.int64]:
-        """Count.
+        """Count the events of an array.
 
         Parameters
         ----------
         events : structured ndarray, shape (n,)
             With the fields x and y of any integer dtype, p for polarity (greater than 0 is ON) and
-            t for windows; tonic's arrays in any order. Not changed.
+            t for windows; the fields of tonic's arrays may be in any order. The array is not
+            changed.
 
         Returns
         -------
         ndarray of int64, shape (J,), or (2 J,) with polarity
-            The J counts of ON events precede those of OFF events. With a window one row for each,
-            shape (K, J) or (K, 2 J).
+            The J counts of ON events precede those of OFF events. With `window`, there is one row
+            for each window, shape (K, J) or (K, 2 J).
 
         Raises
         ------
         EventError
-            If a field is missing, a pixel lies off the sensor, or windows are wanted and time runs
+            If a field is missing, a pixel lies off the sensor, or, with `window`, time runs
             backwards or begins before 0.
         """
         columns = self._columns(events)
@@ -79,7 +80,7 @@ class CountPixels:
         return counts
 
     def _columns(self, events: Events) -> Events:
-        """Convert to the project's dtype; wider coordinates are checked, not wrapped."""
+        """Convert to the project's dtype; wider coordinates are checked instead of wrapped."""
         needed = (
             {"x", "y"} | ({"p"} if self.polarity else set()) | ({"t"} if self.window else set())
         )

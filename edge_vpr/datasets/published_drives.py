@@ -1,7 +1,7 @@
-"""Pairs of published traverses that lie in a folder, in the pairs that the method's paper compares.
+"""Pairs of published traverses that lie in a folder, as in the paper of the method.
 
-No tonic is needed. The first traverse of each data set is the reference, and the others of the
-paper are matched against it.
+tonic is not needed. The first traverse of each data set is the reference, and the other traverses
+of the paper are matched against it.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from edge_vpr.evaluation.tracks import Track
 from edge_vpr.recordings import Recording, open_recording
 from edge_vpr.recordings.time_crop import TimeCrop
 
-#: within which a match is right, in metres (paper, IV-B)
+#: largest distance of a correct match in metres (paper, IV-B)
 BRISBANE_M, QCR_M = 70.0, 3.0
-#: in neither paper evaluated
+#: not evaluated in either paper
 _LEFT_OUT = ("night",)
 
 
 @dataclass(frozen=True, eq=False)
 class PublishedDrive:
-    """A traverse from the moment its track begins to the moment it ends.
+    """Traverse from the beginning of its track to the end of it.
 
     Attributes
     ----------
     name : str
     path : Path
     recording : Recording
-        Time 0 is the track's.
+        Its time 0 is that of the track.
     track : Track
     """
 
@@ -75,7 +75,7 @@ def published_pairs(
         Holds recordings and GPS logs under their published names
         (`edge_vpr.datasets.catalogue`).
     files : tuple of {"parquet", "bag"}
-        Which are taken; the first that is there.
+        Kinds of files to use, in order of preference.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def published_pairs(
 def find_file(
     traverse: BrisbaneTraverse | QCRTraverse, folder: Path, files: tuple[Files, ...]
 ) -> Path | None:
-    """Return the recording of a traverse, None if the folder does not hold it."""
+    """Return the recording of a traverse; None if the folder does not hold it."""
     for kind in files:
         if (path := folder / traverse.file_name(kind)).is_file():
             return path
@@ -117,7 +117,7 @@ def open_drive(traverse: BrisbaneTraverse | QCRTraverse, path: Path) -> Publishe
     ----------
     traverse : BrisbaneTraverse or QCRTraverse
     path : Path
-        Of its recording; the GPS log lies beside it.
+        Path of its recording; the GPS log must lie in the same folder.
 
     Raises
     ------

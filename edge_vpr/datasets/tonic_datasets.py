@@ -1,7 +1,7 @@
 """The method's two data sets as `tonic.Dataset`s, with ground truth; needs the extra ``tonic``.
 
-Nothing is downloaded: the files are gigabytes, and their licences are for the user to accept.
-`edge_vpr.datasets.catalogue` states the pages and the files' names.
+Nothing is downloaded, since the files are gigabytes, and the user must accept their licences.
+`edge_vpr.datasets.catalogue` states the pages and the names of the files.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Traverse = TypeVar("Traverse", bound=BrisbaneTraverse | QCRTraverse)
 
 
 class Target(NamedTuple):
-    """What belongs to the events of a traverse.
+    """Name and track of a traverse.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Target(NamedTuple):
 
 
 class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has no types
-    """Events of each traverse from the moment its track begins to the moment it ends."""
+    """Events of each traverse from the beginning of its track to the end of it."""
 
     sensor_size = (*SENSOR, 2)
     dtype = EVENT_DTYPE
@@ -77,7 +77,7 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
     ) -> None:
         super().__init__(str(folder), transform, target_transform, transforms)
         self._folder = Path(folder).expanduser()
-        # tonic would append the class name, but these files were put there by hand
+        # tonic would append the class name, but the user put these files there
         self.location_on_system = str(self._folder)
         if files not in ("parquet", "bag"):
             raise UsageError(f"files={files!r} is unknown: use parquet or bag")
@@ -106,7 +106,7 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
         return self._folder / traverse.file_name(self._files)
 
     def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
-        """Return the track, and its time 0 after the recording's start, in microseconds."""
+        """Return the track, and its time 0 in microseconds after the recording's start."""
         raise NotImplementedError
 
     def __len__(self) -> int:
@@ -114,7 +114,7 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
 
     def __getitem__(self, index: int) -> tuple[Any, Any]:
         chunks, target = self.stream(index)
-        # For a moment this needs twice the 13 bytes an event; `stream` needs the bytes of a chunk.
+        # This briefly needs twice the 13 bytes of each event; `stream` needs the bytes of a chunk.
         events: Any = np.concatenate([np.empty(0, EVENT_DTYPE), *chunks])
         found: Any = target
         if self.transform is not None:
@@ -135,7 +135,8 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
         Returns
         -------
         chunks : iterator of ndarray of EVENT_DTYPE
-            Time 0 is the track's; events before it and after the track's end are left out.
+            Time 0 is that of the track; events before it and after the end of the track are left
+            out.
         target : Target
 
         Raises
@@ -160,7 +161,7 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
 
 
 def _between(recording: Iterable[Events], zero: int, end: int, path: Path) -> Iterator[Events]:
-    """Keep ``zero <= t < zero + end`` and let time begin there."""
+    """Keep ``zero <= t < zero + end``, and count times from `zero`."""
     found = False
     for events in recording:
         first, last = np.searchsorted(events["t"], (zero, zero + end))
@@ -182,7 +183,8 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
     """Brisbane-Event-VPR: six drives of an 8 km route, with GPS.
 
     Fischer and Milford, "Event-Based Visual Place Recognition With Ensembles of Temporal Windows",
-    RA-L 5(4), 2020. Right within 70 m (see `edge_vpr.evaluation.ground_truth.from_tracks`).
+    RA-L 5(4), 2020. Matches are correct within 70 m (see
+    `edge_vpr.evaluation.ground_truth.from_tracks`).
 
     Parameters
     ----------
@@ -190,13 +192,13 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
         Holds recordings and GPS logs under their published names (`edge_vpr.datasets.catalogue`):
         parquet files and logs from Hugging Face, or bags and logs from Zenodo.
     traverses : sequence of str, optional
-        Of sunset1, sunset2, daytime, night, morning, sunrise; all that the folder holds if absent.
+        Names from sunset1, sunset2, daytime, night, morning, sunrise; by default all in the folder.
     files : {"parquet", "bag"}
-        The parquet files are without hot pixels, bursts and noise, the bags as recorded.
+        Parquet files are without hot pixels, bursts and noise; bags are as recorded.
     on_fault : {"error", "drop"}
-        What to do about faulty events, see `edge_vpr.open_recording`.
+        How to handle faulty events; see `edge_vpr.open_recording`.
     transform, target_transform, transforms : callable, optional
-        As of every tonic dataset.
+        As for every tonic dataset.
 
     Raises
     ------
@@ -238,23 +240,23 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
 class QCREventVPR(_Traverses[QCRTraverse]):
     """QCR-Event-VPR: seven traverses of a 160 m indoor route at three speeds, with landmarks.
 
-    Fischer and Milford, "How Many Events Do You Need?", RA-L 7(4), 2022. Right within 3 m. The
-    data set has 16 traverses; landmarks were published for these seven.
+    Fischer and Milford, "How Many Events Do You Need?", RA-L 7(4), 2022. Matches are correct within
+    3 m. The data set has 16 traverses; landmarks were published for these seven.
 
     Parameters
     ----------
     folder : str or Path
         Holds recordings under their published names (`edge_vpr.datasets.catalogue`).
     traverses : sequence of str, optional
-        Of normal1 to normal4, fast1, fast2, slow1; all that the folder holds if absent.
+        Names from normal1 to normal4, fast1, fast2, slow1; by default all in the folder.
     files : {"parquet", "bag"}
-        The parquet files are without noise, the bags as recorded.
+        Parquet files are without noise; bags are as recorded.
     on_fault : {"error", "drop"}
-        What to do about faulty events, see `edge_vpr.open_recording`.
+        How to handle faulty events; see `edge_vpr.open_recording`.
     landmarks : {"common", "released-code"}
-        What makes the ground truth, see `edge_vpr.datasets.catalogue.QCRTraverse.track`.
+        Positions of the landmarks; see `edge_vpr.datasets.catalogue.QCRTraverse.track`.
     transform, target_transform, transforms : callable, optional
-        As of every tonic dataset.
+        As for every tonic dataset.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Intensity images of a conventional camera: read from files, and chosen at moments."""
+"""Intensity images of a conventional camera, and the choice of images at given times."""
 
 from edge_vpr.intensity.frames import IntensityFrames, frames_at
 from edge_vpr.intensity.registry import open_intensity

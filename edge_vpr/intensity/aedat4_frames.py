@@ -1,4 +1,4 @@
-"""Frames of AEDAT 4: the intensity images that a DAVIS takes beside its events."""
+"""Frames of AEDAT 4: the intensity images that a DAVIS takes along with its events."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.aedat4_file import Aedat4File, field_at, root_table
 from edge_vpr.recordings.faults import FaultLog
 
-#: channels of each pixel format, which are those of OpenCV (8 bits): grey, BGR, BGRA
+#: number of channels of each pixel format (8-bit formats of OpenCV): grey, BGR, BGRA
 _CHANNELS = {0: 1, 16: 3, 24: 4}
-# places of the fields in the table of a frame: time, format, width, height, pixels
+# indices of the fields in the table of a frame: time, format, width, height, pixels
 _TIME, _FORMAT, _WIDTH, _HEIGHT, _PIXELS = 0, 5, 6, 7, 10
 
 
 class Aedat4Frames:
-    """The frames of one stream.
+    """Frames of one stream.
 
     Parameters
     ----------
     path : Path
     topic : str, optional
-        Name or number of the stream, where there are several.
+        Name or number of the stream, if there are several.
 
     Attributes
     ----------
     start_us : int
-        Time of the first event; of the first frame where no events were recorded.
+        Time of the first event, or of the first frame if no events were recorded.
     has_events : bool
     """
 

@@ -1,4 +1,4 @@
-"""What a conventional sensor makes of light: exposed by itself, with read noise, in 8 bits."""
+"""Model of a conventional sensor: automatic exposure, read noise, and 8 bits."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy.typing as npt
 from edge_vpr.simulate import SimulatedRecording
 
 #: mean of an image after exposure, and standard deviation of the noise of each pixel, both in grey
-#: levels of 255
+#: levels from 0 to 255
 MEAN_GREY, NOISE_GREY = 90.0, 2.0
 
 
 def exposed(light: npt.NDArray[np.floating], rng: np.random.Generator) -> npt.NDArray[np.uint8]:
-    """Return an image whose mean is `MEAN_GREY` before what is too bright is cut off.
+    """Return an image whose mean is `MEAN_GREY` before clipping.
 
     Parameters
     ----------
     light : ndarray of float, shape (height, width)
         Linear, 0 or more, in any unit.
     rng : Generator
-        Of the noise.
+        Source of the noise.
 
     Returns
     -------
@@ -34,9 +34,9 @@ def exposed(light: npt.NDArray[np.floating], rng: np.random.Generator) -> npt.ND
 def simulated_images(
     drive: SimulatedRecording, time_us: npt.NDArray[np.int64], rng: np.random.Generator
 ) -> npt.NDArray[np.uint8]:
-    """Take intensity images during a simulated drive, from where its events are seen.
+    """Take intensity images during a simulated drive, at the position of the event camera.
 
-    Every image is exposed for itself, and short enough to be sharp.
+    Each image has its own exposure, which is short enough for a sharp image.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def simulated_images(
     time_us : ndarray of int64, shape (n,)
         Ascending, within the drive.
     rng : Generator
-        Of the noise.
+        Source of the noise.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def simulated_images(
     Raises
     ------
     UsageError
-        If a moment lies outside the drive.
+        If a time lies outside the drive.
     """
     images = np.empty((len(time_us), drive.sensor.height, drive.sensor.width), np.uint8)
     for image, light in zip(images, drive.light_at(time_us), strict=True):

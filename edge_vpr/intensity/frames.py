@@ -1,4 +1,4 @@
-"""A sequence of intensity images with their times, and the one nearest to each moment."""
+"""Sequence of intensity images with their times, and the choice of the nearest ones."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Times = npt.NDArray[np.int64]
 
 
 class IntensityFrame(NamedTuple):
-    """One image.
+    """One image and its time.
 
     Attributes
     ----------
     time_us : int
-        On the clock of its source.
+        Time on the clock of the image's source.
     image : ndarray of uint8, shape (height, width)
     """
 
@@ -29,13 +29,13 @@ class IntensityFrame(NamedTuple):
 
 
 class IntensityFrames(Protocol):
-    """Images in the order of their times; each ``iter()`` begins at the first one.
+    """Iterable of images in time order; each ``iter()`` begins at the first one.
 
     Attributes
     ----------
     start_us : int
-        The moment t = 0 of the recording, on the clock of the images: that of the first event in
-        the same file, or of the first image where there are no events.
+        Time t = 0 of the recording on the clock of the images: that of the first event in the same
+        file, or of the first image if there are no events.
     has_events : bool
         Whether the same file holds events.
     """
@@ -54,9 +54,9 @@ def to_grey(image: npt.NDArray[np.uint8], blue_first: bool) -> Image:
     Parameters
     ----------
     image : ndarray of uint8, shape (height, width) or (height, width, 3 or 4)
-        A fourth channel (alpha) is left out.
+        A fourth channel (alpha) is ignored.
     blue_first : bool
-        Whether the channels are blue, green, red, and not red, green, blue.
+        Whether the channels are blue, green, red instead of red, green, blue.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def to_grey(image: npt.NDArray[np.uint8], blue_first: bool) -> Image:
 def frames_at(
     frames: IntensityFrames, times_us: Times, most_apart_us: int, start_us: int | None = None
 ) -> tuple[npt.NDArray[np.uint8], Times]:
-    """Choose the image nearest to each moment, in one pass and in the memory of those chosen.
+    """Return the image nearest to each time, in one pass that stores only these images.
 
     Parameters
     ----------
@@ -82,22 +82,22 @@ def frames_at(
     times_us : ndarray of int64, shape (n,)
         Ascending; 0 is the start of the recording.
     most_apart_us : int
-        Most that an image may be apart from its moment, in microseconds.
+        Largest allowed distance of an image from its time, in microseconds.
     start_us : int, optional
-        The moment t = 0 on the clock of the images; that of `frames` by default.
+        Time t = 0 on the clock of the images; by default that of `frames`.
 
     Returns
     -------
     images : ndarray of uint8, shape (n, height, width)
     found_us : ndarray of int64, shape (n,)
-        When they were taken; the earlier one of two that are as near.
+        Times of the images. Of two images equally near, the earlier one is chosen.
 
     Raises
     ------
     UsageError
-        If the moments do not ascend, or there are none.
+        If the times are not ascending, or there are none.
     RecordingError
-        If there is no image near a moment, or images differ in size.
+        If there is no image near one of the times, or images differ in size.
     """
     wanted = np.asarray(times_us, dtype=np.int64)
     if not wanted.size or (np.diff(wanted) < 0).any():
@@ -114,7 +114,7 @@ def frames_at(
                 f"the image at {at / 1e6:g} s has shape {image.shape} and the first one "
                 f"{images.shape[1:]}: all images need one size"
             )
-        # moments long before this image have found theirs
+        # times long before this image already have their nearest image
         first = int(np.searchsorted(wanted, at - most_apart_us))
         last = int(np.searchsorted(wanted, at + most_apart_us, side="right"))
         near = np.s_[first:last]

@@ -18,22 +18,22 @@ _TIMES = "_ts"
 
 
 class Hdf5Images:
-    """The images of one data set of 8 bits, shape (n, height, width) or (n, height, width, 3).
+    """Images of one data set of 8 bits, shape (n, height, width) or (n, height, width, 3).
 
-    Colours are red, green, blue. Times are seconds, on the clock of the file.
+    Colours are red, green, blue. Times are seconds on the clock of the file.
 
     Parameters
     ----------
     path : Path
     topic : str, optional
-        Name of the data set, where there are several.
+        Name of the data set, if there are several.
 
     Attributes
     ----------
     start_us : int
         Time of the first image.
     has_events : bool
-        False: events in the same file are not looked for.
+        False: the reader does not search for events in the same file.
     """
 
     has_events = False
@@ -77,7 +77,7 @@ def _image_sets(file: Any) -> list[str]:
             if isinstance(times, h5py.Dataset) and times.shape == item.shape[:1]:
                 found.append(name)
 
-    file.visititems(visit)  # which does not follow links
+    file.visititems(visit)  # does not follow links
     return found
 
 

@@ -1,4 +1,4 @@
-"""A folder of images, one a file: PNG, or ``.npy`` arrays, with a time for each."""
+"""Folder of images, one a file: PNG, or ``.npy`` arrays, with a time for each."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from edge_vpr.recordings.count_arrays import read_metadata
 from edge_vpr.recordings.count_images import MOST_PIXELS, number_key, read_png
 from edge_vpr.recordings.guard import foreign_errors
 
-#: seconds a line, one for each image in the order of their names
+#: file with one line of seconds for each image, in the order of the images' names
 TIMES = "timestamps.txt"
 _LONGEST_TIMES = 1 << 26
-#: a name that is a time in seconds, as the exporter of Brisbane-Event-VPR writes them
+#: name that is a time in seconds, as the exporter of Brisbane-Event-VPR writes it
 _SECONDS = re.compile(r"\d+\.\d+")
 
 
 class ImageFolder:
-    """The images of a folder, and when each was taken.
+    """Images of a folder, and the time of each.
 
-    Their times are, whichever is there first: the lines of ``timestamps.txt``, in seconds; their
-    names, where each is a number of seconds with a point (``1587452593.35.png``); their number
-    times the period that ``metadata.json`` or the caller gives.
+    The times are taken from the first of these that is present: the lines of ``timestamps.txt``, in
+    seconds; the names, if each is a number of seconds with a point (``1587452593.35.png``); the
+    index of each image times the period in ``metadata.json`` or of the caller.
 
     Parameters
     ----------
     path : Path
     period : Fraction, optional
-        Seconds from one image to the next.
+        Time from one image to the next in seconds.
 
     Attributes
     ----------
     start_us : int
-        What ``metadata.json`` says; else the time of the first image.
+        Start in ``metadata.json``, else the time of the first image.
     has_events : bool
         False.
 
@@ -99,7 +99,7 @@ def _listed(listing: Path, images: int) -> npt.NDArray[np.int64]:
 
 def _microseconds(text: str, path: Path) -> int:
     try:
-        # exactly: a float of seconds since 1970 is off by some tenths of a microsecond
+        # exact: a float of seconds since 1970 has errors of some tenths of a microsecond
         time_us = round(Fraction(text) * 1_000_000) if len(text) < 64 else TIME_LIMIT_US
     except (ValueError, ZeroDivisionError):
         time_us = TIME_LIMIT_US
@@ -128,7 +128,7 @@ def _read(path: Path) -> Image:
 
 
 def _eight_bits(values: npt.NDArray[Any], path: Path) -> npt.NDArray[np.uint8]:
-    """Return 0 to 255; a float is taken as a share of 1, 16 bits are cut to the upper 8."""
+    """Return values from 0 to 255: floats are multiplied by 255, 16 bits cut to the upper 8."""
     if values.dtype == np.uint8:
         return values
     if values.dtype == np.uint16:

@@ -1,4 +1,4 @@
-"""Which reader opens which file of intensity images."""
+"""Choice of the reader for a file of intensity images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edge_vpr.recordings.registry import sniff
 
 
 class Guarded:
-    """Images whose reader raises only our own errors, whatever the file makes it raise.
+    """Images whose reader raises only errors of this package, whatever libraries raise.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ def open_intensity(
     ----------
     path : str or Path
         AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
-        ``NAME_ts`` as in MVSEC, or a folder of PNG or ``.npy`` (for its times see
-        `edge_vpr.intensity.image_folder.ImageFolder`).
+        ``NAME_ts`` as in MVSEC, or a folder of PNG or ``.npy`` (see
+        `edge_vpr.intensity.image_folder.ImageFolder` for its times).
     topic : str, optional
-        Stream, topic or data set of the images, where there are several.
+        Stream, topic or data set of the images, if there are several.
     frame_period : Fraction, optional
-        Seconds an image, for folders that do not say.
+        Seconds from one image to the next, for folders that do not state it.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def open_intensity(
     RecordingError
         If there are no images, or they cannot be read.
     UsageError
-        If there are several streams of images, and none is named.
+        If there are several streams of images, and `topic` is absent.
     """
     path = Path(path)
     if not path.exists():

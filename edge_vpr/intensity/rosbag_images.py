@@ -18,19 +18,19 @@ from edge_vpr.recordings.rosbag_file import Bag
 
 _TYPE = "sensor_msgs/msg/Image"
 _EVENTS = ("EventArray", "EventPacket")
-#: a DAVIS's driver gives its first images the time since it was switched on, below this
+#: A DAVIS's driver stamps its first images with the time since power-on, which is below this.
 _FIRST_STAMP_US = 100 * 1_000_000
 
 
 class _Encoding(NamedTuple):
-    """Bytes of a channel, channels, and whether blue is the first of them."""
+    """Bytes of a channel, number of channels, and whether blue is the first of them."""
 
     size: int
     channels: int
     blue_first: bool = False
 
 
-#: a mosaic of colours (Bayer) is taken as it is: a pixel is compared with itself alone
+#: a colour mosaic (Bayer) is used as it is, since a pixel is only compared with itself
 _ENCODINGS = {
     "mono8": _Encoding(1, 1),
     "8UC1": _Encoding(1, 1),
@@ -46,19 +46,19 @@ _ENCODINGS = {
 
 
 class BagImages:
-    """The images on one topic.
+    """Images of one topic.
 
     Parameters
     ----------
     path : Path
     ros : {1, 2}
     topic : str, optional
-        Where there are several.
+        Name of the topic, if there are several.
 
     Attributes
     ----------
     start_us : int
-        Start of the events of the same bag; without any, time of the first image.
+        Start of the events of the same bag, or time of the first image without events.
     has_events : bool
     """
 

@@ -1,13 +1,14 @@
 """AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
 
 The address layout depends on the chip (docs.inivation.com, "AEDAT 2.0"). jAER stores columns
-mirrored and rows from the lowest up, and turns the columns when it reads: its extractors
+mirrored and rows from the lowest up, and mirrors the columns back when it reads: its extractors
 (``DavisBaseCamera.DavisEventExtractor``, ``DVS128.Extractor``) compute ``sizeX - 1 - column``. For
-the DVS128 an ON event has the polarity bit 0. The cameras' drivers (libcaer, rpg_dvs_ros) undo
-the same, so that events come out here as AEDAT 4 or a ROS bag of the same camera has them.
+the DVS128 the polarity bit of an ON event is 0. The cameras' drivers (libcaer, rpg_dvs_ros) undo
+the same mirroring, so that this reader gives the events as AEDAT 4 or a ROS bag of the same camera
+has them.
 
-An own decoder: eventcv loads these files whole, leaves the columns mirrored, refuses DVS128, and
-reads it as a DAVIS if it is told a sensor size.
+The decoder is our own: eventcv loads these files whole, leaves the columns mirrored, refuses DVS128
+files, and reads them as DAVIS files if a sensor size is given.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ _EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
 
 
 class _Layout(NamedTuple):
-    """Where column, row and polarity stand in the address.
+    """Position of column, row and polarity in the address.
 
-    `on` is the value of the polarity bit of an ON event; `other` the bits of all other events.
+    `on` is the value of the polarity bit of an ON event; `other` has the bits of all other events.
     """
 
     x_shift: int
@@ -43,7 +44,7 @@ class _Layout(NamedTuple):
     other: int
 
 
-# bit 31 marks frames and IMU samples, bit 10 external edges; DVS128 has bit 15 for those
+# bit 31 marks frames and IMU samples, bit 10 external edges; DVS128 marks these with bit 15
 _DAVIS = _Layout(12, 0x3FF, 22, 0x1FF, 11, 1, 1 << 31 | 1 << 10)
 _DVS128 = _Layout(1, 0x7F, 8, 0x7F, 0, 0, 1 << 15)
 
@@ -58,9 +59,9 @@ _CHIPS = (
 
 
 class Aedat2Source(Source):
-    """Header lines that begin with ``#``, then pairs.
+    """Source of an AEDAT 2 file: header lines that begin with ``#``, then pairs.
 
-    Columns and rows are turned so that pixel (0, 0) is the upper left one, as everywhere else.
+    Columns and rows are turned so that pixel (0, 0) is the upper left one, as in all other sources.
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -103,7 +104,7 @@ class Aedat2Source(Source):
 
 
 def _read_header(path: Path) -> tuple[int, str | None]:
-    """Length of the header, and the chip that it names."""
+    """Return the length of the header, and the chip that it names."""
     n, chip = 0, None
     with path.open("rb") as file:
         while (line := file.readline(1 << 16)).startswith(b"#"):

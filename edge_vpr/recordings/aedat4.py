@@ -24,7 +24,7 @@ _EVENT = np.dtype(
 
 
 class Aedat4Source(Source):
-    """The packets of one stream of events; times are microseconds since 1970."""
+    """Source of the events of one stream; times are microseconds since 1970."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._file = Aedat4File(path)
@@ -46,7 +46,7 @@ class Aedat4Source(Source):
 
 
 def _events(data: bytes) -> npt.NDArray[np.void]:
-    """Events of one packet: the vector in the first field of its table."""
+    """Return the events of one packet: the vector in the first field of its table."""
     field = field_at(data, root_table(data), 0)
     if not field:
         return np.empty(0, _EVENT)

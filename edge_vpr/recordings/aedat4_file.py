@@ -1,7 +1,7 @@
 """The container of AEDAT 4: compressed packets of FlatBuffers, each of one stream.
 
-Own code for the tables that matter, over lz4 and zstd: eventcv finds no events in real files of
-this format, and the package aedat has no wheel for aarch64.
+This is our own code for the tables that matter, over lz4 and zstd: eventcv finds no events in real
+files of this format, and the package aedat has no wheel for aarch64.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Stream(NamedTuple):
         Four letters: ``EVTS`` for events, ``FRME`` for frames.
     name : str
     sensor : Sensor or None
-        None if the file does not say.
+        None if the file does not state it.
     """
 
     kind: str
@@ -39,7 +39,7 @@ class Stream(NamedTuple):
 
 
 class Aedat4File:
-    """Header of a file, and its packets.
+    """Header and packets of a file.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Aedat4File:
                 f"{path} is damaged or cut off in its header ({error}): copy it again"
             ) from error
         file_size = path.stat().st_size
-        # the table of packets follows them; it is absent if the recorder was killed
+        # the table of packets follows the packets; it is absent if the recorder was killed
         self._end = table if self._begin <= table <= file_size else file_size
         self._decompress = _decompressor(compression, path)
         self.position = 0.0
@@ -91,9 +91,9 @@ class Aedat4File:
         ----------
         kind : str
         what : str
-            What it holds, for messages: ``"events"``.
+            Content of such streams, for messages: ``"events"``.
         wanted : str, optional
-            Its name or number.
+            Name or number of the stream to choose.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Aedat4File:
         return found[0]
 
     def packets(self, stream: int, log: FaultLog) -> Iterator[tuple[int, bytes]]:
-        """Yield the packets of a stream: the byte at which each stands, and its table.
+        """Yield the packets of a stream: the byte at which each begins, and its table.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class Aedat4File:
                 yield at, data
 
     def damaged(self, at: int, error: Exception) -> RecordingError:
-        """Return the error of a packet that cannot be read."""
+        """Return the error for a packet that cannot be read."""
         return RecordingError(
             f"{self.path} is damaged in the packet at byte {at:,} ({error}): copy it again"
         )
@@ -164,7 +164,7 @@ class Aedat4File:
 
 
 def _io_header(data: bytes) -> tuple[int, int, str]:
-    """Compression, position of the table of packets, and the description of the streams."""
+    """Return the compression, the position of the packet table, and the streams' description."""
     table = root_table(data)
     compression, position, text = (field_at(data, table, i) for i in range(3))
     kind = struct.unpack_from("<i", data, compression)[0] if compression else 0
@@ -175,12 +175,12 @@ def _io_header(data: bytes) -> tuple[int, int, str]:
 
 
 def root_table(data: bytes) -> int:
-    """Where the root table of a FlatBuffer lies that begins with its size."""
+    """Return the position of the root table of a FlatBuffer that begins with its size."""
     return 4 + int(struct.unpack_from("<I", data, 4)[0])
 
 
 def field_at(data: bytes, table: int, index: int) -> int:
-    """Where a field of a FlatBuffers table lies; 0 if it has its default value."""
+    """Return the position of a field of a FlatBuffers table; 0 if it has its default value."""
     vtable = table - struct.unpack_from("<i", data, table)[0]
     (size,) = struct.unpack_from("<H", data, vtable)
     if 4 + 2 * index >= size:
@@ -191,7 +191,7 @@ def field_at(data: bytes, table: int, index: int) -> int:
 
 def _streams(info: str) -> dict[int, Stream]:
     """Read the description of the streams."""
-    if "<!" in info:  # entities, which may expand without end; DV writes none
+    if "<!" in info:  # entities, which may expand without limit; DV writes none
         raise ValueError("its XML has declarations")
     streams = {}
     for node in ElementTree.fromstring(info).iterfind("./node[@name='outInfo']/node"):

@@ -23,17 +23,17 @@ _READERS = {
 
 
 class ArrayStream:
-    """Rows of an array in NumPy's file format, from any binary stream, a few at a time.
+    """Read an array in NumPy's file format from any binary stream, a few rows at a time.
 
-    What the header claims is not believed: no read is larger than 32 MiB, and a row beyond that
-    is an error.
+    The header's claims are not trusted: no read is larger than 32 MiB, and a larger row is an
+    error.
 
     Parameters
     ----------
     stream : binary file
         At the start of the array.
     name : str
-        Named in messages.
+        Name of the array in messages.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class ArrayStream:
     header_bytes : int
     row_bytes : int
     most_rows : int
-        That one call of :meth:`read` gives.
+        Largest number of rows that one call of :meth:`read` returns.
     rows_read : int
 
     Raises
@@ -92,7 +92,7 @@ class ArrayStream:
         text = self._stream.read(n)
         self.header_bytes = np.lib.format.MAGIC_LEN + size + n
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about Python 2, and texts that are no Python
+            warnings.simplefilter("ignore")  # about Python 2, and about texts that are not Python
             return read(io.BytesIO(length + text))
 
     def read(self, rows: int) -> tuple[npt.NDArray[Any], int]:
@@ -103,7 +103,7 @@ class ArrayStream:
         array : ndarray, shape (n, ...)
             ``n`` may be less than `rows`; it is 0 at the end only.
         leftover : int
-            Bytes of a last incomplete row, where the stream is cut off.
+            Number of bytes of a last incomplete row, if the stream is cut off.
         """
         rows = min(rows, self.shape[0] - self.rows_read, self.most_rows)
         data = self._stream.read(rows * self.row_bytes) if self.row_bytes else b""
@@ -113,7 +113,7 @@ class ArrayStream:
         return array.reshape(whole, *self.shape[1:]), len(data) - whole * self.row_bytes
 
     def load(self, most_bytes: int) -> npt.NDArray[Any]:
-        """Read the whole of a small array.
+        """Read a small array whole.
 
         Raises
         ------

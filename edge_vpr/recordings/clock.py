@@ -1,4 +1,4 @@
-"""Conversion of times that wrap to times that never wrap."""
+"""Conversion of times that wrap into times that never wrap."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy.typing as npt
 class Unwrapper:
     """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
 
-    Between two events the shorter direction is taken, so that a step of less than half the period
-    of the clock can go either way. Slightly late events stay late, also across a wrap.
+    Between two events the shorter direction is taken, so that a step of less than half the clock's
+    period can go forwards or backwards. Slightly late events stay late, also across a wrap.
 
     Examples
     --------

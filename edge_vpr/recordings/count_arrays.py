@@ -1,4 +1,4 @@
-"""NumPy arrays as frames of counts, one a file, and the ``metadata.json`` beside them."""
+"""NumPy arrays as count frames, one frame a file, and the ``metadata.json`` beside them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def read_array_frame(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
     Parameters
     ----------
     path : Path
-        ``.npy`` of shape (height, width), or (height, width, 2) with ON and OFF counts apart.
+        ``.npy`` of shape (height, width), or (height, width, 2) with separate ON and OFF counts.
     sensor : Sensor or None
-        The size that it has to have, if that is known.
+        Size that the frame must have, if it is known.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def read_array_frame(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
     Raises
     ------
     RecordingError
-        If it is damaged, or of another shape or kind.
+        If the file is damaged, or the array has another shape or kind of values.
     """
     with path.open("rb") as file:
         stream = ArrayStream(file, str(path))
@@ -63,18 +63,18 @@ def check_frame_shape(shape: tuple[int, ...], dtype: np.dtype[Any], name: str) -
 
 
 def both_polarities(frames: npt.NDArray[Any], plain_dimensions: int) -> npt.NDArray[Any]:
-    """Add ON and OFF counts, the last axis, where there is one axis more than `plain_dimensions`.
+    """Add ON and OFF counts, if `frames` has a last axis beyond `plain_dimensions`.
 
     Parameters
     ----------
     frames : ndarray of numbers
-        One axis of 2 may follow the usual ones.
+        A last axis of length 2 may follow the usual axes.
     plain_dimensions : int
     """
     if frames.ndim == plain_dimensions:
         return frames
     wide = np.float64 if frames.dtype.kind == "f" else np.int64
-    with np.errstate(invalid="ignore"):  # what is not finite is refused by the reader
+    with np.errstate(invalid="ignore"):  # the reader refuses values that are not finite
         return np.asarray(frames.sum(axis=-1, dtype=wide))
 
 
@@ -95,7 +95,7 @@ def whole_counts(block: npt.NDArray[Any], begin: int, path: Path) -> npt.NDArray
     Raises
     ------
     RecordingError
-        If one is not a whole number from 0 up.
+        If a count is not a whole number from 0 up.
     """
     if block.dtype.kind == "u":
         return block
@@ -113,7 +113,7 @@ def whole_counts(block: npt.NDArray[Any], begin: int, path: Path) -> npt.NDArray
 
 
 def simplest_fraction(seconds: float, path: Path) -> Fraction:
-    """Give the simplest fraction that is this float: 1/30, not its nearest multiple of 2**-57."""
+    """Return the simplest fraction that equals a float: 1/30, not a multiple of 2**-57."""
     if not (math.isfinite(seconds) and seconds > 0):
         raise RecordingError(f"{path}: window_s is {seconds}: a frame lasts more than 0 s")
     simple = Fraction(seconds).limit_denominator(1_000_000)
@@ -121,34 +121,34 @@ def simplest_fraction(seconds: float, path: Path) -> Fraction:
 
 
 def frame_arrays(folder: Path) -> list[Path]:
-    """Return the ``.npy`` frames of a folder, in no order.
+    """Return the ``.npy`` frames of a folder, unordered.
 
-    Those called ``frame_*.npy`` if there are any, since other arrays (times of the frames) may lie
-    beside them; else all.
+    These are the files ``frame_*.npy`` if there are any, since other arrays (times of the frames)
+    may lie beside them; otherwise all ``.npy`` files.
     """
     return list(folder.glob("frame_*.npy")) or list(folder.glob("*.npy"))
 
 
 def read_metadata(folder: Path) -> tuple[Fraction | None, int]:
-    """Read how long a frame lasts, and when the first one begins.
+    """Read the duration of a frame, and the time at which the first one begins.
 
     Parameters
     ----------
     folder : Path
-        ``metadata.json`` in it may have ``timewindow_ns`` or ``timewindow_ms``; and
+        Its ``metadata.json``, if present, may have ``timewindow_ns`` or ``timewindow_ms``; and
         ``start_time_ns``, or ``start_tick`` with ``ticks_per_second``.
 
     Returns
     -------
     period : Fraction or None
-        In seconds; None if it is not said or 0, as of frames of a fixed number of events.
+        In seconds; None if it is absent or 0, as for frames of a fixed number of events.
     start_us : int
-        0 if it is not said.
+        0 if it is absent.
 
     Raises
     ------
     RecordingError
-        If the file is there and damaged.
+        If the file exists and is damaged.
     """
     path = folder / METADATA
     if not path.is_file():

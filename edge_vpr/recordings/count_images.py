@@ -1,4 +1,4 @@
-"""Grey PNG pictures as frames of counts."""
+"""Grey PNG images as count frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
 
-#: Most pixels of a frame, four times as many as the largest event camera has.
+#: Most pixels of a frame: four times as many as the largest event camera has.
 MOST_PIXELS = 1 << 22
 _LARGEST_IMAGE = 1 << 26
 
@@ -26,7 +26,7 @@ def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
     ----------
     path : Path
     sensor : Sensor or None
-        The size that it has to have, if that is known.
+        Size that the image must have, if it is known.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def read_png(path: Path) -> npt.NDArray[np.uint8]:
     Returns
     -------
     ndarray of uint8, shape (height, width) or (height, width, 3 or 4)
-        Red, green, blue and alpha; of 16 bits the upper 8.
+        Red, green, blue and alpha; the upper 8 bits of 16-bit values.
 
     Raises
     ------
@@ -85,18 +85,18 @@ def _open_png(path: Path) -> tuple[npt.NDArray[Any], str]:
 
     if path.stat().st_size > _LARGEST_IMAGE:
         raise RecordingError(f"{path} has more than {_LARGEST_IMAGE:,} bytes: write it again")
-    # out of memory: from a file, Pillow asks for as many bytes as a damaged chunk claims
+    # not from the file: Pillow would ask it for as many bytes as a damaged chunk claims
     content = io.BytesIO(path.read_bytes())
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the size is checked here
+            warnings.simplefilter("ignore")  # the size is checked below
             with Image.open(content, formats=("PNG",)) as image:
                 mode, size = image.mode, Sensor(*image.size)
                 fits = size.possible and size.pixels <= MOST_PIXELS
                 pixels = np.asarray(image) if fits else np.empty(0)
     except MemoryError:
         raise
-    except Exception as error:  # Pillow raises what its parser comes across
+    except Exception as error:  # Pillow passes on exceptions of any kind from its parser
         raise RecordingError(f"{path} is damaged or no PNG ({error}): write it again") from error
     if not fits:
         raise RecordingError(
@@ -107,7 +107,7 @@ def _open_png(path: Path) -> tuple[npt.NDArray[Any], str]:
 
 
 def number_key(path: Path) -> list[tuple[int, str]]:
-    """Sort ``frame_2`` before ``frame_10``."""
+    """Return a key that sorts ``frame_2`` before ``frame_10``."""
     return [
         (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)
     ]

@@ -1,6 +1,6 @@
 """Prophesee DAT, version 2: 32 bits of time, 14 of column, 14 of row, polarity.
 
-An own decoder: eventcv loads these files whole and does not resolve the wrap of their 32 bits.
+The decoder is our own: eventcv loads these files whole and does not unwrap their 32-bit clock.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _KINDS = (0, 12)  # Event2d of version 2, EventCD
 
 
 class DatSource(Source):
-    """Header lines, a byte each for kind and size of the events, then the events."""
+    """Source of a DAT file: header lines, a byte each for the events' kind and size, and events."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         header = read_header(path)
@@ -66,7 +66,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 
 class DatSink:
-    """Write DAT version 2, the clock wrapping at 32 bits as the format has it."""
+    """Write DAT version 2, whose clock wraps at 32 bits."""
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         if max(sensor) > 1 << 14:

@@ -22,7 +22,7 @@ class DecompressionError(ValueError):
 
 
 def lz4(what: str, extra: str) -> Callable[[bytes], bytes]:
-    """Return a function that decompresses LZ4 frames; `what` needs them."""
+    """Return a function that decompresses LZ4 frames; errors name `what`."""
     try:
         frame = import_module("lz4.frame")
     except ImportError as error:
@@ -33,7 +33,7 @@ def lz4(what: str, extra: str) -> Callable[[bytes], bytes]:
 def zstd_decompressor(
     what: str, extra: str
 ) -> tuple[Callable[[], Any], tuple[type[Exception], ...]]:
-    """Return what makes a decompressor of Zstandard, and what that raises; `what` needs it."""
+    """Return a maker of Zstandard decompressors, and its exceptions; errors name `what`."""
     try:
         if sys.version_info >= (3, 14):
             from compression import zstd
@@ -45,7 +45,7 @@ def zstd_decompressor(
 
 
 def zstd(what: str, extra: str) -> Callable[[bytes], bytes]:
-    """Return a function that decompresses Zstandard frames; `what` needs them."""
+    """Return a function that decompresses Zstandard frames; errors name `what`."""
     decompressor, errors = zstd_decompressor(what, extra)
     return lambda data: expand(decompressor, data, errors)
 
@@ -66,10 +66,10 @@ def expand(
     Parameters
     ----------
     new : callable
-        Makes a decompressor with the interface of :class:`bz2.BZ2Decompressor`.
+        Function that makes a decompressor with the interface of :class:`bz2.BZ2Decompressor`.
     data : bytes
     errors : tuple of exception types
-        What it raises for damaged data.
+        Exceptions that the decompressor raises for damaged data.
     limit : int, optional
         Most bytes of the result; by default :data:`LIMIT_BYTES`.
 
@@ -90,7 +90,7 @@ def expand_file(
     Parameters
     ----------
     new, errors, limit
-        As of :func:`expand`.
+        As for :func:`expand`.
     file : binary file
         Read to its end.
 
@@ -102,7 +102,7 @@ def expand_file(
     Raises
     ------
     DecompressionError
-        As of :func:`expand`; what was yielded before is right.
+        As for :func:`expand`; the pieces yielded before are correct.
     """
     size = 0
     rest = file.read(PIECE_BYTES)
@@ -117,7 +117,7 @@ def expand_file(
                 part = frame.decompress(rest, max_length=min(PIECE_BYTES, limit + 1 - size))
             except errors as error:
                 raise DecompressionError(str(error)) from error
-            rest = b""  # the decompressor keeps what it has not used
+            rest = b""  # the decompressor keeps the bytes that it has not used
             size += len(part)
             if size > limit:
                 raise DecompressionError(f"it expands to more than {limit:,} bytes")

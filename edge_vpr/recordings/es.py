@@ -1,6 +1,6 @@
 """Event Stream (``.es``), with faery's decoder and encoder.
 
-The format's row 0 is the lowest: rows are turned, as faery's own streams turn them.
+Row 0 of the format is the lowest one: this module turns the rows, as faery's own streams do.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _es() -> Any:
 
 
 class EsSource(Source):
-    """DVS and ATIS events. The format begins at time 0 and says its size."""
+    """Source of DVS and ATIS events; the format begins at time 0 and states the sensor's size."""
 
     relative = True
     start_us = 0
@@ -70,7 +70,7 @@ class EsSource(Source):
                     ) from error
                 if packet is None:
                     return
-                if atis:  # an exposure measurement is no change
+                if atis:  # an exposure measurement is not a change of intensity
                     packet = packet[~packet["exposure"]]
                 on = packet["polarity"] if atis else packet["on"]
                 for i in range(0, packet.size, self.options.chunk_events):
@@ -87,7 +87,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 @contextmanager
 def _disk_errors() -> Iterator[None]:
-    """Turn the encoder's exceptions into what Python's own files raise."""
+    """Convert the encoder's exceptions to those that Python's own files raise."""
     try:
         yield
     except RuntimeError as error:
@@ -97,7 +97,7 @@ def _disk_errors() -> Iterator[None]:
 
 
 class EsSink:
-    """Write DVS events; the start is not kept, the times are."""
+    """Write DVS events; the format keeps their times, but not `start_us`."""
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         es = _es()

@@ -1,9 +1,9 @@
 """The ROS messages that carry events, decoded from their serialised bytes.
 
-``dvs_msgs/EventArray`` (ROS 1 and 2): one structure an event. ``event_camera_msgs/EventPacket``:
-the camera's own words, in the encodings ``evt3`` (Prophesee), ``libcaer``, ``libcaer_cmp``
-(iniVation) and ``mono`` (an event a word, made by event_camera_tools). Neither eventcv nor rosbags
-decodes those.
+``dvs_msgs/EventArray`` (ROS 1 and 2) has one structure for each event.
+``event_camera_msgs/EventPacket`` has the camera's own words, in the encodings ``evt3`` (Prophesee),
+``libcaer``, ``libcaer_cmp`` (iniVation) and ``mono`` (one event a word, written by
+event_camera_tools). Neither eventcv nor rosbags decodes these messages.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Cursor:
             self._data = self._data[4:]
 
     def number(self, kind: str) -> int:
-        """Read one integer, `kind` as in :mod:`struct`."""
+        """Read one integer; `kind` is its format character of :mod:`struct`."""
         size = struct.calcsize(kind)
         if self._aligned:
             self._at += -self._at % size
@@ -68,7 +68,7 @@ class Cursor:
 
 
 class Preamble(NamedTuple):
-    """The first fields of every message of events."""
+    """Common first fields of all messages of events."""
 
     stamp_us: int
     height: int
@@ -88,9 +88,9 @@ def read_preamble(cursor: Cursor, ros: int) -> Preamble:
 def read_event_array(cursor: Cursor, ros: int) -> Columns:
     """Read the events of ``dvs_msgs/EventArray``; times are wall-clock microseconds.
 
-    In CDR an event of 13 bytes is followed at once by the next one's column (2-byte aligned), so
-    that event i + 1 has its column in the last 2 bytes of a stride of 16, its row in the first 2
-    of the next, and the rest where event 0 has it.
+    In CDR, the column of the next event (2-byte aligned) directly follows the 13 bytes of an event.
+    In strides of 16 bytes, event i + 1 therefore has its column in the last 2 bytes of one stride,
+    its row in the first 2 bytes of the next, and its other fields where event 0 has them.
     """
     n = cursor.number("I")
     stride = 13 if ros == 1 else 16
@@ -125,21 +125,21 @@ class PacketDecoder:
 
     @property
     def undated(self) -> int:
-        """Events before the first time word."""
+        """Number of events before the first time word."""
         return self._evt3.undated
 
     def read(self, cursor: Cursor) -> Columns:
-        """Read the rest of ``event_camera_msgs/EventPacket``; times are the camera's clock.
+        """Read the rest of ``event_camera_msgs/EventPacket``; times are on the camera's clock.
 
-        ``libcaer_cmp`` and ``mono`` count from the packet's time base.
+        Times of ``libcaer_cmp`` and ``mono`` count from the packet's time base.
 
         Raises
         ------
         RecordingError
-            If its encoding is not decoded here.
+            If this decoder does not know the encoding.
         """
         cursor.number("Q")  # sequence number
-        base_ns = cursor.number("Q")  # the sensor's time 0
+        base_ns = cursor.number("Q")  # time 0 of the sensor
         encoding = cursor.text()
         big = bool(cursor.number("B"))
         payload = cursor.octets()
@@ -170,7 +170,7 @@ class PacketDecoder:
 
 def _mono(words: npt.NDArray[np.uint64], base_ns: int) -> Columns:
     """Decode nanoseconds from the time base, column, row, polarity in 32, 16, 15, 1 bits."""
-    # a base beyond 2**62 ns (the year 2116) is no time; the sum below must not wrap
+    # a base beyond 2**62 ns (the year 2116) is invalid; the sum below must not wrap
     since = (words & np.uint64(0xFFFFFFFF)).astype(np.int64)
     t = (since + min(base_ns, 1 << 62)) // 1_000
     x = (words >> np.uint64(32) & np.uint64(0xFFFF)).astype(np.uint16)

@@ -1,9 +1,9 @@
 """Prophesee RAW: EVT 2.0, 2.1 and 3.0 (docs.prophesee.ai, "Data encoding formats").
 
-Own decoders, for reasons that `docs/recordings.md` measures: eventcv reads EVT 2.1 as if it were
-2.0, guesses the sensor of EVT 2.0 from the events where the header names none, and maps the file,
-so that its resident memory grows with it; expelliarmus lets the clock of EVT 3.0 run away. These,
-compiled, decode in bounded memory and three times as fast.
+The decoders are our own, for reasons that `docs/recordings.md` measures: eventcv reads EVT 2.1 as
+if it were 2.0, guesses the sensor of EVT 2.0 from the events where the header names none, and maps
+the file, so that its resident memory grows with the file; the clock of expelliarmus for EVT 3.0
+runs away. The compiled decoders here need bounded memory and are three times as fast.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
 Words = npt.NDArray[Any]
 
-#: Word type, most events a word, decoder.
+#: Word type, most events of one word, and decoder of each encoding.
 _DECODERS: dict[str, tuple[np.dtype[Any], int, Callable[..., int]]] = {
     "evt2": (np.dtype("<u4"), 1, decode_evt2),
     "evt21": (np.dtype("<u8"), 32, decode_evt21),
@@ -34,22 +34,22 @@ _DECODERS: dict[str, tuple[np.dtype[Any], int, Callable[..., int]]] = {
 
 
 class Decoder:
-    """Decode words of one encoding, chunk by chunk, with the state carried over.
+    """Decode words of one encoding chunk by chunk; the state carries over between chunks.
 
     Parameters
     ----------
     encoding : {"evt2", "evt21", "evt3"}
     capacity : int
-        Words that one call takes at most.
+        Largest number of words of one call.
     endianness : {"little", "big", "legacy"}
-        Legacy is EVT 2.1 as Gen4.1 and IMX636 send it: little endian, but the upper half first.
+        ``"legacy"`` is EVT 2.1 as Gen4.1 and IMX636 send it: little endian, but upper half first.
 
     Attributes
     ----------
     dtype : dtype
-        Of the words.
+        Type of the words.
     undated : int
-        Events so far that came before the first words of time and place, and were dropped.
+        Number of dropped events so far that came before the first words of time and place.
     """
 
     def __init__(self, encoding: str, capacity: int, endianness: str = "little") -> None:
@@ -69,11 +69,11 @@ class Decoder:
 
     @property
     def undated(self) -> int:
-        """Events before the first time word."""
+        """Number of events before the first time word."""
         return int(self._state[0].undated)
 
     def decode(self, words: Words) -> Columns:
-        """Decode; the columns are valid until the next call."""
+        """Decode words; the returned columns are valid until the next call."""
         if words.size * self._per_word > self._t.size:
             self._reserve(words.size)
         native = words.astype(words.dtype.newbyteorder("="), copy=False)
@@ -84,7 +84,7 @@ class Decoder:
 
 
 class EvtSource(Source):
-    """A RAW file: header lines, then words."""
+    """Source of a RAW file: header lines, then words."""
 
     def __init__(self, path: Path, options: ReadOptions, encoding: str) -> None:
         header = read_header(path)
@@ -124,7 +124,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 
 class Evt2Sink:
-    """Write EVT 2.0: a time word where the time's high bits change, and a word an event."""
+    """Write EVT 2.0: a time word where the high bits of the time change, and a word an event."""
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         if max(sensor) > 2048:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-#: The state between two calls: time base, its last raw value, row, first column and polarity of a
-#: vector, low bits of the time (-1: no word has told it yet), and how many events came before the
-#: first words of time and place.
+#: State between two calls: time base and its last raw value; row; first column and polarity of a
+#: vector; low bits of the time (-1 before the first word that states them); and number of events
+#: before the first words of time and place.
 STATE = np.dtype(
     [
         ("time_base", "<i8"),
@@ -23,9 +23,9 @@ STATE = np.dtype(
 
 @njit(cache=True, nogil=True)
 def _advance(s, high, bits):  # type: ignore[no-untyped-def]
-    """Take a new value of the wrapping counter of high time bits; the counter never wraps.
+    """Advance the unwrapped time base to a new value of the high time bits.
 
-    The nearer way round decides between a wrap and a step back, which stays one.
+    The shorter direction decides between a wrap and a step back; a step back is kept.
     """
     if s.high < 0:
         s.time_base = high
@@ -37,7 +37,7 @@ def _advance(s, high, bits):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """32-bit words: 4 bits type, 6 bits time, 11 bits column, 11 bits row."""
+    """Decode 32-bit words: 4 bits type, 6 bits time, 11 bits column, 11 bits row."""
     s, n = state[0], 0
     for word32 in words:
         word = np.int64(word32)
@@ -58,7 +58,7 @@ def decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """64-bit words: 4 bits type, 6 time, 11 column, 11 row, 32 bits one for each next column."""
+    """Decode 64-bit words: 4 bits type, 6 time, 11 column, 11 row, 32 for one column each."""
     s, n = state[0], 0
     for word64 in words:
         top = np.int64(word64 >> np.uint64(32))
@@ -89,10 +89,10 @@ def decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """16-bit words that each change a part of the state, or are events.
+    """Decode 16-bit words, each of which changes a part of the state or holds events.
 
-    A new value of the high time bits sets the low ones to 0: the sensor's next low word follows.
-    Parts of the state that no word has told yet are -1.
+    A new value of the high time bits sets the low ones to 0; the sensor sends the low bits next.
+    Parts of the state that no word has stated yet are -1.
     """
     s, n = state[0], 0
     base, low, row, first, polarity = s.time_base, s.low, s.row, s.first, s.polarity
@@ -110,7 +110,7 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
                 n += 1
             else:
                 s.undated += 1
-        elif kind == 6 and s.high >= 0:  # low time bits; without high ones they say nothing
+        elif kind == 6 and s.high >= 0:  # low time bits; useless without high ones
             low = word & 4095
             time = (base << 12) | low
             dated = True
@@ -132,7 +132,7 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
                         s.undated += 1
                 valid >>= 1
                 column += 1
-            # beyond the last column it stays there
+            # a column beyond the last one stays at 2048
             first = min(first + width, 2048) if first >= 0 else first
         elif kind == 8:  # high time bits
             high = word & 4095

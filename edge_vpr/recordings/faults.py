@@ -16,7 +16,7 @@ _REMEDY = "read with --on-fault drop (on_fault='drop') to leave {them} out and c
 
 @dataclass
 class Faults:
-    """Counts of what a pass over a recording has dropped so far.
+    """Number of dropped entries of each kind in a pass over a recording so far.
 
     Attributes
     ----------
@@ -25,12 +25,12 @@ class Faults:
     off_sensor : int
         Events whose pixel does not exist.
     unreadable : int
-        Entries that are no event: a line without four numbers, a time that is not a number or
-        that lies beyond 2**60 us.
+        Entries that are not events: a line without four numbers, or a time that is not a number or
+        lies beyond 2**60 us.
     undated : int
-        Events before the stream's first time word (a camera that was already running when the
-        recording began). They have no time, so that they are dropped and counted even when
-        faults are errors.
+        Events before the stream's first time word, of a camera that was already running when the
+        recording began. They have no time and are therefore dropped and counted, even when faults
+        are errors.
     truncated : int
         Bytes at a cut-off end that do not make up an event, or a packet of events.
     """
@@ -43,7 +43,7 @@ class Faults:
 
     @property
     def total(self) -> int:
-        """Dropped entries; a cut-off end counts as one."""
+        """Number of dropped entries; a cut-off end counts as one."""
         return (
             self.backwards
             + self.off_sensor
@@ -63,7 +63,7 @@ class Faults:
 
 
 class FaultLog:
-    """Checks raw columns, makes event arrays of them, and counts faulty events.
+    """Check raw columns, convert them to event arrays, and count faulty events.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class FaultLog:
     sensor : Sensor
     on_fault : {"error", "drop"}
     origin_us : int or None
-        Subtracted from every time; None takes the first good event's.
+        Time that is subtracted from all times; None stands for that of the first good event.
     """
 
     def __init__(
@@ -88,10 +88,10 @@ class FaultLog:
         self._last_us: int | None = None
 
     def admit(self, columns: Columns) -> Events:
-        """Check one chunk, in the order of the file.
+        """Check one chunk; chunks must come in the order of the file.
 
         An event is late if any good event before it has a later time. A single wrong time far in
-        the future thus makes all events after it late, which the count shows.
+        the future therefore makes all events after it late, which the count shows.
 
         Returns
         -------
@@ -118,7 +118,7 @@ class FaultLog:
         return events
 
     def truncated(self, n_bytes: int, where: str) -> None:
-        """Report an end that was cut off: `n_bytes` left over at `where`."""
+        """Report a cut-off end, with `n_bytes` left over at `where`."""
         if not self.drop:
             raise RecordingError(
                 f"{self.path} is cut off: {n_bytes:,} bytes too many or too few at {where}: "
@@ -127,7 +127,7 @@ class FaultLog:
         self.faults.truncated += n_bytes
 
     def unreadable(self, n: int, where: str) -> None:
-        """Report `n` entries that are no event, the first of them at `where`."""
+        """Report `n` entries that are not events, the first of them at `where`."""
         if not self.drop:
             raise RecordingError(f"{self.path}: {where}: " + _REMEDY.format(them="such entries"))
         self.faults.unreadable += n
@@ -154,7 +154,7 @@ class FaultLog:
         width, height = self.sensor
         known = (t >= -TIME_LIMIT_US) & (t <= TIME_LIMIT_US)
         on = (x >= 0) & (x < width) & (y >= 0) & (y < height) & known
-        # the latest good time before each event: events off the sensor do not move it
+        # latest good time before each event; events outside the sensor do not change it
         floor = np.iinfo(np.int64).min
         times = np.full(t.shape, floor, np.int64)
         times[on] = t[on]

@@ -1,15 +1,14 @@
-"""Expansion of counts to events, in whole numbers.
+"""Expansion of counts to events, in integer arithmetic.
 
-Frame f lasts from ``lo = floor(f * period)`` to
-``hi = floor((f + 1) * period)`` microseconds, with the period a fraction. Event i of the n that
-pixel j had in it is placed at::
+Frame f lasts from ``lo = floor(f * period)`` to ``hi = floor((f + 1) * period)`` microseconds,
+where the period is a fraction. If pixel j has n events in the frame, its event i is placed at::
 
     t = lo + floor((i + phase_j) * (hi - lo) / n),   phase_j = (40503 * (j + 1) mod 65536) / 65536
 
-so that each pixel's events are evenly spread over the frame, each pixel with a phase of its own
-(multiples of the golden ratio, so that neither the pixels that fired once share a moment, which
-would be a burst, nor the rows follow one another). Events at one time are in the order of j. The
-count is kept exactly, and ``lo <= t < hi``. Frames know no polarity: all events are ON.
+so that the events of each pixel are evenly spread over the frame, and each pixel has its own phase.
+The phases are multiples of the golden ratio: pixels with a single event then do not all fire at
+once, which would be a burst, nor row after row. Events at the same time are in the order of j. The
+count is kept exactly, and ``lo <= t < hi``. Frames have no polarity: all events are ON.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from edge_vpr.recordings.source import Columns
 
 _PHASE_BITS = 16
 _GOLDEN = 40503  # 2**16 over the golden ratio, made odd
-#: Events that are expanded at a time, and most events that a microsecond may have.
+#: Events that are expanded at a time, and most events within one microsecond.
 _MOST_EXPANDED, _MOST_AT_ONCE = 1 << 20, 1 << 16
 
 Counts = npt.NDArray[Any]
@@ -38,7 +37,7 @@ Placed = tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]
 def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
     """Place the events of one frame in time.
 
-    Where they are many, the frame is cut into equal times, and each is expanded on its own.
+    A frame of many events is cut into parts of equal duration, which are expanded one by one.
 
     Parameters
     ----------
@@ -57,7 +56,7 @@ def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
     Raises
     ------
     RecordingError
-        If the counts are too many for the time.
+        If there are too many events for the duration of the frame.
     """
     active = np.flatnonzero(counts)
     n = counts[active].astype(np.int64)
@@ -80,7 +79,7 @@ def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
         index = np.arange(pixel.size) + np.repeat(begin - (np.cumsum(some) - some), some)
         shifted = (index << _PHASE_BITS) + np.repeat(phases, some)
         offset = shifted * length // (np.repeat(n, some) << _PHASE_BITS)
-        # a radix sort, where the offsets fit 16 bits
+        # offsets of 16 bits are sorted by radix
         key = offset.astype(np.uint16) if length <= 1 << 16 else offset
         order = np.argsort(key, kind="stable")
         yield lo + offset[order], pixel[order]

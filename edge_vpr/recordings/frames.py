@@ -1,4 +1,4 @@
-"""Count frames: how many events each pixel had in each frame; as events, or as windows.
+"""Count frames: the number of events of each pixel in each frame, as events or as windows.
 
 The expansion to events is in :mod:`edge_vpr.recordings.frame_expansion`.
 """
@@ -37,23 +37,25 @@ _BLOCK_BYTES = 1 << 20
 
 
 class CountFrames:
-    """Count frames of a ``.npz`` or ``.npy`` file, or of a folder of PNG or ``.npy``.
+    """Count frames of a ``.npz`` or ``.npy`` file, or of a folder of PNG or ``.npy`` files.
 
-    They are read a few at a time.
+    Frames are read a few at a time.
 
     Attributes
     ----------
     path : Path
     sensor : Sensor or None
     pixel_x, pixel_y : ndarray of uint16, shape (J,), or None
-        Where the pixels of a frame lie; row by row for whole frames, None if the file has
+        Position of each pixel of a frame. Whole frames are row by row; None if the file has
         ``counts`` without ``pixel_x`` and ``pixel_y``.
     period : Fraction or None
-        Seconds a frame, if the file (``window_s``) or the folder (``metadata.json``) says.
+        Duration of a frame in seconds, if the file (``window_s``) or the folder (``metadata.json``)
+        states it.
     start_us : int
-        When the first frame begins, on the clock that the folder's ``metadata.json`` names; else 0.
+        Time at which the first frame begins, on the clock of the folder's ``metadata.json``; 0
+        without it.
     n_frames, n_pixels : int
-        F and J.
+        Number F of frames, and number J of pixels.
     """
 
     def __init__(self, path: Path) -> None:
@@ -80,8 +82,8 @@ class CountFrames:
         Raises
         ------
         RecordingError
-            If the frames are damaged or cut off (unless `log` allows that), or hold anything
-            but whole numbers from 0 up.
+            If the frames are damaged or cut off (unless `log` allows that), or hold anything other
+            than whole numbers from 0 up.
         """
         frame = 0
         if self._images:
@@ -109,7 +111,7 @@ class CountFrames:
                     return
 
     def load(self) -> Counts:
-        """All frames, shape ``(F, J)``: the windows themselves."""
+        """Return all frames as windows, shape ``(F, J)``."""
         return np.concatenate(list(self.blocks()))
 
     def _find_images(self) -> None:
@@ -231,7 +233,7 @@ def parse_period(text: str) -> Fraction:
     Raises
     ------
     UsageError
-        If it is no positive number.
+        If it is not a positive number.
     """
     try:
         period = Fraction(text)
@@ -243,7 +245,7 @@ def parse_period(text: str) -> Fraction:
 
 
 class FrameSource(Source):
-    """Count frames, expanded to events by the rule of `frame_expansion`."""
+    """Source of the events of count frames, placed by the rule of `frame_expansion`."""
 
     relative = True
 

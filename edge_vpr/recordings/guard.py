@@ -1,8 +1,8 @@
 """Conversion of all exceptions of parsing libraries to `EdgeVprError`.
 
 The parsers behind the readers (zip, NumPy's headers, HDF5, Arrow, rosbags, Pillow, Rust) raise
-whatever they come across in a damaged file. Readers handle what they expect; this turns all else
-into a :class:`RecordingError` that names the file and the place.
+exceptions of any kind for a damaged file. Readers handle those that they expect; this module
+converts all others to a :class:`RecordingError` that names the file and the place.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, pri
 
 @contextmanager
 def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterator[None]:
-    """Turn any exception of the block into an `EdgeVprError` that names `path`.
+    """Convert any exception of the block to an `EdgeVprError` that names `path`.
 
     Parameters
     ----------
     path : Path
     place : callable
-        Gives the place in the file at the time of the error, as ``" after event 5"``, or "".
+        Returns the place in the file at the time of the error, as ``" after event 5"``, or "".
 
     Raises
     ------
     RecordingError
-        For every exception that is no `EdgeVprError`. Interrupts pass.
+        For every exception that is not an `EdgeVprError`. Interrupts are not converted.
     """
     try:
         yield
@@ -36,9 +36,9 @@ def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterato
     except EdgeVprError as error:
         if printable(str(path)) in str(error):
             raise
-        raise RecordingError(f"{path}: {error}") from error  # about a text within the file
+        raise RecordingError(f"{path}: {error}") from error  # concerns text within the file
     except OSError as error:
-        if error.strerror is None:  # made by a library, and not by the system
+        if error.strerror is None:  # raised by a library, and not by the operating system
             raise _damaged(path, place(), error) from error
         raise RecordingError(
             f"{path} cannot be read{place()}: {error.strerror}: check the path and the disk"
@@ -50,7 +50,7 @@ def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterato
     except Exception as error:
         raise _damaged(path, place(), error) from error
     except BaseException as error:
-        # what a library written in Rust raises when it fails within
+        # a library written in Rust raises this when it fails internally
         if type(error).__name__ != "PanicException":
             raise
         raise _damaged(path, place(), error) from error

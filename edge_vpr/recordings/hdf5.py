@@ -1,7 +1,7 @@
-"""HDF5: Metavision's ``CD/events``, DSEC's ``events/{t,x,y,p}`` with ``t_offset``, and their kin.
+"""HDF5: Metavision's ``CD/events``, DSEC's ``events/{t,x,y,p}`` with ``t_offset``, and similar.
 
-Read with h5py in slices: eventcv reads such files right and in bounded memory too, but guesses the
-sensor where none is stated, and takes three times as long.
+Slices are read with h5py: eventcv reads such files correctly and in bounded memory too, but guesses
+the sensor where none is stated, and takes three times as long.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from edge_vpr.recordings.hdf5_chunks import CheckedDataset
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
-#: Attribute by which our writer keeps the start.
+#: Attribute in which our writer stores the start.
 START = "edge_vpr_start_us"
-#: Most bytes of one compressed chunk when expanded; several are kept, so that none is read twice.
+#: Most bytes of one expanded chunk; several are kept, so that no chunk is read twice.
 _LARGEST_CHUNK = 1 << 25
-#: Most that a column may claim for a byte that the file holds of it: Deflate reaches 1,032.
+#: Largest ratio of a column's stated size to its size in the file: Deflate reaches 1,032.
 _MOST_EXPANSION = 1_100
 
 
 def load_h5py() -> Any:
-    """Import h5py, or name the extra that has it."""
+    """Import h5py, or raise an error that names the extra with it."""
     try:
         import h5py
     except ImportError as error:
@@ -52,7 +52,7 @@ def open_hdf5(path: Path) -> Any:
 
 
 class Hdf5Source(Source):
-    """A group of columns, a compound dataset, or a dataset of columns, wherever it lies."""
+    """Source of a group of columns, a compound dataset, or a dataset of columns, at any place."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._h5py = load_h5py()
@@ -88,7 +88,7 @@ class Hdf5Source(Source):
         self.position = 0.0
 
     def _places(self, file: Any, options: ReadOptions) -> dict[str, dict[str, Any]]:
-        """Where events lie: for each group or dataset, where its t, x, y, p are."""
+        """Return the place of t, x, y and p in each group or dataset of events."""
         places: dict[str, dict[str, Any]] = {}
 
         def visit(name: str, item: Any) -> None:
@@ -105,11 +105,11 @@ class Hdf5Source(Source):
                 places[name] = {c: i for i, c in enumerate(options.columns) if c != "-"}
 
         visit("/", file)
-        file.visititems(visit)  # which does not follow links
+        file.visititems(visit)  # does not follow links
         return places
 
     def _dataset(self, group: Any, name: str) -> Any:
-        """Return the dataset `name` if it lies in the group itself, and not behind a link."""
+        """Return the dataset `name` if it lies in the group itself and is not a link."""
         if isinstance(group.get(name, getlink=True), self._h5py.HardLink):
             item = group[name]
             if isinstance(item, self._h5py.Dataset):
@@ -140,7 +140,7 @@ class Hdf5Source(Source):
                 yield Columns(t + self._offset_us if self._offset_us else t, x, y, p)
 
     def _offset(self, *groups: Any) -> int:
-        """Read DSEC's ``t_offset``: what its times are to be raised by, in microseconds."""
+        """Read DSEC's ``t_offset``, which is added to the times, in microseconds."""
         for group in groups:
             offset = self._dataset(group, "t_offset")
             if offset is not None and not offset.shape:
@@ -149,7 +149,7 @@ class Hdf5Source(Source):
         return 0
 
     def _datasets(self, place: Any) -> dict[str, Any]:
-        """Return the data set of each column, or the one of all columns as ""."""
+        """Return the dataset of each column; a dataset with all columns has the name ""."""
         if isinstance(place, self._h5py.Dataset):
             return {"": place}
         return {name: place[field] for name, field in self._fields.items()}
@@ -176,12 +176,12 @@ class Hdf5Source(Source):
 
 
 def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
-    """Refuse data outside the file, and claims that the file is too small for.
+    """Refuse data outside the file, and stated sizes that are impossible for the file's size.
 
     Returns
     -------
     CheckedDataset
-        By which it is to be read.
+        Reader of the dataset.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
 
 
 def _sensor(file: Any, place: Any) -> Sensor | None:
-    """Size of the sensor out of ``geometry`` or ``width`` and ``height`` attributes."""
+    """Read the size of the sensor from ``geometry``, or from ``width`` and ``height``."""
     for item in (place, place.parent, file):
         geometry = item.attrs.get("geometry")
         if geometry is not None:
@@ -228,7 +228,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 
 def open_sink(path: Path, sensor: Sensor, start_us: int) -> Any:
-    """Open a file to write; see :class:`edge_vpr.recordings.hdf5_writing.Hdf5Sink`."""
+    """Open a file for writing; see :class:`edge_vpr.recordings.hdf5_writing.Hdf5Sink`."""
     from edge_vpr.recordings.hdf5_writing import Hdf5Sink
 
     return Hdf5Sink(path, sensor, start_us)

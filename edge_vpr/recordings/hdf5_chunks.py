@@ -1,9 +1,9 @@
-"""Read the compressed chunks of an HDF5 data set, each checked for its size.
+"""Read the compressed chunks of an HDF5 data set, and check the size of each.
 
 libhdf5 and h5py's LZF filter do not compare the size of an expanded chunk with the size that the
-data set states: one that is too short is read beyond its buffer, and one that is too long takes
-the memory that it asks for. Here each chunk is expanded or measured first. Deflated columns are
-not expanded again by libhdf5, so that the check costs no time.
+data set states: a chunk that is too short is read beyond the end of its buffer, and one that is too
+long takes any amount of memory. Here each chunk is expanded or measured first. libhdf5 does not
+expand deflated columns again, so that the check costs no time.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from numba import njit
 from edge_vpr.errors import RecordingError
 
 _DEFLATE, _SHUFFLE, _FLETCHER32, _LZF = 1, 2, 3, 32_000
-#: Filters from this number on, but for LZF, are plug-ins, which only their user can install.
+#: Filters from this number on, except LZF, are plug-ins, which only the user can install.
 _PLUGINS = 256
-#: Most bytes that a stored chunk has above its expanded size.
+#: Largest excess of a stored chunk's size over its expanded size, in bytes.
 _OVERHEAD = 1 << 16
 
 
 class CheckedDataset:
-    """The rows of one data set, in slices that follow one another.
+    """Rows of one data set, read in consecutive slices.
 
     Parameters
     ----------
     dataset : h5py.Dataset
-        Of one dimension or more.
+        Data set of one dimension or more.
     name : str
-        For messages: file and data set.
+        File and data set, for messages.
 
     Raises
     ------
     RecordingError
-        If a filter is used whose sizes cannot be checked. Filters that are plug-ins of libhdf5 are
-        trusted, as any installed library is.
+        If the data set uses a filter whose sizes cannot be checked. Filters that are plug-ins of
+        libhdf5 are trusted, like any installed library.
     """
 
     def __init__(self, dataset: Any, name: str) -> None:
@@ -56,7 +56,7 @@ class CheckedDataset:
                 "checked: write it again with h5repack -f GZIP=4"
             )
         self._bytes = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
-        #: whether the bytes in the file are the array's own, but for the filters
+        #: whether the bytes in the file are those of the array, apart from the filters
         self._plain = (
             self._filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE])
             and dataset.ndim == 1
@@ -65,7 +65,7 @@ class CheckedDataset:
         self._kept: tuple[int, npt.NDArray[Any] | None] = (-1, None)
 
     def read(self, rows: slice) -> npt.NDArray[Any]:
-        """Return the rows, not more than the data set has.
+        """Return the rows, at most as many as the data set has.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class CheckedDataset:
         return np.concatenate(parts) if self._plain else np.asarray(self._dataset[rows])
 
     def _chunk(self, first: int) -> npt.NDArray[Any] | None:
-        """Check the chunks that begin at a row; the rows of the only one, if they are plain."""
+        """Check the chunks that begin at a row; return the rows if there is one plain chunk."""
         if self._dataset.ndim == 1:
             return self._expand((first,))
         sides = zip(self._dataset.shape[1:], self._dataset.chunks[1:], strict=True)
@@ -99,7 +99,7 @@ class CheckedDataset:
     def _expand(self, at: tuple[int, ...]) -> npt.NDArray[Any] | None:
         info = self._dataset.id.get_chunk_info_by_coord(at)
         if info.byte_offset is None:
-            return None  # never written: libhdf5 gives the fill value
+            return None  # not stored: libhdf5 gives the fill value
         size: int | None = -1
         if info.size <= self._bytes + _OVERHEAD:
             mask, data = self._dataset.id.read_direct_chunk(at)
@@ -108,7 +108,7 @@ class CheckedDataset:
                 return None
             if size == self._bytes:
                 return self._array(mask, expanded) if self._plain else None
-        # A chunk beyond the border may be stored as it is: libhdf5 knows, and refuses if it is not
+        # A chunk beyond the border may be stored unfiltered; if it is not, libhdf5 refuses it
         if size == -1 and info.size == self._bytes and self._at_border(at):
             return None
         raise RecordingError(
@@ -126,9 +126,9 @@ class CheckedDataset:
         Returns
         -------
         size : int or None
-            Of the expanded chunk; -1 if it is damaged, None if only a plug-in knows it.
+            Size of the expanded chunk; -1 if it is damaged, None if only a plug-in can expand it.
         data : bytes
-            The expanded chunk, or the one before LZF.
+            The expanded chunk, or the chunk before LZF.
         """
         more = 0
         for i, number in reversed(list(enumerate(self._filters))):
@@ -173,7 +173,7 @@ def _inflated(data: bytes, most: int) -> bytes | None:
 
 @njit(cache=True, nogil=True)
 def lzf_size(data: npt.NDArray[np.uint8]) -> int:
-    """Return what LZF data expands to; -1 if it is cut off or refers to before its start.
+    """Return the expanded size of LZF data; -1 if it is cut off or refers to before its start.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def lzf_size(data: npt.NDArray[np.uint8]) -> int:
     at, size = 0, 0
     while at < data.size:
         control = int(data[at])
-        if control < 32:  # so many literal bytes, and one more
+        if control < 32:  # this number of literal bytes, plus one
             at += control + 2
             size += control + 1
             continue

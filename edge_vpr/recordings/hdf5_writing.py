@@ -1,9 +1,10 @@
 """Write HDF5 so that a full disk is an error and not a crash.
 
-When a write of the HDF5 library fails, closing the file fails too, and objects that were not
-closed end in a segmentation fault. Here the library writes to a file object that never fails:
-from the first error of the disk on, it keeps what is written in memory. That is little, because
-:meth:`Hdf5Sink.write` raises at the next event, and the library then closes in good order.
+When a write of the HDF5 library fails, closing the file fails too, and objects that were not closed
+cause a segmentation fault. Here the library writes to a file object that never fails: after the
+first error of the disk, it keeps further data in memory. This is little data, because
+:meth:`Hdf5Sink.write` raises at the next event, and the library can then close its objects in
+order.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ _ROW = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
 
 
 class ForgivingFile(io.RawIOBase):
-    """A file for reading and writing whose errors are remembered and not raised.
+    """File for reading and writing that stores its errors instead of raising them.
 
     Parameters
     ----------
     path : Path
-        Made empty.
+        The file is created or emptied.
 
     Attributes
     ----------
@@ -39,7 +40,7 @@ class ForgivingFile(io.RawIOBase):
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)
         self._at = 0
-        self._kept: list[tuple[int, bytes]] = []  # what the disk did not take
+        self._kept: list[tuple[int, bytes]] = []  # data that the disk did not take
         self.error: OSError | None = None
 
     def seekable(self) -> bool:
@@ -55,7 +56,7 @@ class ForgivingFile(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
-        """Move to `offset` bytes from the start, from here, or from the end."""
+        """Move to `offset` bytes from the start, the current place, or the end."""
         base = {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._end()}[whence]
         self._at = base + offset
         return self._at
@@ -84,7 +85,7 @@ class ForgivingFile(io.RawIOBase):
         return len(octets)
 
     def readinto(self, buffer: Any, /) -> int:
-        """Read from the disk, and what it did not take from memory."""
+        """Read from the disk, and from memory the data that the disk did not take."""
         view = memoryview(buffer).cast("B")
         view[:] = bytes(len(view))
         n = 0
@@ -105,13 +106,13 @@ class ForgivingFile(io.RawIOBase):
         """Set the length of the file."""
         size = self._at if size is None else size
         with contextlib.suppress(OSError):
-            # longer is set without taking space; shorter is what the library asks for at its end
+            # a longer size takes no space; the library sets a shorter one at the end
             if self.error is None:
                 self._file.truncate(size)
         return size
 
     def close(self) -> None:
-        """Close the file; an error of the disk shows in :attr:`error`."""
+        """Close the file; :attr:`error` holds an error of the disk."""
         if not self.closed:
             try:
                 self._file.close()
@@ -126,7 +127,7 @@ class Hdf5Sink:
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         h5py = load_h5py()
         self._raw = ForgivingFile(path)
-        # a cache of one chunk, so that a full disk is known soon
+        # a cache of only one chunk, so that a full disk is noticed early
         self._file = h5py.File(self._raw, "w", rdcc_nbytes=_CHUNK_ROWS * _ROW.itemsize)
         self._file.attrs["geometry"] = str(sensor)
         self._file.attrs[START] = start_us
@@ -140,7 +141,7 @@ class Hdf5Sink:
         Raises
         ------
         OSError
-            If the disk did not take these or earlier ones.
+            If the disk did not take these or earlier events.
         """
         for begin in range(0, events.size, _CHUNK_ROWS):
             part = events[begin : begin + _CHUNK_ROWS]
@@ -158,7 +159,7 @@ class Hdf5Sink:
         Raises
         ------
         OSError
-            If the disk did not take all of it.
+            If the disk did not take all data.
         """
         self._file.close()
         self._raw.close()

@@ -32,7 +32,7 @@ STATE_DTYPE = np.dtype([("column", "<i8"), ("row", "<i8"), ("polarity", "?")])
 
 @njit(cache=True, nogil=True)
 def _decode(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """Decode one packet; the number of events, or -1 - i if word i is of an unknown kind."""
+    """Decode one packet; return the number of events, or -1 - i if word i is of an unknown kind."""
     n = 0
     high, low = np.int64(0), np.int64(0)
     column, row, polarity = state.column, state.row, state.polarity
@@ -63,7 +63,7 @@ def _decode(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
 
 
 class LibcaerCmpDecoder:
-    """Decode packet by packet, with column, row and polarity carried over."""
+    """Decode packet by packet; column, row and polarity carry over between packets."""
 
     def __init__(self) -> None:
         self._state = np.rec.array(np.zeros(1, STATE_DTYPE))

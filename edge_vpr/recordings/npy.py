@@ -16,7 +16,7 @@ from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
-#: What this package writes behind the last row, where NumPy does not look.
+#: Text that this package writes behind the last row, where NumPy does not read.
 _TRAILER = "\n# edge-vpr sensor={sensor} start_us={start_us}\n"
 _TRAILER_PATTERN = re.compile(
     rb"\n# edge-vpr sensor=([0-9]{1,5})x([0-9]{1,5}) start_us=(-?[0-9]{1,19})\n"
@@ -25,7 +25,7 @@ _LONGEST_TRAILER = 80
 
 
 class NpySource(Source):
-    """Events in one array: named fields, or columns in the order ``t, x, y, p``."""
+    """Source of events in one array: named fields, or columns in the order ``t, x, y, p``."""
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
@@ -59,7 +59,7 @@ def column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]
     Raises
     ------
     RecordingError
-        If the array has neither.
+        If the array has neither fields nor columns of events.
     """
     if stream.dtype.names is not None and len(stream.shape) == 1:
         fields = match_columns(stream.dtype.names)
@@ -94,7 +94,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 
 def _read_trailer(file: IO[bytes], stream: ArrayStream) -> tuple[Sensor | None, int | None]:
-    """Read sensor and start, if the file ends with them right behind the last row."""
+    """Read sensor and start if they directly follow the last row at the end of the file."""
     end = stream.header_bytes + stream.shape[0] * stream.row_bytes if stream.shape else 0
     file.seek(0, 2)
     if 0 < file.tell() - end <= _LONGEST_TRAILER:
@@ -107,8 +107,8 @@ def _read_trailer(file: IO[bytes], stream: ArrayStream) -> tuple[Sensor | None, 
 class NpySink:
     """Write events as one structured array of :data:`EVENT_DTYPE`.
 
-    Sensor and start follow the last row as a line of text. NumPy reads as much as the header says
-    and does not mind.
+    Sensor and start follow the last row as a line of text. NumPy reads as many bytes as the header
+    states and ignores the rest.
     """
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int, *, trailer: bool = True) -> None:
@@ -118,7 +118,7 @@ class NpySink:
         self._write_header()
 
     def _write_header(self) -> None:
-        # numpy pads the header so that the row count may grow in place
+        # numpy pads the header so that the number of rows can grow in place
         np.lib.format.write_array_header_1_0(
             self._file,
             {

@@ -1,4 +1,4 @@
-"""``.npz``: the project's own event archive, and others' archives of events."""
+"""``.npz``: the project's own event archive, and event archives of other projects."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LONGEST_LIST, _LARGEST = 1 << 20, 1 << 26
 
 
 class _Bounded(io.BufferedReader):
-    """A file that refuses single reads above a limit, such as of a list of members."""
+    """File that refuses single reads above a limit, for example of a list of members."""
 
     limit = _LONGEST_LIST
 
@@ -44,15 +44,15 @@ class _Bounded(io.BufferedReader):
 
 
 class Archive:
-    """A ``.npz`` file whose arrays are read as streams, never whole.
+    """Archive of a ``.npz`` file, whose arrays are read as streams and never whole.
 
     Raises
     ------
     RecordingError
-        If the archive is damaged, lists more than a megabyte of members, or is compressed by
-        another method than Deflate, which NumPy does not write.
+        If the archive is damaged, lists more than a megabyte of members, or is compressed by a
+        method other than Deflate, which NumPy does not write.
     UsageError
-        If it is a map or another result, whose arrays have the names of a recording's.
+        If it is a map or another result, whose arrays have the same names as those of a recording.
     """
 
     def __init__(self, path: Path) -> None:
@@ -98,7 +98,7 @@ class Archive:
         return array
 
     def scalar(self, *names: str) -> float | int | None:
-        """First of the single numbers `names` that is there."""
+        """Return the first of the single numbers `names` that the archive has."""
         for name in names:
             if name in self.names:
                 values = self.small(name)
@@ -112,7 +112,7 @@ class Archive:
             return self.stream(name, stack).load(_LARGEST)
 
     def sensor(self) -> Sensor | None:
-        """Size of the sensor, if the archive says it."""
+        """Size of the sensor, if the archive states it."""
         for name in ("sensor", "sensor_size", "resolution"):
             if name in self.names:
                 size = self.small(name)
@@ -124,7 +124,7 @@ class Archive:
 
 
 class NpzSource(Source):
-    """Events in ``events`` (structured), or in ``t``, ``x``, ``y``, ``p``, one array each."""
+    """Source of the array ``events`` (structured), or of the arrays ``t``, ``x``, ``y``, ``p``."""
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
@@ -141,7 +141,7 @@ class NpzSource(Source):
 
     def _columns(self, archive: Archive, stack: ExitStack, log: FaultLog) -> Iterator[Columns]:
         names = match_columns(archive.names)
-        assert names is not None  # the registry has seen t, x and y
+        assert names is not None  # the registry has found t, x and y
         streams = {column: archive.stream(name, stack) for column, name in names.items()}
         shapes = {stream.shape for stream in streams.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
@@ -197,7 +197,8 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 class NpzSink:
     """Write ``events``, ``sensor``, ``start_us`` and ``schema``, uncompressed.
 
-    Deflate would halve the file and read six times slower than it is matched.
+    Deflate would halve the size of the file, but reading it would take six times longer than
+    matching.
     """
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
@@ -207,7 +208,7 @@ class NpzSink:
             "start_us": np.array(start_us, np.int64),
             "schema": np.array(SCHEMA, np.int64),
         }
-        # the archive wants the array's size before its first row
+        # the archive needs the size of the array before its first row
         self._rows = path.with_name(path.name + ".rows")
         self._sink = NpySink(self._rows, sensor, start_us, trailer=False)
 

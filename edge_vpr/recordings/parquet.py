@@ -1,4 +1,4 @@
-"""Apache Parquet, as the paper's authors publish their data sets."""
+"""Apache Parquet, the format of the data sets of the paper's authors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edge_vpr.recordings.table import match_columns, tidy
 
 _SENSOR, _START = b"edge_vpr.sensor", b"edge_vpr.start_us"
 _BUFFER_BYTES = 1 << 20
-#: Most bytes of a page; it comes into memory whole, and writers make pages of about 1 MB.
+#: Most bytes of a page. A page is read whole; usual writers make pages of about 1 MB.
 _LARGEST_PAGE = 1 << 27
 
 
@@ -29,10 +29,10 @@ def _pyarrow() -> Any:
 
 
 class ParquetSource(Source):
-    """Columns t, x, y and p, read in batches.
+    """Source of the columns t, x, y and p, read in batches.
 
-    Neither pre-buffering nor memory mapping: with either, a file of one large row group would
-    come into memory whole.
+    Pre-buffering and memory mapping are off: with either, a file of one large row group would be
+    held in memory whole.
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -67,7 +67,7 @@ class ParquetSource(Source):
             ) from error
 
     def _check_types(self, path: Path, schema: Any) -> None:
-        """Refuse columns of texts and lists, whose values are of any length."""
+        """Refuse columns of text and lists, whose values can have any length."""
         types = self._pyarrow.types
         for name in self._names.values():
             kind = schema.field(name).type
@@ -117,7 +117,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 
 class ParquetSink:
-    """Write t (int64 us), x, y (uint16) and p (bool); sensor and start stand in the metadata."""
+    """Write t (int64 us), x, y (uint16) and p (bool), with sensor and start in the metadata."""
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         pyarrow = self._pyarrow = _pyarrow()
@@ -130,7 +130,7 @@ class ParquetSink:
             ],
             metadata={_SENSOR: str(sensor).encode(), _START: str(start_us).encode()},
         )
-        # times differ little from one to the next, which this encoding is made for
+        # this encoding is made for values such as times, which differ little from one to the next
         self._writer = pyarrow.parquet.ParquetWriter(
             path,
             self._schema,

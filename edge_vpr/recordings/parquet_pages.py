@@ -1,10 +1,10 @@
 """Places and sizes of the pages of a Parquet file, read before Arrow reserves memory for them.
 
-Arrow believes the size that a page's header states, up to 2 GiB; and pyarrow ends the process where
-the statistics of a column chunk do not fit its schema, so that it is not asked where the chunk
-lies. Footer and page headers are structures in Thrift's compact protocol: a byte of type and field
-number before each value, integers as zigzag varints (parquet.apache.org, "File Format"; Apache
-Thrift, "Compact Protocol").
+Arrow trusts the size that a page's header states, up to 2 GiB. pyarrow ends the process where the
+statistics of a column chunk do not fit its schema; it is therefore not asked for the position of
+the chunk. Footer and page headers are structures of Thrift's compact protocol: a byte with type and
+field number before each value, and integers as zigzag varints (parquet.apache.org, "File Format";
+Apache Thrift, "Compact Protocol").
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import IO, Any, NamedTuple
 
-_LONGEST_HEADER = 1 << 16  # statistics are part of it
+_LONGEST_HEADER = 1 << 16  # includes statistics
 _DEEPEST = 8
 _UNCOMPRESSED, _COMPRESSED = 2, 3  # fields of PageHeader
 # fields of FileMetaData, RowGroup, ColumnChunk and ColumnMetaData
@@ -24,7 +24,7 @@ Wanted = Mapping[int, Callable[[int], Any]]
 
 
 class Page(NamedTuple):
-    """Place of one page in the file, and its sizes in bytes without the header."""
+    """Position of one page in the file, and its sizes in bytes without the header."""
 
     at: int
     compressed: int
@@ -32,7 +32,7 @@ class Page(NamedTuple):
 
 
 class ColumnChunk(NamedTuple):
-    """One column of one row group: its name, and where its pages begin and end."""
+    """One column of one row group: its name, and the position of its pages."""
 
     name: str
     begin: int
@@ -40,7 +40,7 @@ class ColumnChunk(NamedTuple):
 
 
 def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
-    """Read from the footer where all column chunks lie.
+    """Read the positions of all column chunks from the footer.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
             told = each.get(_METADATA, {})
             if _PATH not in told or _SIZE not in told or _DATA_PAGE not in told:
                 raise ValueError("a column chunk does not say where it lies")
-            # 0 and None both say that there is no dictionary
+            # 0 and None both mean that there is no dictionary
             begin = min(told.get(_DICTIONARY_PAGE) or told[_DATA_PAGE], told[_DATA_PAGE])
             if begin < 0 or told[_SIZE] < 0:
                 raise ValueError(f"a column chunk lies at byte {begin:,}")
@@ -86,13 +86,13 @@ def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
 
 
 def read_pages(file: IO[bytes], begin: int, end: int) -> list[Page]:
-    """Read the headers of all pages between two places of a file.
+    """Read the headers of all pages between two positions in a file.
 
     Parameters
     ----------
     file : binary file
     begin, end : int
-        Where a column chunk begins and ends.
+        Begin and end of a column chunk.
 
     Returns
     -------
@@ -117,14 +117,14 @@ def read_pages(file: IO[bytes], begin: int, end: int) -> list[Page]:
 
 
 class _Thrift:
-    """Reads integers of a structure and what is wanted of it, and skips all else."""
+    """Reads the integers and the wanted fields of a structure, and skips all others."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
         self.at = 0
 
     def structure(self, depth: int = 0, wanted: Wanted | None = None) -> dict[int, Any]:
-        """Read one structure; its integers, and what `wanted` reads by type, by field number."""
+        """Read one structure; return its integers and the fields in `wanted`, by field number."""
         if depth > _DEEPEST:
             raise ValueError("a structure is nested too deeply")
         fields: dict[int, Any] = {}
@@ -146,13 +146,13 @@ class _Thrift:
         return self.structure(depth, wanted)
 
     def elements(self, kind: int, read: Callable[[int], Any]) -> list[Any]:
-        """Read a list, each element by `read`, which is given its type."""
+        """Read a list by calling `read` with the elements' type once for each element."""
         _expect(kind, _LIST)
         head = self._byte()
         return [read(head & 15) for _ in range(self._count(head >> 4))]
 
     def text(self, kind: int) -> str:
-        """Read a text."""
+        """Read a string."""
         _expect(kind, _BINARY)
         length = self._varint()
         self.at += length
@@ -160,7 +160,7 @@ class _Thrift:
 
     def _skip(self, kind: int, depth: int, *, element: bool = False) -> None:
         if kind in (1, 2):
-            self.at += element  # a field's value is its type
+            self.at += element  # the type byte of a boolean field is also its value
         elif kind == 3:
             self.at += 1
         elif kind in (4, 5, 6):
@@ -168,7 +168,7 @@ class _Thrift:
         elif kind == 7:
             self.at += 8
         elif kind == 8:
-            length = self._varint()  # which moves the place itself
+            length = self._varint()  # also advances `at`
             self.at += length
         elif kind in (9, 10):
             head = self._byte()

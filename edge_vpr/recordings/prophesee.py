@@ -10,8 +10,8 @@ from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
 
 #: Sensor sizes of files older than the header's ``format`` and ``geometry`` lines: the driver's
-#: name says which sensor it drove, and each of these has one size (Prophesee's Metavision SDK
-#: settles such files in the same way).
+#: name identifies the sensor, and each of these sensors has one size (Prophesee's Metavision SDK
+#: decides in the same way).
 _PLUGINS = (
     (r"_gen3(1)?_", Sensor(640, 480)),
     (r"_gen4(1)?_", Sensor(1280, 720)),
@@ -21,19 +21,19 @@ _PLUGINS = (
 _VERSIONS = {"2": "evt2", "2.0": "evt2", "2.1": "evt21", "3": "evt3", "3.0": "evt3"}
 _FORMATS = {"EVT2": "evt2", "EVT21": "evt21", "EVT3": "evt3"}
 
-#: Header field by which our writers keep ``start_us``; it says that times count from the start.
+#: Header field in which our writers store ``start_us``; with it, times count from the start.
 START_FIELD = "edge_vpr_start_us"
 
 
 class Header(NamedTuple):
-    """What the lines that begin with ``%`` say."""
+    """Content of the lines that begin with ``%``."""
 
     fields: dict[str, str]
     n_bytes: int
 
     @property
     def encoding(self) -> str | None:
-        """Name of the format, None if no line says."""
+        """Name of the format; None if no line states it."""
         if "format" in self.fields:
             return _FORMATS.get(self.fields["format"].split(";")[0].strip().upper())
         if "evt" in self.fields:
@@ -43,7 +43,7 @@ class Header(NamedTuple):
 
     @property
     def sensor(self) -> Sensor | None:
-        """Size of the sensor; None if no line says."""
+        """Size of the sensor; None if no line states it."""
         options = self._options
         width = options.get("width") or self.fields.get("Width")
         height = options.get("height") or self.fields.get("Height")
@@ -61,7 +61,7 @@ class Header(NamedTuple):
 
     @property
     def start_us(self) -> int | None:
-        """Where t = 0 lies on an outer clock, if edge-vpr wrote the file."""
+        """Time t = 0 on an outer clock, if edge-vpr wrote the file; else None."""
         text = self.fields.get(START_FIELD, "")
         return int(text) if re.fullmatch(r"-?\d+", text) else None
 
@@ -77,13 +77,14 @@ class Header(NamedTuple):
 def parse_header(head: bytes) -> Header:
     """Read the header lines at the beginning of a file.
 
-    A line is text and begins with ``%``; the first that does not, or ``% end``, ends the header.
+    Header lines are text and begin with ``%``. The header ends before the first other line, or
+    after ``% end``.
     """
     fields: dict[str, str] = {}
     at = 0
     while head[at : at + 2] == b"% ":
         line, newline, _ = head[at:].partition(b"\n")
-        # data may begin with the byte of "%": no header line is that long or that odd
+        # data may begin with the byte of "%", but no header line has such a length or such bytes
         if not newline or not line.rstrip(b"\r").isascii() or b"\0" in line:
             break
         at += len(line) + 1
@@ -101,7 +102,7 @@ def read_header(path: Path) -> Header:
 
 
 def encoding_of(head: bytes) -> str | None:
-    """Name the format of a file that begins with ``%``; None if its header does not say."""
+    """Return the format of a file that begins with ``%``; None if its header does not state it."""
     header = parse_header(head)
     if header.encoding is None and ("format" in header.fields or "evt" in header.fields):
         named = header.fields.get("format") or header.fields.get("evt")
@@ -112,7 +113,7 @@ def encoding_of(head: bytes) -> str | None:
 
 
 def header_lines(encoding: str, sensor: Sensor, start_us: int) -> bytes:
-    """Header of a file that we write; `encoding` is ``"evt2"`` or ``"dat"``."""
+    """Return the header of a file that we write; `encoding` is ``"evt2"`` or ``"dat"``."""
     width, height = sensor
     lines = {
         "evt2": ["evt 2.0", f"format EVT2;height={height};width={width}", f"geometry {sensor}"],

@@ -14,15 +14,15 @@ from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.source import Source
 from edge_vpr.recordings.time_crop import TimeCrop, cropped_events
 
-#: Lowest and highest rate of a moving camera, in events/s, and the fewest events to judge by.
+#: Lowest and highest rate of a moving camera in events/s, and fewest events for a check.
 _SLOWEST, _FASTEST, _FEWEST = 1_000.0, 2e9, 1_000
 
 
 class Recording:
-    """Iterate over event arrays: never empty, in time order, inside the sensor.
+    """Iterable of event arrays that are never empty, in time order, and inside the sensor.
 
-    Each ``iter()`` starts at the first event and resets `faults` and `position`; memory
-    does not grow with the length of the file.
+    Each ``iter()`` starts at the first event and resets `faults` and `position`. Memory does not
+    grow with the length of the file.
 
     Attributes
     ----------
@@ -31,12 +31,12 @@ class Recording:
         Short name, as in :data:`edge_vpr.recordings.FORMATS`.
     sensor : Sensor
     start_us : int
-        The moment t = 0 on the file's own clock, in microseconds: the Unix epoch where the file
-        has wall-clock time (ROS, AEDAT4), the camera's clock otherwise.
+        Time t = 0 on the file's own clock, in microseconds: since the Unix epoch if the file has
+        wall-clock time (ROS, AEDAT4), else on the camera's clock.
     faults : Faults
-        What the newest pass has dropped so far.
+        Entries that the newest pass has dropped so far.
     remark : str
-        What is implausible about the unit of its times, where the file does not say it; else "".
+        Reason why the unit of the times is implausible, if the file does not state it; else "".
     """
 
     def __init__(self, source: Source, format_name: str, on_fault: str = "error") -> None:
@@ -57,7 +57,7 @@ class Recording:
 
     @property
     def position(self) -> float | None:
-        """Share of the file that the newest pass has read, 0 to 1; None where it is not known."""
+        """Share of the file that the newest pass has read, 0 to 1; None if it is not known."""
         return self._source.position
 
     def __iter__(self) -> Iterator[Events]:
@@ -66,7 +66,7 @@ class Recording:
         return self._walk(log) if self._span == (0, None) else self._cropped(log)
 
     def cropped(self, crop: TimeCrop) -> Recording:
-        """Return the part of this recording between two moments; its time begins with the part.
+        """Return the part between two moments; its times count from the part's beginning.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class Recording:
         Returns
         -------
         Recording
-            Of the same file, with `start_us` at the part's beginning. A pass over a part without
+            Part of the same file, with `start_us` at its beginning. A pass over a part without
             events raises RecordingError.
 
         Raises
@@ -116,7 +116,7 @@ class Recording:
             )
 
     def _find_start(self) -> tuple[int, int]:
-        """Read up to the first good event, so that an empty file is known at once."""
+        """Read up to the first good event, so that an empty file is noticed at once."""
         log = FaultLog(
             self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
         )
@@ -141,7 +141,7 @@ class Recording:
 
 
 def _doubt(events: Events) -> str:
-    """Return why the rate of the first events is implausible; "" if it is not."""
+    """Return why the rate of the first events is implausible; "" if it is plausible."""
     n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
     if n < _FEWEST or not duration_us:
         return ""

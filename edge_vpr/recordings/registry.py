@@ -19,10 +19,10 @@ from edge_vpr.recordings.source import CHUNK_EVENTS, ReadOptions, Source
 
 @dataclass(frozen=True)
 class Format:
-    """A file format and the module that reads (and perhaps writes) it.
+    """File format, and the module that reads (and perhaps writes) it.
 
-    The module is imported when the first such file is opened. It has ``open_source(path,
-    options, format_name)`` and, where `writable`, ``open_sink(path, sensor, start_us)``.
+    The module is imported when the first such file is opened. It has a function ``open_source(path,
+    options, format_name)`` and, if `writable`, ``open_sink(path, sensor, start_us)``.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Format:
     writable: bool = False
 
 
-#: Every format, by its short name (what ``--format`` takes).
+#: All formats by their short names, which ``--format`` takes.
 FORMATS: dict[str, Format] = {
     entry.name: entry
     for entry in (
@@ -74,18 +74,18 @@ def open_recording(
     path : str or Path
         A file; a folder for a ROS 2 bag or for count frames.
     format : str, optional
-        A name out of :data:`FORMATS`; found from content and suffix if absent.
+        A name from :data:`FORMATS`; found from content and suffix if absent.
     sensor : Sensor, optional
-        For files that do not say how large their sensor is. It is never guessed.
+        For files that do not state the size of their sensor. It is never guessed.
     on_fault : {"error", "drop"}
-        Whether time running backwards, pixels off the sensor, unreadable entries and a cut-off
-        end raise, or are left out and counted in ``Recording.faults``.
+        Whether faults raise, or are left out and counted in ``Recording.faults``. Faults are time
+        running backwards, pixels off the sensor, unreadable entries and a cut-off end.
     frame_period : Fraction, optional
-        Seconds a frame, for count frames that do not say.
+        Seconds a frame, for count frames that do not state it.
     chunk_events : int
-        Events a chunk, about.
+        Approximate number of events in a chunk.
     topic : str, optional
-        The topic of a ROS bag, or the stream of an AEDAT4 file, where there are several.
+        Topic of a ROS bag, or stream of an AEDAT4 file, if there are several.
     time_unit : {"s", "ms", "us", "ns"}, optional
         For tables (csv, parquet, npy, npz, HDF5) whose unit is neither stated nor the usual one.
     columns : str, optional
@@ -154,7 +154,7 @@ def sniff(path: Path) -> str:
         return "frames"
     if name is None:
         suffix = path.suffix.lower()
-        # these have no signature of their own; all others would have been known by it
+        # these formats have no signature; the first bytes identify all others
         if suffix in (".csv", ".txt") and b"\0" not in head:
             return "csv"
         if suffix == ".dat" and head.startswith(b"%"):
@@ -204,7 +204,7 @@ def _dimensions(head: bytes, path: Path) -> int:
     try:
         return len(ArrayStream(io.BytesIO(head), str(path)).shape)
     except RecordingError:
-        return 0  # its reader says what is wrong
+        return 0  # the format's reader reports the fault
 
 
 def _sniff_zip(path: Path) -> str:

@@ -19,16 +19,16 @@ from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.rosbag_file import Bag
 from edge_vpr.recordings.source import Columns, ReadOptions, Source
 
-#: Message types of one structure an event, and of packets of a camera's own words.
+#: Message types with one structure for each event, and those with a camera's own words.
 _ARRAYS = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
 _PACKETS = ("event_camera_msgs/msg/EventPacket", "event_array_msgs/msg/EventArray")
 
 
 class BagSource(Source):
-    """The messages of one topic.
+    """Source of the messages of one topic.
 
-    Times of event arrays are wall-clock times. Packets have the camera's clock; there the start is
-    the time stamp of the first packet, which lines up with other topics and with GPS.
+    Times of event arrays are wall-clock times. Packets have the camera's clock; their start is the
+    time stamp of the first packet, which fits those of other topics and of GPS.
     """
 
     def __init__(self, path: Path, options: ReadOptions, ros: int) -> None:

@@ -1,4 +1,4 @@
-"""Expand ROS 2 bags of compression mode ``file`` with limits, which rosbags does without."""
+"""Expansion of ROS 2 bags of compression mode ``file`` with limits, which rosbags lacks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from edge_vpr.errors import RecordingError
 from edge_vpr.recordings.decompression import DecompressionError, expand_file, zstd_decompressor
 from edge_vpr.whole_files import work_folder
 
-#: What the files of a bag may expand to: so many bytes, or so many times what they hold.
+#: Limits of the expanded size: this number of bytes, or this multiple of the files' size.
 LEAST_BYTES, MOST_EXPANSION = 1 << 28, 32
 _LISTING = "metadata.yaml"
 
@@ -26,7 +26,7 @@ def expand_bag(folder: Path, owner: object) -> Path:
     folder : Path
         With a ``metadata.yaml`` that rosbags can read.
     owner : object
-        The temporary folder is removed with it, or at the end of Python.
+        The temporary folder is removed with this object, or when Python ends.
 
     Returns
     -------
@@ -47,12 +47,12 @@ def expand_bag(folder: Path, owner: object) -> Path:
     compressed = str(facts.get("compression_mode", "")).lower() == "file"
     if not compressed or facts.get("compression_format") != "zstd":
         return folder
-    # rosbags takes the last part of a path alone
+    # rosbags uses only the last part of a path
     paths = [folder / PurePath(name).name for name in facts["relative_file_paths"]]
     held = sum(path.stat().st_size for path in set(paths))
     left = max(LEAST_BYTES, MOST_EXPANSION * held)
     stack = ExitStack()
-    # what a killed run leaves there is cleared by the next one
+    # the next run removes what a killed run leaves there
     target = stack.enter_context(work_folder(Path(tempfile.gettempdir()) / folder.name))
     weakref.finalize(owner, stack.close)
     names = []
@@ -76,7 +76,7 @@ def _expanded(path: Path, limit: int) -> Iterator[bytes]:
 
 
 def _write(path: Path, parts: Iterator[bytes]) -> int:
-    """Write the parts; their size."""
+    """Write the parts, and return their total size."""
     size = 0
     with path.open("wb") as file:
         for part in parts:

@@ -14,13 +14,13 @@ from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError
 from edge_vpr.recordings.decompression import bzip2, lz4, zstd
 from edge_vpr.recordings.rosbag_expansion import expand_bag
 
-#: rosbags' names of what a file of a ROS 2 bag is, by its suffix.
+#: rosbags' names of the storage formats of ROS 2 bags, by suffix.
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 _LONGEST_METADATA = 1 << 22
 
 
 class _BoundedFile(io.BufferedReader):
-    """A file of which no read asks for more than there is: rosbags believes announced sizes."""
+    """File whose reads are limited to the rest of the file: rosbags trusts announced sizes."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         left = max(0, os.fstat(self.fileno()).st_size - self.tell())
@@ -28,17 +28,17 @@ class _BoundedFile(io.BufferedReader):
 
 
 class _BoundedPath(type(Path())):  # type: ignore[misc]  # of the platform's own kind
-    """A path whose files are :class:`_BoundedFile`."""
+    """Path that opens its files as :class:`_BoundedFile`."""
 
     def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
-        """Open the file; for reading bytes, with bounded reads."""
+        """Open the file; reads of bytes are bounded."""
         if mode != "rb":
             return super().open(mode, *args, **options)
         return _BoundedFile(super().open(mode, buffering=0))
 
 
 class Bag:
-    """A bag of either kind.
+    """ROS 1 or ROS 2 bag.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Bag:
 
     @contextmanager
     def open(self) -> Iterator[Any]:
-        """Open the bag with rosbags, with a limit on what its parts may expand to."""
+        """Open the bag with rosbags, with a limit on the expanded size of its parts."""
         if self.ros == 2:
             _limit_mcap()
         with self._rosbags.Reader(_BoundedPath(self._place)) as reader:
@@ -72,14 +72,14 @@ class Bag:
             yield reader
 
     def messages(self, reader: Any, topic: str) -> Iterator[bytes]:
-        """Yield the messages of a topic, serialised."""
+        """Yield the serialised messages of a topic."""
         connections = [c for c in reader.connections if c.topic == topic]
         for _, _, data in reader.messages(connections=connections):
             yield self._expand(data)
 
     @contextmanager
     def errors(self) -> Iterator[None]:
-        """Turn what rosbags' parsers raise into a RecordingError with a remedy."""
+        """Convert exceptions of rosbags' parsers to a RecordingError with a remedy."""
         try:
             yield
         except EdgeVprError:
@@ -90,7 +90,7 @@ class Bag:
             raise _unreadable(self.path, self.ros, error) from error
 
     def _take_over(self, reader: Any) -> Callable[[bytes], bytes]:
-        """Return how messages are decompressed, which rosbags would do without a limit."""
+        """Return the function that decompresses messages; rosbags would do it without a limit."""
         storage = getattr(reader, "storage", None)
         mode = getattr(getattr(storage, "metadata", None), "compression_mode", None)
         if mode != "message" or storage is None:
@@ -109,8 +109,8 @@ def _load(ros: int) -> Any:
 def _place(path: Path) -> Path:
     """Return the path that rosbags opens: the folder of a bag, or a single file of it.
 
-    A file is opened with the others of its bag where ``metadata.yaml`` lists it. Where that is
-    absent or cannot be used, the file is opened on its own.
+    A file is opened with the others of its bag if ``metadata.yaml`` lists it. If this is absent or
+    cannot be used, the file is opened on its own.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def _metadata_fault(listing: Path) -> str:
         facts = YAML(typ="safe").load(listing.read_text("utf-8"))["rosbag2_bagfile_information"]
         storage, names = facts["storage_identifier"], facts["relative_file_paths"]
         suffixes = {Path(name).suffix for name in names}
-    except Exception as error:  # the parser raises what it comes across
+    except Exception as error:  # the parser raises exceptions of many kinds
         return f"is damaged ({type(error).__name__}: {error})"
     if storage not in _STORAGES.values():
         return f"has the storage identifier {storage!r}, and not {' or '.join(_STORAGES.values())}"
@@ -156,7 +156,7 @@ def _metadata_fault(listing: Path) -> str:
 
 
 def _limit_mcap() -> None:
-    """Give rosbags' decompressors of MCAP chunks a limit; it has none of its own."""
+    """Give rosbags' decompressors of MCAP chunks a limit; they have none of their own."""
     storage = import_module("rosbags.rosbag2.storage_mcap")
     for name, limited in (("lz4", lz4("MCAP", "ros")), ("zstd", zstd("MCAP", "ros"))):
         storage.DECOMPRESSORS[name] = lambda data, _, limited=limited: limited(data)

@@ -1,4 +1,4 @@
-"""What one reader gives: raw columns in the file's own clock, unchecked."""
+"""Interface of readers: unchecked raw columns on the file's own clock."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from edge_vpr.events import LONGEST_SIDE, Sensor
 if TYPE_CHECKING:
     from edge_vpr.recordings.faults import FaultLog
 
-#: Events in one chunk, about: 64 Ki events are 850 kB, which stay in a core's second-level cache.
+#: Approximate events of one chunk: 64 Ki events are 850 kB, which stay in a core's second-level
+#: cache.
 CHUNK_EVENTS = 1 << 16
 
 
 class Columns(NamedTuple):
     """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
 
-    Times are whole microseconds of the file's own clock, wraps resolved; they may run backwards,
-    and coordinates may lie off the sensor (or be negative): :mod:`edge_vpr.recordings.faults`
-    decides. A column may be a view into a buffer that the next chunk overwrites.
+    Times are whole microseconds of the file's own clock without wraps. They may run backwards, and
+    coordinates may lie off the sensor (or be negative): :mod:`edge_vpr.recordings.faults` handles
+    such events. A column may be a view into a buffer that the next chunk overwrites.
     """
 
     t: npt.NDArray[Any]
@@ -37,7 +38,7 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What the caller knows and a file may not say."""
+    """Options of the caller for what a file may not state."""
 
     sensor: Sensor | None = None
     frame_period: Fraction | None = None
@@ -48,22 +49,22 @@ class ReadOptions:
 
 
 class Source(ABC):
-    """One reader of one file.
+    """Reader of one file.
 
     Attributes
     ----------
     path : Path
     sensor : Sensor or None
-        As the file says it, else as the caller says it; None where neither does.
+        As stated by the file, else by the caller; None if neither states it.
     start_us : int or None
-        Where the file itself says which moment is t = 0, that moment on the file's clock in
-        microseconds; None where the first event is the start.
+        Time t = 0 on the file's clock in microseconds, if the file itself states it; None if the
+        first event is the start.
     relative : bool
         True if the times already count from the start.
     position : float or None
-        Share of the file that has been read, 0 to 1; None where it is not known.
+        Share of the file that has been read, 0 to 1; None if it is not known.
     unit_assumed : bool
-        True if neither the file nor the caller says in which unit the times are.
+        True if neither the file nor the caller states the unit of the times.
     """
 
     start_us: int | None = None
@@ -90,5 +91,5 @@ class Source(ABC):
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events from the first on, in file order, about ``chunk_events`` at a time.
 
-        What cannot be decoded at all is told to `log`, which raises or counts.
+        Entries that cannot be decoded are reported to `log`, which raises or counts.
         """

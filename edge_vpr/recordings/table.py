@@ -15,7 +15,7 @@ from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import Columns
 
-#: Other names that the columns go by in published files.
+#: Other names of the columns in published files.
 ALIASES = {
     "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "t_us", "time_us"),
     "x": ("x", "xs", "col", "column", "x_coordinate"),
@@ -34,12 +34,12 @@ _NS_PER_DATETIME = {
     "fs": Fraction(1, 10**6),
     "as": Fraction(1, 10**9),
 }
-#: Coordinates that are no whole number below this are no coordinates.
+#: Coordinates must be whole numbers below this.
 _FARTHEST = float(1 << 31)
 
 
 def match_columns(names: Iterable[str]) -> dict[str, str] | None:
-    """Map t, x, y (and p, if there) to the names that a table uses; None if one is absent."""
+    """Map t, x, y (and p, if present) to the names in a table; None if one of t, x, y is absent."""
     by_lower = {name.strip().lower(): name for name in names}
     found = {}
     for column, aliases in ALIASES.items():
@@ -60,13 +60,13 @@ def microseconds(
     times : ndarray, shape (n,)
         Integers, floating-point numbers, datetime64 or timedelta64.
     unit : {"s", "ms", "us", "ns"} or None
-        None takes floating-point times as seconds, whole numbers as microseconds: what the
-        published data sets do. The unit of datetime64 and timedelta64 is their own.
+        With None, floating-point times are in seconds and whole numbers in microseconds, as in the
+        published data sets. datetime64 and timedelta64 have their own unit.
 
     Returns
     -------
     us : ndarray of int64, shape (n,)
-        0 where there is no time.
+        0 if there is no time.
     known : ndarray of bool, shape (n,)
         False for NaN, NaT, and times beyond 2**60 us.
 
@@ -77,8 +77,9 @@ def microseconds(
 
     Notes
     -----
-    Seconds are rounded to the nearest microsecond. Times since 1970 in float64 seconds resolve
-    0.24 us, so that this recovers the microsecond that was written. Nanoseconds round down.
+    Seconds are rounded to the nearest microsecond. Times since 1970 in float64 seconds have a
+    resolution of 0.24 us, so that this gives the microsecond that was written. Nanoseconds are
+    rounded down.
     """
     ns = Fraction(_NS_PER_UNIT[unit or ("s" if times.dtype.kind == "f" else "us")])
     missing = None
@@ -108,7 +109,7 @@ def microseconds(
 def tidy(
     columns: dict[str, npt.NDArray[Any]], unit: str | None, log: FaultLog, entry: int
 ) -> Columns:
-    """Turn columns of any dtype to integer ones, leaving out rows that hold no number.
+    """Convert columns of any dtype to integers, without the rows that hold no number.
 
     Parameters
     ----------
@@ -123,7 +124,8 @@ def tidy(
     Raises
     ------
     RecordingError
-        If a column holds anything but real numbers or times, or the log does not allow a fault.
+        If a column holds anything other than real numbers or times, or `log` does not allow a
+        fault.
     """
     if "p" not in columns:
         columns = columns | {"p": np.ones(columns["t"].shape, dtype=bool)}
@@ -159,7 +161,7 @@ def tidy(
 
 
 def _on(polarity: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    # a byte of a file may be neither 0 nor 1, which NumPy does not expect of a boolean
+    # a byte of a file may be neither 0 nor 1, which NumPy does not handle in booleans
     if polarity.dtype.kind == "b":
         polarity = np.ascontiguousarray(polarity).view(np.uint8)
     return polarity > 0

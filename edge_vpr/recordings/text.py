@@ -1,4 +1,4 @@
-"""Text, one event a line: ``t,x,y,p`` in any order, with a header or without."""
+"""Text with one event a line: ``t,x,y,p`` in any order, with or without a header."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from edge_vpr.recordings.text_kernel import BLANK, FRACTION, GOOD, STRANGE, pars
 
 _SEPARATORS = str.maketrans(",;\t", "   ")
 _DIGITS_TO_US = {"s": 6, "ms": 3, "us": 0, "ns": -3}
-_BYTES_A_LINE = 24  # typical; only sets how much is read at once
+_BYTES_A_LINE = 24  # typical; only determines how much is read at once
 _LONGEST_LINE = 1 << 16
 _FIELDS = "txyp"
-#: The first line that this package writes.
+#: First line of the files that this package writes.
 _COMMENT = "# edge-vpr sensor={sensor} start_us={start_us}\n"
 _COMMENT_PATTERN = re.compile(
     rb"# edge-vpr sensor=([0-9]{1,5})x([0-9]{1,5}) start_us=(-?[0-9]{1,19})"
 )
 _SIZES_PATTERN = re.compile(rb"(?:\xef\xbb\xbf)?\s*([0-9]{1,9})[\s,;]+([0-9]{1,9})\s*")
-#: Digits before the point, or zeros behind it, that no number of an event has.
+#: No number of an event has this many digits before the point, or zeros behind it.
 _MOST_DIGITS = 40
 _TRUTH = {"true": 1, "on": 1, "false": 0, "off": 0}
 
 
 class TextSource(Source):
-    """Lines of numbers between commas, semicolons, tabs or spaces; ``#`` starts a comment.
+    """Source of lines of numbers between commas, semicolons, tabs or spaces; ``#`` starts comments.
 
-    A first line of two whole numbers is the sensor's size (the rpg data sets write it); a comment
-    of this package says it, and the start. Times are read as decimal numbers, so that seconds
-    become microseconds without passing a float.
+    A first line of two whole numbers is the sensor's size (as in the rpg data sets); a comment of
+    this package states the size and the start. Times are read as decimal numbers: seconds are
+    converted to microseconds without rounding to a float.
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -133,7 +133,7 @@ class TextSource(Source):
         return Columns(t, x, y, p > 0), n
 
     def _parse_slowly(self, line: bytes, out: npt.NDArray[np.int64]) -> int:
-        """Read what the kernel does not know: exponents, ``true``; the status."""
+        """Read a line that the kernel cannot: with exponents or ``true``; return its status."""
         words = _split(line)
         if not words or words[0].startswith("#"):
             return BLANK
@@ -184,7 +184,7 @@ def _number(word: str) -> Decimal | None:
         return None
     if not value:
         return Decimal(0)
-    # 1e999999999 is a number too, and its digits would fill the memory
+    # 1e999999999 is also a number, but its digits would fill the memory
     return value if abs(value.adjusted()) < _MOST_DIGITS else None
 
 
@@ -194,7 +194,7 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
 
 
 class TextSink:
-    """Write ``t,x,y,p`` under a comment with sensor and start, and that header; times in us."""
+    """Write ``t,x,y,p`` under a comment with sensor and start and a header; times in us."""
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         self._file = path.open("w", encoding="ascii", newline="\n")

@@ -1,16 +1,16 @@
-"""Lines of decimal numbers, as a kernel."""
+"""Kernel that parses lines of decimal numbers."""
 
 from __future__ import annotations
 
 from numba import njit
 
-#: what a line is: an event, one with a fraction in its time, nothing, or not known to the kernel
+#: status of a line: an event, an event with a fraction in its time, blank, or unknown to the kernel
 GOOD, FRACTION, BLANK, STRANGE = range(4)
 
 
 @njit(cache=True, nogil=True)
 def parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: ignore[no-untyped-def]
-    """Parse whole lines; ``out[field, line]``, and for each line where it begins and its status.
+    """Parse whole lines into ``out[field, line]``, and set where each line begins and its status.
 
     ``order[c]`` is the field of column ``c``: 0 to 3 for t, x, y, p; -1 to skip it.
     """
@@ -27,8 +27,8 @@ def parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: igno
             if c == 45 or c == 43:
                 i += 1
             value, digits, decimals = 0, 0, -1
-            seen = False  # a digit
-            residue = False  # digits beyond the 18th that are not 0
+            seen = False  # whether a digit was read
+            residue = False  # whether digits beyond the 18th are not 0
             while True:
                 c = int(buffer[i])
                 if 48 <= c <= 57:
@@ -75,11 +75,11 @@ def parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: igno
                         shift += 1
                     rest = value % unit
                     value //= unit
-                    # to the nearest, ties to even, as Decimal does
+                    # round to the nearest, ties to even, as Decimal does
                     if 2 * rest > unit or (2 * rest == unit and (residue or value % 2)):
                         value += 1
             elif field > 0 and decimals > 0:
-                state = STRANGE  # 12.0 as well: read slowly
+                state = STRANGE  # includes 12.0, which is read slowly
             if state == STRANGE:
                 break
             if field >= 0:
@@ -88,7 +88,7 @@ def parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: igno
         while buffer[i] != 10:
             i += 1
         if state != STRANGE and column != order.size:
-            state = STRANGE  # a blank line too: told apart slowly
+            state = STRANGE  # includes blank lines, which the slow reader recognises
         status[line] = state
         line += 1
         i += 1

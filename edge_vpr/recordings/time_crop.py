@@ -1,4 +1,4 @@
-"""The part of a recording between two moments."""
+"""Part of a recording between two moments."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from edge_vpr.events import TIME_LIMIT_US, Events
 
 @dataclass(frozen=True, kw_only=True)
 class TimeCrop:
-    """Which part of a recording is read: from `start_us` up to, and without, `end_us`.
+    """Part of a recording that is read: from `start_us` up to, but without, `end_us`.
 
     Attributes
     ----------
     start_us : int
-        From the recording's first moment, or from `offset_us`.
+        Counted from the recording's first moment, or from `offset_us`.
     end_us : int or None
-        Likewise; None for the recording's end.
+        Counted likewise; None for the recording's end.
     offset_us : int or None
-        Moment on the file's own clock that the two count from; None for the recording's first.
+        Moment on the file's own clock from which the two count; None for the recording's first one.
     """
 
     start_us: int = 0
@@ -57,7 +57,7 @@ class TimeCrop:
         Returns
         -------
         start_us : int
-            0 where the part begins before the recording.
+            0 if the part begins before the recording.
         end_us : int or None
 
         Raises
@@ -95,7 +95,7 @@ def seconds_us(text: str, name: str) -> int:
     Raises
     ------
     UsageError
-        If it is no number.
+        If it is not a number.
     """
     # 1e999999999 would fill the memory
     if len(text) <= 40 and "e" not in text.lower():
@@ -105,12 +105,12 @@ def seconds_us(text: str, name: str) -> int:
 
 
 def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) -> Iterator[Events]:
-    """Yield the events from `start_us` up to `end_us`, their times from `start_us`.
+    """Yield the events from `start_us` up to `end_us`, with times counted from `start_us`.
 
     Parameters
     ----------
     chunks : iterator of ndarray of EVENT_DTYPE
-        In time order. No further chunk is taken once one reaches `end_us`.
+        In time order. No further chunk is read after one that reaches `end_us`.
     start_us : int
     end_us : int or None
 

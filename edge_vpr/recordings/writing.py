@@ -1,4 +1,4 @@
-"""Write a recording: whole or not at all."""
+"""Writing of recordings, which appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from edge_vpr.recordings.registry import FORMATS, Format
 
 
 class Sink(Protocol):
-    """What a writer of one format does: take time-ordered events, then finish the file."""
+    """Writer of one format: takes events in time order, then finishes the file."""
 
     def write(self, events: Events) -> None:
         """Append events."""
@@ -37,8 +37,8 @@ def write_recording(
 ) -> int:
     """Write events in the format that the suffix of `path` names.
 
-    The file appears under its name when it is complete, and not before; memory does not grow
-    with the number of events.
+    The file appears under its name only when it is complete. Memory does not grow with the number
+    of events.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def write_recording(
         With a suffix of a writable format: .npz, .npy, .csv, .txt, .parquet, .raw (EVT 2.0),
         .dat, .h5, .hdf5, .es.
     events : Recording, other iterable of event arrays, or one event array
-        In time order, times from the start.
+        In time order, with times counted from the start.
     sensor : Sensor, optional
         Needed unless `events` has an attribute `sensor`, as a recording does.
     start_us : int, optional
-        The moment t = 0 on an outer clock; from the attribute `start_us`, else 0. Kept by
-        .npz, .parquet, .raw, .dat and .h5.
+        Time t = 0 on an outer clock; by default the attribute `start_us` of `events`, else 0. The
+        formats .npz, .parquet, .raw, .dat and .h5 keep it.
     format : str, optional
-        A name out of :data:`FORMATS`, if the suffix does not say.
+        A name from :data:`FORMATS`, if the suffix does not determine it.
     overwrite : bool
         Whether a file that exists may be replaced.
 
@@ -69,7 +69,7 @@ def write_recording(
     EventError
         If the events are out of order or off the sensor.
     RecordingError
-        If the events do not fit the format, there are none, or the disk refuses.
+        If the events do not fit the format, there are none, or the disk cannot be written.
     """
     path = Path(path)
     entry = _writable(path, format)
@@ -104,7 +104,7 @@ def _fill(sink: Sink, chunks: Iterable[Events], sensor: Sensor) -> int:
                 last = int(events["t"][-1])
     except BaseException:
         with contextlib.suppress(EdgeVprError, OSError):
-            sink.close()  # the first error is the one to tell
+            sink.close()  # the first error is reported
         raise
     sink.close()
     return n

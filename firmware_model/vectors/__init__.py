@@ -1,4 +1,4 @@
-"""Golden vectors: stimuli, memory images and expected results, for a device to be held against."""
+"""Golden vectors: stimuli, memory images and expected results to test a device against."""
 
 from firmware_model.vectors.case import Case, from_binary, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases

@@ -1,4 +1,4 @@
-"""Images of the place filter and of own-mean codes: each field at its limits, and beyond."""
+"""Images with the place filter and own-mean codes: each field at its limits and beyond."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from firmware_model.image import HEADER_WORDS, Word, image
 from firmware_model.memories import Memories
 from firmware_model.vectors.image_draft import BASE, PIXELS, Draft, Named, base
 
-#: the largest activity, price and logarithm that there may be
+#: largest activity, price and logarithm that an image may have
 _ACTIVITY, _PRICE, _LEVEL = 0x7FFF_FF00, 1016, 4096
 
 
 def adaptive(**changes: object) -> Draft:
-    """Draft an image of `BASE` with the filter and own-mean codes, unless changed."""
+    """Draft an image of `BASE` with the filter and own-mean codes; `changes` go to the design."""
     values = {"matching": "filter", "length": 1, "code": "own-mean", "full_scales": [3]}
     values |= {"steps": [1, 0, 2], "back": [3], "restart": 9, "trust": 5}
     design = Design(**(BASE.to_dict() | values | changes))
@@ -28,7 +28,7 @@ def _words(**changes: int) -> tuple[str, bytes]:
 
 
 def accepted_adaptive() -> Named:
-    """Make images that must open, by name."""
+    """Yield the names and bytes of images that must open."""
     yield "filter_and_own_mean", adaptive().pack()
     yield "filter_alone", adaptive(code="linear", full_scales=[3, 2]).pack()
     own = {"matching": "sequence", "length": 2, "trust": 0}
@@ -42,7 +42,7 @@ def accepted_adaptive() -> Named:
     yield _words(trust=0x3FF0)
     yield _words(activity=0)
     yield _words(activity=_ACTIVITY)
-    # a metric has 10 bits, so that any ratio will do
+    # a metric has 10 bits, so that its product with any ratio fits
     yield _words(accept=1, ratio_denominator=0xFFFF)
     yield "sixteen_steps", _many(16, 16).pack()
     yield "price_at_its_limit", adaptive().poke(Word.PRICE_TABLE, "H", 3, _PRICE).pack()
@@ -62,7 +62,7 @@ def _many(steps: int, back: int) -> Draft:
 
 
 def _cut_means() -> bytes:
-    """End the image within its means, of which 32 bytes are left and none follow."""
+    """Cut the image off after the first 32 bytes of its means."""
     draft = adaptive(pixels=11, code_bits=2, lookup_depth=32)
     whole = draft.pack()
     cut = draft.words[Word.MEAN_TABLE] + 32
@@ -71,7 +71,7 @@ def _cut_means() -> bytes:
 
 
 def refused_adaptive() -> Named:
-    """Make images that must not open, by name."""
+    """Yield the names and bytes of images that must not open."""
     yield "seventeen_steps", _many(17, 1).pack()
     yield "seventeen_back", _many(1, 17).pack()
     yield _words(steps=0xFFFF_FFFF)
@@ -90,7 +90,7 @@ def refused_adaptive() -> Named:
     yield _words(activity=0xFFFF_FFFF)
     two = adaptive().header(codes=2).grow(Word.CODE_TABLE, 2 * 2 * 4)
     yield "two_tables_of_own_means", two.pack()
-    # what the design has not is zero
+    # header words of parts that the design does not have must be zero
     for word in ("back", "restart", "keep_distances", "trust", "activity"):
         changed = base().grow(Word.PRICE_TABLE, 16).header(**{word: 1})
         yield f"sequences_with_{word}", changed.pack()
@@ -104,13 +104,13 @@ def refused_adaptive() -> Named:
     code = adaptive(code="linear", full_scales=[3, 2]).poke(Word.CODE_TABLE, "B", 7, 4)
     yield "code_of_a_filter_beyond", code.pack()
     yield "place_of_a_filter_beyond", adaptive().poke(Word.PLACES_TABLE, "B", 0, 4).pack()
-    # tables that end before their last entry: the image ends there
+    # tables that begin at the end of the image, so that their entries lie behind it
     for name, table in (("prices", Word.PRICE_TABLE), ("means", Word.MEAN_TABLE)):
         draft = adaptive()
         whole = draft.pack()
         draft.header(**{table.name.lower(): len(whole)})
         yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
-    # nine prices take more than the room before the means, which would do for prices
+    # nine prices reach into the means, whose values would be valid prices
     yield "prices_reach_the_means", adaptive().header(steps=5, back=4).pack()
     yield "means_end_behind_the_image", _cut_means()
     levels = adaptive().header(count_max=8)

@@ -1,4 +1,4 @@
-"""All cases in one file, which ``c/vectors_main.c`` runs in one go."""
+"""One file of all cases, which ``c/vectors_main.c`` runs in one process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def bundle(images: Sequence[ImageCase], cases: Iterable[Case]) -> bytes:
     ----------
     images : sequence of ImageCase
     cases : iterable of Case
-        Those that are beyond the reference firmware's limits are left out.
+        Cases beyond the reference firmware's limits are left out.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A case: a design with its tables, and a stimulus; and what a device does with it, as records."""
+"""Cases: a design with its tables and a stimulus, and the records that a device returns."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from firmware_model.errors import VectorError
 from firmware_model.machine import Result, Trace, trace
 from firmware_model.memories import Memories
 
-#: in place of what there is none of
+#: value that stands for an absent one
 NONE = 0xFFFF_FFFF
-#: kinds of records, by the number that stands for them in binary files
+#: kinds of records; binary files hold the index of the kind
 KINDS = ("case", "event", "window", "match")
 
 #: kind and values, all of them integers
@@ -24,7 +24,7 @@ Record = tuple[str, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Case:
-    """A stimulus for a device of some design.
+    """Stimulus for a device of one design.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Case:
         Unique within its suite.
     memories : Memories
     events : tuple of Event
-        Times by the device's clock, which may wrap.
+        Times are on the device's clock, which may wrap.
     start : int
         Time at which the first window opens.
     """
@@ -44,15 +44,15 @@ class Case:
 
     @property
     def design(self) -> Design:
-        """Of the device."""
+        """Design of the device."""
         return self.memories.design
 
     def trace(self) -> Trace:
-        """Run the model over it."""
+        """Run the model over the stimulus."""
         return trace(self.memories, self.events, self.start)
 
     def event_bytes(self) -> bytes:
-        """Events as the reference firmware takes them, eight bytes each.
+        """Pack the events as the reference firmware takes them, eight bytes each.
 
         Raises
         ------
@@ -66,9 +66,9 @@ class Case:
 
 
 def in_order(done: Trace) -> Iterator[Result]:
-    """All results in the order in which they happened.
+    """Yield all results in the order in which they happened.
 
-    A window that ended when n events had been taken stands before event n, and its match after it.
+    A window that ended after n events comes before event n, and its match follows the window.
     """
     matches = {match.window: match for match in done.matches}
     ended = iter(done.windows)
@@ -84,9 +84,9 @@ def in_order(done: Trace) -> Iterator[Result]:
 
 
 def records(results: Iterable[Result]) -> Iterator[Record]:
-    """Results as a device returns them: integers, `NONE` in place of what there is none of.
+    """Convert results to the records of a device: integers, `NONE` for an absent value.
 
-    A match of the filter has its trust behind the others' values.
+    The trust of a filter's match is the last value of its record.
     """
     for result in results:
         if isinstance(result, EventResult):
@@ -107,12 +107,12 @@ def to_binary(found: Iterable[Record]) -> bytes:
 
 
 def from_binary(data: bytes, source: str = "results") -> Iterator[Record]:
-    """Read what `to_binary`, or ``c/replay.c``, wrote.
+    """Read the records that `to_binary` or ``c/replay.c`` wrote.
 
     Raises
     ------
     VectorError
-        If a record is of no known kind, or cut off.
+        If a record is of an unknown kind, or cut off.
     """
     if len(data) % 4:
         raise VectorError(f"{source} has {len(data)} bytes: expected 32-bit words")

@@ -16,7 +16,7 @@ from firmware_model.vectors.memory_words import descriptor_words, memory_words
 
 
 def word_tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
-    """Return everything that is written as words, and what a word of it holds."""
+    """Return everything that is written as words, and the fields of these words."""
     design = case.design
     bits = {name: form.width for name, form in design.formats.items()}
     time_bits = 32 if design.timestamp_bits <= 32 else 64
@@ -73,7 +73,7 @@ def _match_columns(design: Design) -> tuple[str, ...]:
 
 
 def csv_files(case: Case, done: Trace) -> dict[str, str]:
-    """Return the tables of a case and of its results as text."""
+    """Return the tables of a case and of its results as CSV text."""
     slots = range(case.design.slots)
     numbered: dict[str, list[tuple[int, ...]]] = {"event": [], "window": [], "match": []}
     for kind, values in records(in_order(done)):
@@ -90,7 +90,7 @@ def csv_files(case: Case, done: Trace) -> dict[str, str]:
 
 
 def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
-    """Return arrays by name; -1 in place of what there is none of."""
+    """Return the arrays of a case by name; -1 stands for an absent value."""
     lookup, design = case.memories.lookup(), case.design
     t, x, y, on = zip(*case.events, strict=True) if case.events else ((),) * 4
     columns = len(_match_columns(design))

@@ -1,4 +1,4 @@
-"""Cases that reach every corner, made for any design: small maps, and streams by construction."""
+"""Corner cases for any design: small maps, and streams that reach each corner by construction."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from firmware_model.vectors.match_corners import match_cases
 def corner_cases(design: Design) -> list[Case]:
     """Make the cases of the suite ``corners``.
 
-    Maps are small and made for each case. Some cases change the design where a corner needs it:
-    they carry their own.
+    Maps are small and made for each case. Where a corner needs another design, the case changes it
+    and carries its own.
 
     Parameters
     ----------
     design : Design
-        Of one with the place filter or own-mean codes, that with sequences and logarithms; what
-        these have is in `filter_cases`.
+        If it has the place filter or own-mean codes, these are replaced by sequences and
+        logarithms; the cases of the filter and of own-mean codes are in `filter_cases`.
 
     Returns
     -------
     list of Case
-        Of a design with a single code of a bit or two, those that it has room for.
+        For a design with a single code of one or two bits, only the cases that fit it.
     """
     if design.filters:
         design = replace(design, matching="sequence", length=0, trust=0)
@@ -36,5 +36,5 @@ def corner_cases(design: Design) -> list[Case]:
 
 
 def _roomy(design: Design) -> int:
-    """Places that hold two sequences with more than an exclusion zone between and around them."""
+    """Return a number of places with room for two sequences, and zones around and between them."""
     return 3 * design.length + 3 * (design.exclusion + 2)

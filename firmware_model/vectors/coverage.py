@@ -1,4 +1,4 @@
-"""Which corners a case reaches, counted in the model's states while it runs."""
+"""Count which corners a case reaches, from the model's states while it runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firmware_model.machine import Machine, Trace
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.filter_coverage import FilterCoverage
 
-#: what is counted, and what one of it is
+#: name of each corner, and what is counted as one occurrence of it
 CORNERS = {
     "saturated": "an event at a counter that is full",
     "filled": "an event that fills a counter",
@@ -79,10 +79,10 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     Returns
     -------
     done : Trace
-        As of `Case.trace`.
+        Same as that of `Case.trace`.
     reached : dict of str to int
-        All corners, also those that are not reached: of a design with the filter or own-mean codes
-        also `FILTER_CORNERS`.
+        All corners, including those that are not reached. For a design with the filter or own-mean
+        codes, `FILTER_CORNERS` are included.
     """
     done = Trace()
     machine = Machine(case.memories, case.start)
@@ -131,7 +131,7 @@ def _see_event(
         found["unselected"] += on_sensor
         found["entry_of_another_row"] += on_sensor and descriptor.lookup.taken(event.x, event.y)
     else:
-        # a window's end clears the counter first
+        # the end of a window clears the counter before the event is counted
         ends = design.window == "time" and elapsed >= tau
         count = 0 if ends else descriptor.counts[slot]
         found["saturated"] += count == design.count_max
@@ -171,7 +171,7 @@ def _see_distances(design: Design, distances: list[int], found: Counter[str]) ->
 def _see_match(
     design: Design, match: MatchResult, rows: list[list[int]], found: Counter[str]
 ) -> None:
-    """Count a match; `rows` are the distances of the last L windows, newest first."""
+    """Count a match's corners; `rows` are the distances of the last L windows, newest first."""
     ends = range(design.length - 1, design.places)
     sums = [(k, sum(row[k - ago] for ago, row in enumerate(rows))) for k in ends]
     found["tie_of_two"] += match.ties == 1

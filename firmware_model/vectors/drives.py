@@ -1,4 +1,4 @@
-"""Drives by a small map: windows that show one place after another."""
+"""Drives through a small map: windows that show one place after another."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from firmware_model.memories import Memories
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
 
-#: a window that shows nothing
+#: stands for a window without events at selected pixels
 PAUSE = -1
 
 
@@ -22,7 +22,7 @@ def drive(
     activity: int = 0,
     alike: bool = False,
 ) -> Case:
-    """Show places one after another; of a map that is `alike`, all are the first."""
+    """Make a drive that shows places one after another; if `alike`, all places equal the first."""
     pixels = choose_pixels(design)
     longest = max(counts_at(design, place)[1] for place in range(design.places))
     if design.window == "count":
@@ -47,8 +47,8 @@ def drive(
 
 
 def counts_at(design: Design, place: int) -> tuple[list[int], int]:
-    """Return the counts of each slot at a place, and their sum; those of near places differ."""
+    """Return the counts of each slot at a place, and their sum; near places have other counts."""
     counts = [(place * (slot + 3) + slot * slot) % 7 for slot in range(design.slots)]
-    # at some pixel something happens
+    # one slot always has events, so that no place is empty
     counts[place % design.slots] += 9
     return counts, sum(counts)

@@ -1,4 +1,4 @@
-"""Corner cases of events and windows: streams with everything that these can be."""
+"""Corner cases of events and windows: streams with every kind of event and window."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def event_cases(design: Design) -> list[Case]:
     """
     cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
     by_time = _event_designs(design)["events_by_time"]
-    # a device looks codes up; one that knows that the code of nothing is 0 is found out
+    # finds a device that assumes code 0 for a count of 0 instead of looking the code up
     turned = [[by_time.code_max - code for code in table] for table in by_time.tables]
     return [*cases, _event_case("codes_turned_round", by_time, turned), _many_windows(by_time)]
 
@@ -47,7 +47,7 @@ def adaptive_event_cases(design: Design) -> list[Case]:
 
 def _event_designs(design: Design) -> dict[str, Design]:
     by_time = replace(design, window="time", tau_us=max(design.tau_us, 4))
-    # a window that holds a counter's full range
+    # a window with more events than a counter can hold
     by_count = replace(
         design, window="count", window_events=max(design.window_events, design.count_max + 9)
     )
@@ -81,7 +81,7 @@ def _scales(design: Design) -> tuple[int, ...]:
 
 
 def _event_case(name: str, design: Design, codes: Sequence[Sequence[int]] | None = None) -> Case:
-    """Build a stream with everything that an event and a window can be."""
+    """Make a case whose stream has every kind of event and window."""
     pixels = choose_pixels(design)
     tables = [slot % len(design.full_scales) for slot in range(design.slots)]
     period = 1 << design.timestamp_bits
@@ -92,14 +92,14 @@ def _event_case(name: str, design: Design, codes: Sequence[Sequence[int]] | None
     by_time = design.window == "time"
 
     _ramp(stream, 1)
-    # one counter over its limit by one, its neighbours not
+    # one counter beyond its limit by one, its neighbours unchanged
     stream.slot(0, top + 1)
     stream.end()
     stream.slot(last, top - 1)
     stream.slot(0)
     stream.slot(last, 3)
     stream.end()
-    # A B A, and the same pixel with and without another event between
+    # pixels in the order A B A, and one pixel repeated with and without an event between
     for slot in (0, last, 0, 0, last, last):
         stream.slot(slot)
     stream.at(*unselected_pixel(design, pixels))
@@ -110,15 +110,15 @@ def _event_case(name: str, design: Design, codes: Sequence[Sequence[int]] | None
         for x, y in pixels[:5]:
             stream.at(x, y, min(1, tau - 1), polarity)
     if by_time:
-        stream.slot(0, 1, tau - 1)  # the last microsecond
-        stream.slot(0, 1, tau)  # and the one behind it
+        stream.slot(0, 1, tau - 1)  # the last microsecond of the window
+        stream.slot(0, 1, tau)  # the first microsecond after it
         stream.skip(1)
-        stream.slot(0, 1, -1)  # late by one
+        stream.slot(0, 1, -1)  # too late by one microsecond
         stream.slot(last, 2, 1)
         stream.skip(1 if _narrow(design) else 5)
         stream.slot(0)
         stream.skip(1)
-        # over the very edge of several windows at once
+        # an event exactly at the boundary, after several windows at once
         stream.skip(0 if _narrow(design) else 3)
         stream.slot(last)
     stream.end()
@@ -132,12 +132,12 @@ def _event_case(name: str, design: Design, codes: Sequence[Sequence[int]] | None
 
 
 def _narrow(design: Design) -> bool:
-    """Whether the clock is too short for a gap of several windows."""
+    """Return whether the clock is too short for a gap of several windows."""
     return 6 * design.tau_us >= 1 << (design.timestamp_bits - 1)
 
 
 def _ramp(stream: Stream, number: int) -> None:
-    """Add a window with few events, other ones for each number."""
+    """Add a window with few events, different ones for each `number`."""
     design = stream.design
     total = min(design.window_events, 40) if design.window == "count" else 40
     for i in range(total):
@@ -146,7 +146,7 @@ def _ramp(stream: Stream, number: int) -> None:
 
 
 def _off_everything(stream: Stream) -> None:
-    """Corners of the sensor, selected pixels' neighbours by address, and beyond the sensor."""
+    """Add events at the sensor's corners, beside selected pixels, and outside the sensor."""
     design, pixels = stream.design, stream.pixels
     right, bottom = design.width - 1, design.height - 1
     for x, y in ((0, 0), (right, 0), (0, bottom), (right, bottom)):
@@ -158,7 +158,7 @@ def _off_everything(stream: Stream) -> None:
     for x, y in ((right + 1, bottom), (right, bottom + 1), (0, bottom + 1), (right + 1, 0)):
         if x < 1 << 16 and y < 1 << 15:
             stream.at(x, y)
-    # other pixels by some of a column's or a row's bits, or by the address that it comes to
+    # pixels that share some address bits with a selected one, or its entry in the look-up
     for x, y in pixels[:3]:
         for column, row in ((x + 256, y), (x + design.lookup_depth, y), (0xFFFF, y)):
             stream.at(min(column, 0xFFFF), row)
@@ -178,7 +178,7 @@ def _off_everything(stream: Stream) -> None:
 def _case(
     name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Sequence[int]] | None = None
 ) -> Case:
-    """Add places that the stream comes by, one window in two, with others between."""
+    """Make a case whose map holds windows of the stream at every other place."""
     design, pixels = stream.design, stream.pixels
     blank = Memories(design, pixels, [[0] * design.slots] * design.places, tables, codes)
     seen = [window.codes for window in ended_windows(blank, stream)]
@@ -193,7 +193,7 @@ def _case(
 
 
 def _many_windows(design: Design) -> Case:
-    """Build a stream of more windows than eight bits count, each of a few events."""
+    """Make a case of 260 windows with a few events each, more than eight bits can count."""
     design = replace(design, places=design.length + design.exclusion + 3)
     stream = Stream(design, choose_pixels(design))
     for number in range(260):

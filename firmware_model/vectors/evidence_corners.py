@@ -1,4 +1,4 @@
-"""Corner cases of the place filter's evidence: distances large and small, and their spread."""
+"""Corner cases of the place filter's evidence: large and small distances, and their spread."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows
 
 
 def evidence_cases(design: Design) -> list[Case]:
-    """Make the cases.
+    """Make the corner cases of the evidence.
 
     Parameters
     ----------
     design : Design
-        With the place filter, and codes of logarithms or linear ones.
+        With the place filter, and with logarithmic or linear codes.
 
     Returns
     -------
@@ -27,7 +27,7 @@ def evidence_cases(design: Design) -> list[Case]:
 
 
 def _far(design: Design) -> Case:
-    """Show what is as far from all places, and then what is at half of them."""
+    """Show a count that is equally far from all places, then the places' own counts."""
     design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
     pixels = choose_pixels(design)
     stream = Stream(design, pixels)
@@ -36,18 +36,18 @@ def _far(design: Design) -> Case:
     stream.close()
     blank = Memories(design, pixels, [[0] * design.slots] * design.places)
     shown = [window.codes for window in ended_windows(blank, stream)]
-    # a single near place, so that the second best is a far one
+    # only one place is near, so that the second best is a far one
     places = [shown[1 if k == design.places // 2 else 2] for k in range(design.places)]
     return Case("far", Memories(design, pixels, places), tuple(stream.events))
 
 
 def _beyond_a_byte(design: Design) -> Case:
-    """Show places whose distances need more than eight bits, if there are two counters.
+    """Show places whose distances need more than eight bits, if the design has two slots.
 
-    Cut to eight bits, the farthest would be nearer than the others.
+    Truncated to eight bits, the largest distance would be smaller than the others.
     """
     design = replace(design, code="linear", code_bits=8, full_scales=(0,))
-    # the zone is as wide as the places of a kind
+    # the exclusion zone is as wide as a block of equal places
     design = replace(design, exclusion=design.places // 4 - 1)
     design = replace(design, window_events=411, steps=(0,), back=(), restart=0)
     pixels = choose_pixels(design)
@@ -64,10 +64,10 @@ def _beyond_a_byte(design: Design) -> Case:
 
 
 def _small_spreads(design: Design) -> list[Case]:
-    """Show what differs from all places by a few units of code, so that the spread is 1 or 0.
+    """Show windows a few units of code from all places, so that the spread is 1 or 0.
 
-    The reciprocal of both, 2^16, has a bit more than any other. A place is two words long, if it
-    can be.
+    The reciprocal of both is 2^16, which has one bit more than any other. A place takes two words
+    of memory, if the design has enough slots.
     """
     lanes = -(-design.slots // 2)
     near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
@@ -96,10 +96,10 @@ def _small_spreads(design: Design) -> list[Case]:
 def _at_distances(
     design: Design, shown: Sequence[int], distance_of: Callable[[int], int]
 ) -> list[list[int]]:
-    """Make places that differ by these units of code from one that is shown in the middle."""
+    """Make places at these distances, in units of code; the middle place equals `shown`."""
     places = []
     for place in range(design.places):
-        # a single nearest one, so that the second best has evidence against it
+        # only one place is nearest, so that the second best has evidence against it
         distance = 0 if place == design.places // 2 else distance_of(place)
         codes = list(shown)
         for slot in range(min(distance, design.slots)):

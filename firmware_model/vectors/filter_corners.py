@@ -1,4 +1,4 @@
-"""Corner cases of the place filter and of own-mean codes: drives by small maps."""
+"""Corner cases of the place filter and of own-mean codes: drives through small maps."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def filter_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
-        Cases are made of it with the filter, with own-mean codes, or both.
+        The cases change it to have the filter, own-mean codes, or both.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def filter_cases(design: Design) -> list[Case]:
 
 
 def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
-    """Give drives as the places that their windows show."""
+    """Return drives by name: a design, and the places that the windows show."""
     last = design.places - 1
     forward = replace(design, steps=(1, 0, 1), back=(), restart=16, exclusion=1)
     back = replace(forward, back=(2, 5), steps=(1, 0, 2, 3, 4, 6))
@@ -72,7 +72,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
         "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
         "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
         "by_three_places": (replace(forward, steps=(1, 0, 0, 1)), [0, 3, 6, 9, 9, 0, 3, 3]),
-        # the steps beyond the third are the free ones, from the first place on
+        # only the longest step is free; the drives begin at the first place
         "by_four_places": (replace(forward, steps=(9, 9, 9, 9, 0)), [0, 4, 8, 8, 0, 4]),
         "by_five_places": (replace(forward, steps=(9, 9, 9, 9, 9, 0)), [0, 5, 10, 10, 0, 5]),
         "free_way_back": (replace(forward, back=(9, 0)), [0, 0, last - 1, last, last, last - 2]),
@@ -96,14 +96,14 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
 def _pauses(design: Design) -> list[Case]:
     forward = replace(design, exclusion=1)
     route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
-    # as usual: so many events that the first windows pause though they have some
+    # usual activity so high that the first windows are pauses although they have events
     total = max(counts_at(forward, place)[1] for place in range(forward.places))
     busy = min((total << 12) + (total << 8), 0x7FFF_FF00)
     cases = [
         drive("usually_more_events", forward, list(range(12)), None, busy),
         drive("places_alike", forward, [0, 1, 2, 3], alike=True),
     ]
-    # metrics that fill their room in the RAM
+    # metrics of eight places fill their room in the RAM
     eight = replace(forward, places=8)
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
     at = _activity_at_threshold(forward, 6)
@@ -111,7 +111,7 @@ def _pauses(design: Design) -> list[Case]:
         drive("pause_at_threshold", forward, list(range(12)), None, at),
         drive("busy_at_threshold", forward, list(range(12)), None, at - 1),
     ]
-    # exactly at the threshold, and by the least part of an event more
+    # usual activity exactly at the threshold, and above it by the smallest step
     first = counts_at(forward, 0)[1] if design.window == "time" else total
     for name, usual in {"first_busy": first << 12, "first_pauses": (first << 12) + 1}.items():
         cases.append(drive(name, forward, [0, 1, 2], None, min(usual, 0x7FFF_FF00)))
@@ -123,7 +123,7 @@ def _pauses(design: Design) -> list[Case]:
 
 
 def _activity_at_threshold(design: Design, window: int) -> int:
-    """Find the least usual number, before a drive by all places, with which this window pauses."""
+    """Find the lowest initial activity with which this window of a drive by all places pauses."""
     events = [counts_at(design, place)[1] for place in range(design.places)]
     if design.window == "count":
         events = [max(events)] * len(events)
@@ -138,7 +138,7 @@ def _activity_at_threshold(design: Design, window: int) -> int:
 
 
 def _thresholds(design: Design) -> list[Case]:
-    """Take a trust that occurs as the least that is accepted, and one more."""
+    """Set the threshold of trust to a value that occurs, and to one above it."""
     forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
     route = [0, 1, 2, 3, 4, 5, 6]
     told = [match.trust for match in drive("", forward, route).trace().matches]
@@ -150,7 +150,7 @@ def _thresholds(design: Design) -> list[Case]:
 
 
 def _means(design: Design) -> list[Case]:
-    """Move the means by all shifts, up and down, past both ends of the code."""
+    """Make the cases that move means by all shifts, up and down, past both ends of the code."""
     few = replace(design, places=4, exclusion=1)
     sequences = replace(few, matching="sequence", length=2, trust=0)
     slots = range(design.slots)
@@ -170,9 +170,9 @@ def _means(design: Design) -> list[Case]:
 
 
 def _halves(design: Design) -> list[Case]:
-    """Bring means to half a unit of a logarithm, and just below, where the code depends on it.
+    """Make a case with means at half a unit of a logarithm, or just below, where rounding matters.
 
-    With a full scale of 1 to 3 there is no such case: no code depends on it.
+    With a full scale of 1 to 3 there is no such case, because no code depends on the rounding.
     """
     half = 1 << (MEAN_BITS - 1)
     ways = [way for end in (half, half - 1) if (way := _way_to_half(design, end)) is not None]
@@ -185,18 +185,18 @@ def _halves(design: Design) -> list[Case]:
 
 
 def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] | None:
-    """Find a mean and two counts that end `end` above a whole unit, and a count that tells it.
+    """Find a mean and two counts that move it to `end` above a whole unit, and a third count.
 
     Returns
     -------
     mean : int
     counts : tuple of int
-        The code of the third is another one if the mean is rounded the other way.
-
-    None if there are none.
+        The third count has another code if the mean is rounded the other way.
+        +
+        None is returned if there are none.
     """
     levels, unit = design.tables[0], 1 << LEVEL_BITS
-    counts = range(1, min(60, len(levels)))  # a higher one has the level of the full scale
+    counts = range(1, min(60, len(levels)))  # higher counts have the level of the full scale
     for mean, first, second in product(range(3 * unit), counts[:7], counts[:7]):
         running = RunningMean(np.array([mean]))
         for count in (first, second):
@@ -212,15 +212,15 @@ def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] |
 
 
 def _late_shifts(design: Design) -> Case:
-    """Keep the means still until the shift is the last, and then move them past several codes."""
+    """Keep the means constant until the shift is the last one, then move them by several codes."""
     quiet = [[1] * design.slots] * ((1 << (LAST_SHIFT + 1)) - (1 << FIRST_SHIFT) + 20)
-    # their codes leave 1 to 3 octaves at different windows
+    # at these counts, the codes of 1 to 3 octaves change at different windows
     loud = [[(1, 6, 11, 40, 60)[slot % 5] for slot in range(design.slots)]] * 90
     return _counted("late_shifts", design, [design.tables[0][1]] * design.slots, quiet + loud)
 
 
 def _counted(name: str, design: Design, means: list[int], windows: list[list[int]]) -> Case:
-    """Show windows of these counts to a map of the first ones."""
+    """Show windows of these counts; the map holds the last windows, newest first."""
     pixels = choose_pixels(design)
     if design.window == "count":
         design = replace(design, window_events=max(map(sum, windows)))

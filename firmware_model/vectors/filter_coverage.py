@@ -1,4 +1,4 @@
-"""Which corners of the place filter and of own-mean codes a case reaches."""
+"""Count which corners of the place filter and of own-mean codes a case reaches."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from firmware_model.widths import (
 )
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
-#: what is counted, and what one of it is
+#: name of each corner, and what is counted as one occurrence of it
 FILTER_CORNERS = {
     "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
     "first_window_pauses": "a first window that pauses",
@@ -55,7 +55,7 @@ FILTER_CORNERS = {
 
 
 class FilterCoverage:
-    """Counts corners in the states of a machine, before each window moves them.
+    """Counts corners from the states of a machine, before each window changes them.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class FilterCoverage:
         self._last = -1
 
     def see_window(self, window: WindowResult, distances: list[int]) -> None:
-        """Look at a window that ended, before it is matched and its counters are cleared."""
+        """Count the corners of a window, before it is matched and its counters are cleared."""
         if self.machine.design.own_mean:
             self._see_means(window)
         if self.machine.design.filters:
@@ -116,7 +116,7 @@ class FilterCoverage:
             found["metric_saturated"] += predicted + against > METRIC_TOP
 
     def see_match(self, match: MatchResult) -> None:
-        """Look at a match."""
+        """Count the corners of a match."""
         design, found, last = self.machine.design, self.found, self._last
         self._last = match.place
         found["filter_tie"] += match.ties > 0

@@ -1,4 +1,4 @@
-"""A folder of golden vectors: its manifest, and its files, which are held to their hashes."""
+"""A folder of golden vectors: its manifest, and its files, which are checked by their hashes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from firmware_model.vectors.manifest import MANIFEST, SCHEMA, CaseEntry, Manifes
 
 
 def load_manifest(folder: str | Path) -> Manifest:
-    """Read a manifest.
+    """Read the manifest of a folder.
 
     Raises
     ------
     VectorError
-        If there is none, it is of another schema, or it is damaged.
+        If the manifest is missing, of another schema, or damaged.
     """
     path = Path(folder) / MANIFEST
     try:
@@ -35,14 +35,14 @@ def load_manifest(folder: str | Path) -> Manifest:
 
 
 def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> bytes:
-    """Read a file of a case, and hold it to its hash.
+    """Read a file of a case, and check its hash.
 
     Parameters
     ----------
     folder : path
-        Of the vectors.
+        Folder of the vectors.
     place : str
-        The case as ``suite/name``.
+        Name of the case, as ``suite/name``.
     case : CaseEntry
     name : str
 
@@ -53,7 +53,7 @@ def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> byte
     Raises
     ------
     VectorError
-        If it is missing or was changed.
+        If the file is missing or was changed.
     """
     path = folder / place / name
     try:
@@ -68,12 +68,12 @@ def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> byte
 
 
 def check_files(folder: str | Path) -> int:
-    """Hold every file of the vectors to its hash; give their number.
+    """Check the hash of every file of the vectors, and return the number of files.
 
     Raises
     ------
     VectorError
-        If one is missing or was changed.
+        If a file is missing or was changed.
     """
     number = 0
     for place, case in load_manifest(folder).cases():

@@ -1,4 +1,4 @@
-"""The forms in which engineers take memories and tables: words, packed as the manifest says."""
+"""File formats of memories and tables, whose words are packed as the manifest describes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from firmware_model.vectors.manifest import FieldPlace
 
 
 class Packing(NamedTuple):
-    """A word of several fields, the first in the least significant bits.
+    """Layout of a word of several fields, the first in the least significant bits.
 
     Attributes
     ----------
@@ -25,16 +25,16 @@ class Packing(NamedTuple):
 
     @property
     def bits(self) -> int:
-        """Of the word."""
+        """Width of the word in bits."""
         return sum(bits for _, bits in self.fields)
 
     def word(self, values: Sequence[int]) -> int:
-        """Pack one value a field.
+        """Pack one value for each field.
 
         Raises
         ------
         ValueError
-            If there are too many or too few, or one does not fit.
+            If there are too many or too few values, or one does not fit.
         """
         packed, at = 0, 0
         for value, (name, bits) in zip(values, self.fields, strict=True):
@@ -66,7 +66,7 @@ def pack(packing: Packing, rows: Iterable[Sequence[int]]) -> Table:
 
 
 def lanes(codes: Sequence[int], per_word: int, bits: int) -> list[int]:
-    """Pack a row of codes, lane 0 least significant; the last word is filled up with zeros."""
+    """Pack a row of codes, lane 0 least significant; zeros fill up the last word."""
     words = []
     for first in range(0, len(codes), per_word):
         chunk = codes[first : first + per_word]
@@ -75,19 +75,19 @@ def lanes(codes: Sequence[int], per_word: int, bits: int) -> list[int]:
 
 
 def readmemh(table: Table) -> str:
-    """Verilog's ``$readmemh``: a hexadecimal word a line, from address 0 on."""
+    """Format a table for Verilog's ``$readmemh``: a hexadecimal word a line, from address 0."""
     digits = -(-table.bits // 4)
     return "".join(f"{word:0{digits}x}\n" for word in table.words)
 
 
 def coe(table: Table) -> str:
-    """AMD's memory initialisation for block memories."""
+    """Format a table as AMD's initialisation file of block memories."""
     words = ",\n".join(readmemh(table).split())
     return f"memory_initialization_radix=16;\nmemory_initialization_vector=\n{words};\n"
 
 
 def mif(table: Table) -> str:
-    """Intel's memory initialisation file."""
+    """Format a table as Intel's memory initialisation file."""
     digits = -(-table.bits // 4)
     lines = [
         f"DEPTH = {len(table.words)};",
@@ -102,7 +102,7 @@ def mif(table: Table) -> str:
 
 
 def intel_hex(data: bytes, address: int = 0) -> str:
-    """Intel HEX of bytes from an address on: 16 a line, 32-bit addresses."""
+    """Format bytes as Intel HEX from an address on: 16 bytes a line, 32-bit addresses."""
     lines, upper = [], -1
     for first in range(0, len(data), 16):
         at = address + first
@@ -127,20 +127,20 @@ def _hex_line(address: int, kind: int, data: bytes) -> str:
 
 
 def csv(names: Sequence[str], rows: Iterable[Sequence[int]]) -> str:
-    """Comma-separated integers under a line of names."""
+    """Format rows of integers as comma-separated values under a line of names."""
     lines = [",".join(names), *(",".join(map(str, row)) for row in rows)]
     return "\n".join(lines) + "\n"
 
 
 def npz(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """NumPy's archive, uncompressed and without times: the same arrays make the same bytes."""
+    """Return an uncompressed NumPy archive without times: equal arrays give equal bytes."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
             member = io.BytesIO()
             np.lib.format.write_array(member, array, allow_pickle=False)
             entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            entry.create_system = 3  # not the system that this runs on
+            entry.create_system = 3  # independent of the system that this runs on
             archive.writestr(entry, member.getvalue())
     return out.getvalue()
 
@@ -161,7 +161,7 @@ def c_array(name: str, data: bytes) -> str:
 
 
 def case_header(name: str, start: int, flash: bytes, events: bytes, expected: bytes) -> str:
-    """Write a C header with what `vpr_replay` takes and writes."""
+    """Write a C header with the inputs and the expected output of `vpr_replay`."""
     guard = f"VPR_CASE_{name.upper()}_H"
     return "\n".join(
         [

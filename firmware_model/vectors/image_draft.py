@@ -1,4 +1,4 @@
-"""Drafts of images, whose header and tables are changed before they are packed."""
+"""Drafts of images, whose header and tables can be changed before they are packed."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from firmware_model.design import Design
 from firmware_model.image import ALIGNMENT, HEADER_WORDS, TABLES, Word, image
 from firmware_model.memories import Memories
 
-#: owner of an entry of the look-up that is nobody's
+#: owner of an unused entry of the look-up
 NOBODY = 0xFFFF_FFFF
 
-#: images by name
+#: pairs of a name and an image
 Named = Iterator[tuple[str, bytes]]
 
 
 class Draft:
-    """An image under construction: its header words and its tables, laid out when it is packed."""
+    """Image under construction: header words and tables, which are laid out when it is packed."""
 
     def __init__(self, data: bytes) -> None:
         self.words = list(struct.unpack_from(f"<{HEADER_WORDS}I", data))
@@ -43,12 +43,12 @@ class Draft:
         return self
 
     def grow(self, table: Word, size: int) -> Self:
-        """Fill a table up with zeros to a number of bytes."""
+        """Extend a table with zeros to a number of bytes."""
         self.tables[table] = self.tables[table].ljust(size, b"\0")
         return self
 
     def pack(self, gap: int = 0) -> bytes:
-        """Lay the tables out, `gap` bytes more than needed before each."""
+        """Lay the tables out with `gap` unneeded bytes before each, and return the image."""
         body = b""
         for word in TABLES:
             body += bytes(gap)
@@ -59,12 +59,12 @@ class Draft:
         return self.raw(body)
 
     def raw(self, body: bytes) -> bytes:
-        """Write the header as it is, and a body."""
+        """Return the header as it is, followed by a body."""
         return struct.pack(f"<{HEADER_WORDS}I", *self.words) + body
 
 
-#: three pixels of both polarities, two code tables of counts up to 3, six places; padding in every
-#: table but that of the places
+#: three pixels of both polarities, two code tables for counts up to 3, and six places; every table
+#: except that of the places has padding
 BASE = Design(
     width=9,
     height=5,
@@ -90,7 +90,7 @@ def base() -> Draft:
 
 
 def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
-    """Draft an image of a design of one pixel, at the origin, unless changed."""
+    """Draft an image of a design of one pixel at the origin; `changes` go to the design."""
     values = {"pixels": 1, "places": 1, "length": 1, "polarity": False}
     design = Design(**(BASE.to_dict() | values | {"width": width} | changes))
     count = design.pixels
@@ -99,7 +99,7 @@ def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
 
 
 def deep_draft(depth: int) -> Draft:
-    """Draft an image whose look-up has so many entries, with its pixel at the first one."""
+    """Draft an image whose look-up has `depth` entries, with its pixel at the first one."""
     draft = one_pixel_draft(1, height=1).header(lookup_depth=depth)
     draft.tables[Word.LOOKUP_TABLE][:] = struct.pack("<IHH", NOBODY, 0, 0) * depth
     draft.poke(Word.LOOKUP_TABLE, "Q", 0, 0)

@@ -1,4 +1,4 @@
-"""Images that are cut, or whose tables are unaligned, overlap, or lie outside."""
+"""Images that are cut off, or whose tables are unaligned, overlap, or lie outside."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from firmware_model.vectors.image_draft import NOBODY, Named, base, deep_draft
 
 
 def refused_layouts() -> Named:
-    """Make images whose tables are not where they may be, by name."""
+    """Yield names and images whose tables lie at forbidden places."""
     whole = base().pack()
     for size in (
         0,
@@ -28,7 +28,7 @@ def refused_layouts() -> Named:
             struct.pack_into("<I", cut, Word.BYTES * 4, size)
             yield f"cut_to_{size}_and_says_so", bytes(cut)
     yield "longer_than_it_says", whole + bytes(16)
-    whole = adaptive().pack()  # which has all tables
+    whole = adaptive().pack()  # an image with all tables
     for i, word in enumerate(TABLES):
         at, end = struct.unpack_from("<I", whole, word * 4)[0], len(whole)
         before = HEADER_WORDS * 4 if i == 0 else struct.unpack_from("<I", whole, word * 4 - 4)[0]
@@ -39,20 +39,20 @@ def refused_layouts() -> Named:
     yield "unaligned", _unaligned()
     yield "overlap", _overlapping()
     yield "table_in_the_header", _in_the_header()
-    # a table in the last words of the header, which are zero, as a displacement may be
+    # a table in the last words of the header, which are zero: a valid displacement
     draft = deep_draft(16)
     body = draft.pack()[HEADER_WORDS * 4 :]
     yield "table_in_the_last_words", draft.header(displacement_table=112).raw(body)
     yield "displacement_reaches_the_lookup", deep_draft(16).header(height=9).pack()
     short = deep_draft(16).header(code_max=255)
-    # what follows would do for the last two entries
+    # the bytes that follow would be valid as the last two entries
     del short.tables[Word.LOOKUP_TABLE][14 * 8 :]
     short.tables[Word.CODE_TABLE][:] = b"\xff" * 16
     yield "lookup_reaches_the_codes", short.pack()
 
 
 def _unaligned() -> bytes:
-    """Move the places by eight bytes, in an image that is longer by twice that."""
+    """Move the places by eight bytes, and make the image longer by sixteen."""
     draft = base()
     whole = draft.pack()
     at = draft.words[Word.PLACES_TABLE]
@@ -62,7 +62,7 @@ def _unaligned() -> bytes:
 
 
 def _in_the_header() -> bytes:
-    """Make an image whose displacement is the offset of the places, low half, in the header."""
+    """Put the displacements on the header's offset of the places, so that its low half is read."""
     draft = deep_draft(1 << 16)
     draft.pack()
     address = draft.words[Word.PLACES_TABLE] & 0xFFFF
@@ -73,7 +73,7 @@ def _in_the_header() -> bytes:
 
 
 def _overlapping() -> bytes:
-    """Put the counters' tables where the codes are, all of them zero, as either may be."""
+    """Put the table of code choices on the codes; all bytes are zero, which is valid for both."""
     draft = base()
     draft.tables[Word.WHICH_CODE_TABLE][:] = bytes(16)
     draft.tables[Word.CODE_TABLE][:] = bytes(16)

@@ -35,12 +35,12 @@ class ImageCase:
 
 
 def image_cases() -> list[ImageCase]:
-    """Make the images; they depend on no design but their own.
+    """Make the images; they do not depend on the design under test.
 
     Returns
     -------
     list of ImageCase
-        Of different names.
+        Their names differ.
     """
     accepted = [*_accepted_words(), *_accepted_tables(), *_at_products(), *accepted_adaptive()]
     refused = [*_refused_words(), *refused_layouts(), *_refused_tables(), *_beyond_products()]
@@ -59,7 +59,7 @@ def _accepted_words() -> Named:
     yield "unchanged", base().pack()
     yield _words(width=1 << 15)
     yield _words(height=3)
-    yield _words(count_max=7)  # which fills the table's padding
+    yield _words(count_max=7)  # the further codes are the table's padding
     yield _words(codes=3)
     yield _words(places=2)
     yield _words(length=1)
@@ -92,7 +92,7 @@ def _refused_words() -> Named:
     yield _words(pixels=2)
     yield _words(pixels=4)
     yield _words(pixels=6)
-    yield _words(pixels=0x8000_0003)  # twice that is six
+    yield _words(pixels=0x8000_0003)  # twice that is six in 32 bits
     yield _words(slots=3)
     yield _words(slots=5)
     yield _words(slots=7)
@@ -117,7 +117,7 @@ def _refused_words() -> Named:
     yield _words(timestamp_bits=2, window=2)
     yield _words(timestamp_bits=33)
     yield _words(timestamp_bits=64)
-    # by count, the clock decides nothing
+    # windows by count do not use the width of the clock
     yield _words(timestamp_bits=1, window_kind=1)
     yield _words(timestamp_bits=33, window_kind=1)
     yield _words(accept=8)
@@ -132,7 +132,7 @@ def _refused_words() -> Named:
     yield "codes_17", base().header(codes=17).grow(Word.CODE_TABLE, 17 * 4).pack()
     for depth in (0, 1, 3, 8, 15, 0x8000_0000):
         yield _words(lookup_depth=depth)
-    # twelve entries hold all, and are no power of two
+    # twelve entries hold all pixels, but are not a power of two
     wide = one_pixel_draft(8, lookup_depth=16)
     yield "lookup_depth_12", wide.header(lookup_depth=12).pack()
 
@@ -193,7 +193,7 @@ def _refused_tables() -> Named:
             draft = base()
             struct.pack_into("<IHH", draft.tables[lookup], 8 * at, *entry)
             yield f"{which}_entry_{name}", draft.pack()
-    # in a row whose displacement says that this is its place
+    # an additional pixel, in the row whose displacement leads to the empty entry
     extra = base().poke(displacement, "H", 4, empty)
     struct.pack_into("<IHH", extra.tables[lookup], 8 * empty, 4 << 16, 3, 0)
     yield "one_pixel_too_many", extra.pack()

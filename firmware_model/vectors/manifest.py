@@ -1,4 +1,4 @@
-"""The records of a manifest of golden vectors, and how they are read from JSON."""
+"""Records of a manifest of golden vectors, and their conversion from and to JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RTL_FOLDER = "rtl"
 
 
 class FieldPlace(NamedTuple):
-    """Where a field lies in a packed word."""
+    """Position of a field in a packed word."""
 
     field: str
     lowest_bit: int
@@ -33,7 +33,7 @@ class FileEntry:
     bytes : int
     sha256 : str
     words, bits : int or None
-        Of a memory's image: how many words of how many bits.
+        Number of words of a memory's image, and bits of each.
     """
 
     bytes: int
@@ -42,19 +42,19 @@ class FileEntry:
     bits: int | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return values that JSON can hold; what is None is left out."""
+        """Return values that JSON can hold, without those that are None."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseEntry:
-    """A case: its design, what is in it, and its files.
+    """A case: its design, its contents, and its files.
 
     Attributes
     ----------
     name : str
     number : int
-        By which binary results name it.
+        Number that stands for the case in binary results.
     start : int
         Time at which the first window starts.
     activity : int
@@ -66,7 +66,7 @@ class CaseEntry:
     reference_firmware : str
         Whether the firmware in C takes the case.
     words : dict of str to tuple of FieldPlace
-        What a word of each memory's image holds.
+        Fields of a word of each memory's image.
     coverage : dict of str to int
         How often each corner is reached.
     files : dict of str to FileEntry
@@ -98,7 +98,7 @@ class CaseEntry:
 
     @classmethod
     def from_json(cls, values: object) -> CaseEntry:
-        """Read it back.
+        """Read an entry from the values of `to_json`.
 
         Raises
         ------
@@ -136,15 +136,15 @@ class SuiteEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """Everything in a folder of vectors.
+    """Contents of a folder of vectors.
 
     Attributes
     ----------
     versions : dict of str to str
-        That made them.
+        Versions of the software that made them.
     seed : int
     corners : dict of str to str
-        What each corner is.
+        Description of each corner.
     design : Design
     rtl : tuple of str
         Source files of the hardware core.
@@ -165,7 +165,7 @@ class Manifest:
                 yield f"{suite.name}/{case.name}", case
 
     def files(self) -> list[str]:
-        """Return the files that it describes, and itself, as paths below its folder."""
+        """Return all files of the folder as relative paths, including the manifest."""
         sources = [f"{RTL_FOLDER}/{name}" for name in self.rtl]
         return [MANIFEST, "design.toml", *sources] + [
             f"{place}/{name}" for place, case in self.cases() for name in case.files
@@ -192,7 +192,7 @@ class Manifest:
 
     @classmethod
     def from_json(cls, values: object) -> Manifest:
-        """Read it back.
+        """Read a manifest from the values of `to_json`.
 
         Raises
         ------
@@ -210,13 +210,13 @@ class Manifest:
             seed=_get(given, "seed", int),
             corners=_get(given, "corners", dict),
             design=Design.from_dict(_get(given, "design", dict), "the manifest"),
-            rtl=tuple(map(str, given.get("rtl") or ())),  # older ones have none
+            rtl=tuple(map(str, given.get("rtl") or ())),  # absent from older manifests
             suites=tuple(suites),
         )
 
 
 def as_object(values: object, what: str) -> Mapping[str, Any]:
-    """Return values by name, or refuse what is none."""
+    """Return `values` if they are a JSON object; raise VectorError if not."""
     if not isinstance(values, dict):
         raise VectorError(f"{what} is a {type(values).__name__}: expected names and values")
     return values

@@ -1,4 +1,4 @@
-"""Corner cases of distances, sequences and the search: maps that are laid out by pattern."""
+"""Corner cases of distances, sequences and the search, with maps laid out by pattern."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def match_cases(design: Design) -> list[Case]:
     Returns
     -------
     list of Case
-        Of a design with a single code of a bit or two, those that it has room for.
+        For a design with a single code of one or two bits, only the cases that fit it.
     """
     cases = [_pattern_case(name, *pattern) for name, pattern in _patterns(design).items()]
     return [case for case in cases if case is not None]
@@ -29,8 +29,8 @@ def match_cases(design: Design) -> list[Case]:
 def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
     """Lay out maps by pattern; the query is the same in every window.
 
-    n is its own descriptor, at distance zero; 1 and 2 differ from it by one code and two; f is as
-    far as a place can be.
+    A letter stands for a place: n is equal to the query's descriptor, at distance zero; 1 and 2
+    differ from it by one and by two units of code; f is as far as a place can be.
     """
     length, zone = design.length, design.exclusion
     near, far = "n" * length, "f" * (length + zone + 1)
@@ -38,7 +38,7 @@ def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
     below = replace(design, accept="ratio", ratio=(1, 3))
     margin = {t: replace(design, accept="margin", margin=t) for t in (1, 2)}
     one, two = near[:-1] + "1", near[:-1] + "2"
-    # products above 16 bits, the lower 16 of which are in another order
+    # products above 16 bits, whose lower 16 bits are in another order
     wide = replace(design, accept="ratio", ratio=(65_534, 65_535))
     single = replace(margin[1], length=1)
     longer = replace(design, length=max(design.length, 8) + 4, places=design.places + 12)
@@ -82,8 +82,9 @@ def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
     stream = Stream(design, pixels)
     windows = design.length + 2
     if name in ("all_places_far", "tie_of_two") and design.window == "time":
-        # all windows empty, so that nothing can be further than the largest code in every slot; an
-        # event elsewhere in each of them, since a clock may be too narrow for such a silence
+        # All windows are empty, so that f differs by the largest code in every slot. Each window
+        # has an event at an unselected pixel, since the clock may be too narrow for so long a
+        # silence.
         for _ in range(windows):
             stream.at(*unselected_pixel(design, pixels))
             stream.end()
@@ -106,7 +107,7 @@ def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
 
 
 def _moved(design: Design, codes: Codes, steps: int) -> Codes | None:
-    """Move codes to a distance of so many steps; None if there is no room."""
+    """Move codes to a distance of `steps` units of code; None if there is no room."""
     moved = list(codes)
     for slot, code in enumerate(codes):
         up = design.code_max - code

@@ -1,4 +1,4 @@
-"""What a device's memories hold, word by word, and what the bits of a word mean."""
+"""Contents of a device's memories, word by word, and the meaning of the bits of a word."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.formats import Packing, Table
 
-#: the memories, by the name of their files
+#: names of the memories, which are also the names of their files
 MEMORIES = ("displacement", "lookup", "codes", "code_tables", "places")
 
 
@@ -43,7 +43,7 @@ def memory_words(memories: Memories) -> dict[str, tuple[Packing, Table]]:
 def descriptor_words(
     memories: Memories, descriptors: tuple[tuple[int, ...], ...]
 ) -> tuple[Packing, Table]:
-    """Pack descriptors, P codes a word.
+    """Pack descriptors, as many codes a word as the design has lanes.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def descriptor_words(
     Returns
     -------
     Packing, Table
-        Lane 0 in the least significant bits; each descriptor's last word is filled up with zeros.
+        Lane 0 is in the least significant bits; zeros fill up the last word of each descriptor.
     """
     lanes, bits = memories.design.lanes, memories.design.code_bits
     rows = (formats.lanes(codes, lanes, bits) for codes in descriptors)

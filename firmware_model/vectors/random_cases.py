@@ -1,4 +1,4 @@
-"""Random stimuli: bursts and pauses at random pixels, by a map that the stream comes by."""
+"""Random stimuli: bursts and pauses at random pixels, with maps made of their windows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firmware_model.design import Design
 from firmware_model.memories import Memories
 from firmware_model.vectors.case import Case
 
-#: events of one stream
+#: number of events of one stream
 EVENTS = 2000
 
 
@@ -26,9 +26,9 @@ def random_cases(
     design : Design
     rng : numpy.random.Generator
     number : int
-        Of cases, each with pixels, places and a stimulus of its own.
+        Number of cases, each with pixels, places and a stimulus of its own.
     events : int
-        Of a stimulus.
+        Number of events of a stimulus.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
     results = [result for event in events for result in model.take(event)]
     seen = [result.codes for result in results if isinstance(result, WindowResult)]
     places = rng.integers(0, design.code_max + 1, (design.places, design.slots))
-    # most of the map is what the stream shows in some order, with a code in five one up or down
+    # most places are windows of the stream; some of their codes are changed by one
     for k in range(design.places if seen else 0):
         if rng.random() < 0.8:
             noise = rng.integers(-1, 2, design.slots) * (rng.random(design.slots) < 0.2)
@@ -62,7 +62,7 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
 
 
 class _Learnt(NamedTuple):
-    """Where running means and the usual activity start."""
+    """Initial running means and initial usual activity."""
 
     mean: list[int] | None
     activity: int
@@ -74,7 +74,7 @@ def _learnt(design: Design, rng: np.random.Generator) -> _Learnt:
         most = min(design.entry_max, 4 * 256)
         mean = rng.integers(0, most + 1, design.slots).tolist()
     if design.own_mean or design.filters:
-        # about a window's events, so that some of the windows pause
+        # comparable with the events of a window, so that some of the windows pause
         activity = int(rng.integers(0, 512 * (EVENTS // 30)))
     return _Learnt(mean, activity)
 
@@ -87,7 +87,7 @@ def _stream(
     number: int,
 ) -> list[Event]:
     longest = (1 << (design.timestamp_bits - 1)) - design.tau_us
-    # some thirty windows by time in EVENTS, and now and then a pause of up to three
+    # about thirty windows by time in EVENTS events, with rare pauses of up to three windows
     step = max(1, design.tau_us * 30 // EVENTS)
     steps = rng.integers(0, 2 * step + 1, number)
     pauses = rng.random(number) < 0.002

@@ -1,4 +1,4 @@
-"""Random designs and their tables, small ones of every kind."""
+"""Small random designs of every kind, and their tables."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
 
 
 def random_memories(rng: np.random.Generator, design: Design) -> Memories:
-    """Draw distinct pixels, and places of codes that the design has, some of them alike.
+    """Draw distinct pixels, and places with codes that the design has; some places are equal.
 
     Parameters
     ----------
@@ -100,6 +100,6 @@ def random_memories(rng: np.random.Generator, design: Design) -> Memories:
     if not (design.filters or design.own_mean):
         return Memories(design, pixels, places.tolist(), tables.tolist())
     mean = rng.integers(0, design.entry_max + 1, design.slots).tolist() if design.own_mean else None
-    # of some, every window pauses at first, and of some none
+    # with some values every window pauses at first, and with others none does
     activity = int(rng.integers(0, 1 << int(rng.integers(1, 20))))
     return Memories(design, pixels, places.tolist(), tables.tolist(), mean=mean, activity=activity)

@@ -1,4 +1,4 @@
-"""Stimuli under construction: pixels to select, events by the clock of a design, and windows."""
+"""Stimuli under construction: pixels to select, and events and windows on a design's clock."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firmware_model.memories import Memories, Pixel
 
 
 class Stream:
-    """A stimulus under construction, by the clock of the design.
+    """Stimulus under construction, on the clock of the design.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Stream:
         self.pixels = pixels
         self.start = start
         self.events: list[Event] = []
-        self._window = 0  # number of the open one
+        self._window = 0  # number of the open window
         self._counted = 0
 
     def at(self, x: int, y: int, offset: int = 0, on: bool = True) -> None:
@@ -42,9 +42,9 @@ class Stream:
             self.at(*pixel, offset, on)
 
     def fill(self, counts: Sequence[int]) -> None:
-        """Add events of one window, so many for each slot, and end it.
+        """Add the events of one window, `counts[slot]` for each slot, and end it.
 
-        A window by count is ended by further events at the last slot.
+        A window by count is ended by additional events at the last slot.
         """
         for slot, count in enumerate(counts):
             self.slot(slot, count)
@@ -54,28 +54,28 @@ class Stream:
         """End the open window."""
         if self.design.window == "count" and self._counted:
             self.slot(self.design.slots - 1, self.design.window_events - self._counted)
-        # by count, time goes on as well, and means nothing
+        # time also advances in windows by count, where it has no effect
         self._window += 1
 
     def skip(self, windows: int) -> None:
-        """Let time pass."""
+        """Let the time of some windows pass without events."""
         self._window += windows
 
     def close(self) -> None:
-        """Add the event that lets a device know that the last window by time has ended."""
+        """Add an event after the last window by time, so that a device ends this window."""
         if self.design.window == "time":
             self.at(*self.pixels[0])
 
 
 def choose_pixels(design: Design) -> list[Pixel]:
-    """Pixels that lie in the sensor's corners, two in a column and two in a row, and elsewhere.
+    """Choose pixels in the sensor's corners, two in a column and two in a row, and elsewhere.
 
-    The last pixel of the last row is left out where not all are selected.
+    The last pixel of the last row is left out, unless all pixels are selected.
     """
     right, bottom = design.width - 1, design.height - 1
     first = [(0, 0), (right, 0), (0, bottom), (right // 2, bottom // 2), (right // 2, 0)]
     number = design.width * design.height
-    # steps of a prime visit every pixel, unless it divides their number
+    # steps of a prime number visit every pixel, unless the prime divides their number
     step = next(p for p in (7919, 104_729, 1) if number % p or p == 1)
     visited = (i * step % number for i in range(number))
     elsewhere = ((flat % design.width, flat // design.width) for flat in visited)
@@ -89,7 +89,7 @@ def choose_pixels(design: Design) -> list[Pixel]:
 
 
 def unselected_pixel(design: Design, pixels: Sequence[Pixel]) -> Pixel:
-    """Return the first pixel that is not selected; one beside the sensor if all are."""
+    """Return the first pixel that is not selected, or one beside the sensor if all are."""
     chosen = set(pixels)
     for i in range(design.width * design.height):
         if (i % design.width, i // design.width) not in chosen:

@@ -39,7 +39,7 @@ Suites = Mapping[str, Sequence[Case]]
 
 
 def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[str, list[Case]]:
-    """Make the suites that need nothing but a design: ``corners`` and ``random``.
+    """Make the suites that need only a design: ``corners`` and ``random``.
 
     A design with the place filter or own-mean codes also has the suite ``filter``.
 
@@ -47,9 +47,9 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     ----------
     design : Design
     seed : int
-        Of the random ones.
+        Seed of the random cases.
     only : str, optional
-        A suite; by default all are made.
+        Name of the only suite to make; by default all are made.
 
     Returns
     -------
@@ -69,18 +69,18 @@ def write_suites(
 ) -> Manifest:
     """Write suites of cases, and a manifest of all files.
 
-    The same design, suites and seed make the same bytes, by the same version.
+    The same version writes the same bytes for the same design, suites and seed.
 
     Parameters
     ----------
     folder : path
         Made if it does not exist; must be empty.
     design : Design
-        For which they were made.
+        The design for which the suites were made.
     suites : mapping of str to sequence of Case
     seed : int
     rtl : bool
-        Add the hardware core's sources and testbench, and its parameters to each case.
+        Add the hardware core's sources and testbench, and add the core's parameters to each case.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Compare what a device returned with the vectors, and point at the first difference."""
+"""Comparison of a device's results with the vectors, up to the first difference."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """Outcome of a comparison.
+    """Result of a comparison.
 
     Attributes
     ----------
     differences : list of str
-        The first one of each case that has one.
+        The first difference of each case that has one.
     compared : dict of str to int
-        Records that were compared and equal, by kind.
+        Number of equal records, by kind.
     cases, known : int
-        That were returned, and that the vectors have.
+        Number of cases that were returned, and number of cases of the vectors.
     """
 
     differences: list[str]
@@ -41,15 +41,15 @@ class Verdict:
 def read_results(path: str | Path) -> list[Record]:
     """Read a device's results.
 
-    A CSV has a record a line: ``case,corners/tie_of_two`` first, then ``event,0,3,1`` and so on,
-    the values as in ``expected_*.csv``. Any other suffix is binary: 32-bit little-endian words, a
-    record being its kind (0 case, 1 event, 2 window, 3 match), the number of its values, and the
-    values; a case's value is its number in the manifest.
+    A CSV file has one record a line: ``case,corners/tie_of_two`` first, then ``event,0,3,1`` and so
+    on, with the values as in ``expected_*.csv``. Any other suffix means binary: 32-bit
+    little-endian words. A binary record consists of its kind (0 case, 1 event, 2 window, 3 match),
+    the number of its values, and the values; the value of a case is its number in the manifest.
 
     Raises
     ------
     VectorError
-        If it cannot be read.
+        If the file cannot be read.
     """
     path = Path(path)
     try:
@@ -89,12 +89,12 @@ def verify(
     Parameters
     ----------
     folder : path
-        Of the vectors; the files that are read are held to their hashes.
+        Folder of the vectors; the hashes of the files that are read are checked.
     results : iterable of Record
     case : str, optional
-        The case, as ``suite/name``, to which records belong before the first one that names a case.
+        Case, as ``suite/name``, of the records before the first one that names a case.
     kinds : sequence of {"event", "window", "match"}
-        Which records the device returns; others are not expected, and not looked at.
+        Kinds of records that the device returns; other kinds are neither expected nor compared.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def _compare(
     pixels: Sequence[str],
     compared: dict[str, int],
 ) -> str:
-    """First difference in the order in which things happened; empty if there is none."""
+    """Describe the first difference in the order of the stream; empty if there is none."""
     left: dict[str, Iterator[tuple[int, ...]]] = {
         kind: iter([values for k, values in found if k == kind]) for kind in kinds
     }

@@ -10,10 +10,10 @@
     t = { shift = 16, bits = 16, tick_us = 1 }  # absent: an event's time is that of its arrival
     sync = { mask = 0x8000, value = 0x8000 }    # bits that every event's word has; may be absent
 
-Put every bit that never changes under the mask: with it the decoder finds its place again.
-Two layouts have names and need no file: ``aer:layout=aer4`` is the one above, and
-``aer:layout=jaer8`` is jAER's: a big-endian address (row from bit 8, column from bit 1, polarity
-in bit 0), then 32 bits of microseconds.
+Include every bit that never changes in the mask: the decoder uses these bits to find the beginning
+of words again. Two layouts have names and need no file: ``aer:layout=aer4`` is the one above, and
+``aer:layout=jaer8`` is that of jAER: a big-endian address (row from bit 8, column from bit 1,
+polarity in bit 0), then 32 bits of microseconds.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ _KEYS = {"bytes", "endian", "x", "y", "p", "t", "sync"}
 
 
 def read_layout(path: str | Path) -> Layout:
-    """Read a layout.
+    """Read a layout from a TOML file.
 
     Raises
     ------
     UsageError
-        If the file cannot be read, or says something that no word can have.
+        If the file cannot be read, or describes an impossible word.
     """
     values = read_toml(path, "a layout", "name a TOML file as docs/stream.md shows it")
     if unknown := set(values) - _KEYS:
@@ -93,7 +93,7 @@ def read_layout(path: str | Path) -> Layout:
 def _shown(value: object) -> str:
     try:
         return printable(repr(value), 80)
-    except ValueError:  # of thousands of digits, as TOML allows
+    except ValueError:  # a number of thousands of digits, which TOML allows
         return "a number too long to print"
 
 
@@ -127,10 +127,10 @@ def _layout(options: OptionReader) -> Layout:
 
 
 def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
-    """Make a decoder."""
+    """Make a decoder of a layout."""
     return LayoutDecoder("this layout", _layout(options), sensor)
 
 
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
-    """Make an encoder."""
+    """Make an encoder of a layout."""
     return LayoutEncoder("this layout", _layout(options), sensor)

@@ -1,4 +1,4 @@
-"""Consistent overhead byte stuffing: any bytes become bytes without a zero.
+"""Consistent overhead byte stuffing: converts any bytes to bytes without a zero.
 
 S. Cheshire, M. Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7(2), 1999.
 A zero can then mark the end of a frame, and a reader that has lost its place waits for the next.
@@ -16,7 +16,7 @@ Bytes = npt.NDArray[np.uint8]
 
 
 def stuff(data: bytes) -> bytes:
-    r"""Encode; the result holds no zero and is longer by one byte in 254, begun ones counted.
+    r"""Encode; the result has no zero, and one more byte for each 254 bytes or part of them.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def _stuff(data: Any, out: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def unstuff(data: Any, out: Any) -> Any:
-    """Decode `data`, which holds no zero, into `out`; return its length, or -1 if it is damaged."""
+    """Decode `data`, which has no zero, into `out`; return its length, or -1 if it is damaged."""
     i, n = 0, 0
     while i < data.size:
         code: Any = np.int64(data[i])

@@ -1,4 +1,4 @@
-"""CRC-32 as zlib has it, of bytes that a kernel holds."""
+"""CRC-32 as computed by zlib, for use within kernels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _POLYNOMIAL = 0xEDB88320
 
 
 def _tables() -> npt.NDArray[np.int64]:
-    """Remainders of each byte with 0 to 7 zero bytes after it, shape (8, 256)."""
+    """Return the remainders of each byte with 0 to 7 zero bytes after it, shape (8, 256)."""
     rows = np.zeros((8, 256), dtype=np.int64)
     rows[0] = np.arange(256)
     for _ in range(8):
@@ -42,7 +42,7 @@ def crc32(data: Any, start: Any, stop: Any) -> Any:
     """
     value = np.int64(0xFFFFFFFF)
     i = start
-    # eight bytes a step, as their remainders do not wait for each other
+    # eight bytes a step, since their remainders do not depend on each other
     while i + 8 <= stop:
         value = (
             _TABLES[7, (value & 255) ^ data[i]]

@@ -1,9 +1,9 @@
 """EDVS: 128 x 128 pixels, formats E0 to E4, no checksum and no sequence number.
 
-Byte 0 is a sync bit and the row, byte 1 polarity and column, then the time: none (E0), the step
-since the event before in 7-bit groups (E1), or 16, 24, 32 bits (E2, E3, E4). Firmware before
-steps were introduced calls 16, 24 and 32 bits E1, E2 and E3; and there are drivers and firmware
-with the sync bit inverted. What a device sends is therefore found from its bytes, unless given.
+Byte 0 holds a sync bit and the row, byte 1 polarity and column. The time follows: none (E0), the
+step since the previous event in 7-bit groups (E1), or 16, 24, 32 bits (E2, E3, E4). Firmware older
+than the format with steps calls 16, 24 and 32 bits E1, E2 and E3. Some drivers and firmware invert
+the sync bit. The format of a device is therefore found from its bytes, unless given.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, s
 from edge_vpr.stream.timestamp_filter import Clock
 
 SENSOR = Sensor(128, 128)
-#: Bytes from which the format is found.
+#: Number of bytes from which the format is found.
 DETECT_BYTES = 1_024
-#: A format found is looked for again if most of so many bytes do not fit it.
+#: The format is searched for again if most of this number of bytes do not fit it.
 DOUBT_BYTES = 16_384
 
 
 class EdvsDecoder(Decoder):
-    """Finds the format from the first bytes, sends the set-up, and decodes.
+    """Finds the format from the first bytes, sends the set-up commands, and decodes.
 
     Parameters
     ----------
     sensor : Sensor
     bits : sequence of int
-        Candidates for the bits of the time, longest first.
+        Candidates for the number of bits of the time, longest first.
     syncs : sequence of {0, 1}
         Candidates for the sync bit.
     command : str
-        Format to ask the device for.
+        Format to request from the device.
     """
 
     def __init__(
@@ -58,15 +58,15 @@ class EdvsDecoder(Decoder):
             self.resync_bytes = 2 * (DOUBT_BYTES + DETECT_BYTES)
 
     def setup(self) -> bytes:
-        """Stop events, echo off, set the format, clock to zero, start events."""
+        """Return commands: stop events, echo off, set the format, clock to zero, start events."""
         return f"E-\n!U0\n!{self._command}\n!ET0\nE+\n".encode("ascii")
 
     def teardown(self) -> bytes:
-        """Stop events."""
+        """Return the command that stops events."""
         return b"E-\n"
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
-        """Take the next bytes; see `Decoder.feed`."""
+        """Decode the next bytes; see `Decoder.feed`."""
         if self._given and self._inner is not None:
             return self._inner.feed(data, host_us)
         events = []
@@ -74,7 +74,7 @@ class EdvsDecoder(Decoder):
             if self._inner is None:
                 data = self._find_format(data)
                 continue
-            # doubted at the same bytes, however they are cut
+            # the format is checked after the same bytes, whatever the sizes of the pieces
             left = DOUBT_BYTES - (self.health.bytes - self._since[0])
             events.append(self._inner.feed(data[:left], host_us))
             data = data[left:]
@@ -94,7 +94,7 @@ class EdvsDecoder(Decoder):
         return join_events(events)
 
     def warm_up(self) -> None:
-        """Compile what decoding needs; see `Decoder.warm_up`."""
+        """Compile the kernels for decoding; see `Decoder.warm_up`."""
         if self._given:
             super().warm_up()
             return
@@ -107,14 +107,14 @@ class EdvsDecoder(Decoder):
     def _samples(self) -> Iterable[bytes]:
         encoder = EdvsEncoder(self.sensor, self._bits[0], self._syncs[0], "new", echo=False)
         words = encoder.encode(synthetic_events())
-        # a byte is lost in the midst of them
+        # a byte in the middle is missing
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         return [], data
 
     def _find_format(self, data: bytes, *, last: bool = False) -> bytes:
-        """Collect bytes until their format is found; then return those that are to be decoded."""
+        """Collect bytes until their format is found, then return the bytes to decode."""
         health = self.health
         health.bytes += len(data)
         early = self._pending + data
@@ -122,7 +122,7 @@ class EdvsDecoder(Decoder):
         while found is None and len(early) >= (1 if last else DETECT_BYTES):
             found = detect(early[:DETECT_BYTES], self._bits, self._syncs)
             if found is None:
-                # noise so far: half of it makes room for what comes
+                # only noise so far: half of it is dropped to make room for later bytes
                 health.skipped_bytes += len(early[: DETECT_BYTES // 2])
                 early = early[DETECT_BYTES // 2 :]
         if found is None:
@@ -130,7 +130,7 @@ class EdvsDecoder(Decoder):
             health.pending_bytes = len(early)
             return b""
         self._pending = b""
-        health.bytes -= len(early)  # they are counted when they are decoded
+        health.bytes -= len(early)  # counted when they are decoded
         health.pending_bytes = 0
         self._settle(*found)
         return early
@@ -164,7 +164,7 @@ class EdvsDecoder(Decoder):
 
 
 class EdvsEncoder(Encoder):
-    """A device that starts on ``E+``, and answers commands as the maker's firmware does."""
+    """Device that starts on ``E+``, and answers commands as the maker's firmware does."""
 
     waits_for_host = True
 
@@ -191,7 +191,7 @@ class EdvsEncoder(Encoder):
         return data
 
     def respond(self, command: bytes) -> bytes:
-        """Take commands; a new format counts from the next event on."""
+        """Answer commands; a new format applies from the next event on."""
         *lines, self._commands = (self._commands + command).split(b"\n")
         self._commands = self._commands[-64:]
         answer = []
@@ -210,13 +210,13 @@ class EdvsEncoder(Encoder):
 
 
 def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
-    """Make a decoder; the format, its dialect and its sync bit are found unless given."""
+    """Make a decoder; format, dialect and sync bit are found from the bytes unless given."""
     wanted = options.choice("format", ("auto", "E0", "E1", "E2", "E3", "E4"))
     dialect = options.choice("dialect", ("auto", "new", "old"))
     sync = options.choice("sync", ("auto", "1", "0"))
     dialects = ("new", "old") if dialect == "auto" else (dialect,)
     if wanted == "auto":
-        # any bytes look like events without time: these are not looked for
+        # any bytes look like events without time, so that this format is not searched for
         bits = {32, 24, 16, STEPS}
     else:
         bits = {BITS[each][wanted] for each in dialects if wanted in BITS[each]}

@@ -10,20 +10,20 @@ from numba import njit
 from edge_vpr.stream.protocols.layout import Field, Layout, read_words
 from edge_vpr.stream.protocols.words import Raw
 
-#: Bits of the time, by format; steps are not of fixed size.
+#: Number of bits of the time for each format; -1 stands for steps, whose size varies.
 STEPS = -1
 BITS = {
     "new": {"E0": 0, "E1": STEPS, "E2": 16, "E3": 24, "E4": 32},
     "old": {"E0": 0, "E1": 16, "E2": 24, "E3": 32},
 }
-#: A reading fits if more than this share of a stretch looks right; half of any noise does.
+#: A format fits if more than this share of its words looks right; half of the words of noise do.
 FITS = 0.75
-#: The same where no time of full length speaks for it.
+#: The same share for formats without a time of fixed size.
 FITS_WITHOUT_TIME = 0.9
 
 
 def layout_of(bits: int, sync: int) -> Layout:
-    """Lay out an event of fixed size: `bits` of time, and the value of the sync bit."""
+    """Return the layout of an event with `bits` bits of time and the value of the sync bit."""
     return Layout(
         size=2 + bits // 8,
         big=True,
@@ -37,16 +37,16 @@ def layout_of(bits: int, sync: int) -> Layout:
 
 
 def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int, int] | None:
-    """Find bits of time and sync bit of a stretch of a stream; None if nothing fits.
+    """Find the bits of the time and the sync bit of a stretch of bytes; None if nothing fits.
 
-    A wrong reading may fit as well, where a byte of it hardly changes; time then runs faster.
-    Events of steps, and events without time, are what remains if no other reading fits.
+    A wrong format may also fit, if one of its bytes hardly changes; time then runs faster. Formats
+    with steps or without time are chosen only if no other format fits.
 
     Parameters
     ----------
     data : bytes
     bits : iterable of int
-        Candidates.
+        Candidates for the number of bits of the time.
     syncs : iterable of {0, 1}
     """
     raw, bits = np.frombuffer(data, dtype=np.uint8), set(bits)
@@ -67,12 +67,12 @@ def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int,
 
 
 def _share(raw: Raw, layout: Layout) -> tuple[float, float]:
-    """Share of words that look right from the best offset, and how fast time runs there."""
+    """Return the share of plausible words at the best offset, and how fast time runs there."""
     found = [(0.0, 0.0)]
     if raw.size >= layout.size:
         for offset, reading in enumerate(read_words(raw, raw.size, layout.form())):
             words = (raw.size - offset) // layout.size
-            # the same again and again is a dead line; of few words many look right by chance
+            # equal words come from a dead line; of few words, many are plausible by chance
             share = reading.good / words * reading.moves - words**-0.5
             found.append((share, reading.pace))
     best = max(share for share, _ in found)
@@ -81,9 +81,9 @@ def _share(raw: Raw, layout: Layout) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def _share_of_steps(raw, sync):  # type: ignore[no-untyped-def]
-    """Share of events of steps that can be read, of these and the places where none can.
+    """Return the readable events with steps, as a share of these and the unreadable places.
 
-    No device says a step in more bytes than it needs.
+    No device sends a step in more bytes than it needs.
     """
     at, read, breaks = 0, 0, 0
     while at + 2 < raw.size:

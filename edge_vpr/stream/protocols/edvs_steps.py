@@ -1,4 +1,4 @@
-"""The eDVS format E1: 3 to 6 bytes an event, whose time is the step since the one before."""
+"""The eDVS format E1: 3 to 6 bytes an event, with the time since the previous event."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LONGEST = 6
 class StepDecoder(Decoder):
     """Decodes E1, whose events are 3 to 6 bytes long.
 
-    A shifted stream is noticed at the first byte that should have a sync bit and has none, or
+    A shifted stream is noticed at the first byte without the expected sync bit, or at the first
     step that does not end.
     """
 
@@ -41,7 +41,7 @@ class StepDecoder(Decoder):
         at, count = 0, 0
         while True:
             if self._searching:
-                # a start is judged by the events after it, and by the starts next to it
+                # a start is judged by the events after it, and by the possible starts next to it
                 starts = raw.size - at - (0 if final else (SEARCH_WORDS + 1) * _LONGEST)
                 if starts <= 0:
                     break
@@ -64,7 +64,7 @@ class StepDecoder(Decoder):
 
 @njit(cache=True, nogil=True)
 def take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
-    """Decode whole events; stop at the first that cannot be one."""
+    """Decode whole events; stop at the first bytes that cannot be an event."""
     at, n = 0, 0
     while at < raw.size:
         if raw[at] >> 7 != sync:
@@ -88,9 +88,9 @@ def take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
 def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
     """Find the first byte from which `words` events (or as many as there are) can be read.
 
-    Returns how many bytes lie before it, and whether there is one before `starts`. A shifted
-    reading takes every row for a step and so runs through time faster: of the next offsets that can
-    be read, the first is right, unless another takes less than half its time.
+    Returns the number of bytes before it, and whether there is one before `starts`. A shifted
+    reading takes every row for a part of a step, and time then runs faster. Of the next offsets
+    that can be read, the first is therefore right, unless another takes less than half of its time.
     """
     best, best_time, first = starts, np.int64(-1), -1
     for start in range(raw.size):
@@ -114,23 +114,23 @@ def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
         if not bad and n > 0:
             if first < 0:
                 first = start
-            # a later event of the same reading leaves out a step; a shifted reading, most of all
+            # starting at a later event leaves out one step, but time runs much faster if shifted
             if best_time < 0 or 2 * time < best_time:
                 best, best_time = start, time
     return best, first >= 0
 
 
 def room_for(size: int) -> Columns:
-    """Columns for the events that `size` bytes of steps can hold."""
+    """Return columns for the events that `size` bytes of steps can hold."""
     return no_columns(size // 3 + 1)
 
 
 def encode_steps(events: Events, since_us: int, sync: int) -> bytes:
-    """Encode events, the first of them with its step since `since_us`."""
+    """Encode events; the step of the first event counts from `since_us`."""
     if events.size == 0:
         return b""
     steps = np.diff(events["t"], prepend=since_us)
-    # a silence of more than 28 bits cannot be said
+    # a longer silence than 28 bits can hold is shortened
     steps = np.clip(steps, 0, (1 << 28) - 1)
     groups = (steps[:, None] >> np.array([21, 14, 7, 0])) & 127
     needed = np.maximum.accumulate(groups > 0, axis=1)

@@ -1,4 +1,4 @@
-"""Our own frames, decoded; `docs/protocol_evpr.md` is their specification."""
+"""Decoder of this project's own frames, which `docs/protocol_evpr.md` specifies."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class EvprDecoder(Decoder):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
-        self._endless = False  # within a frame that is too long already
+        self._endless = False  # within a frame that is already too long
         self._room = Box(FrameRoom.of(1 << 12, np.array([(-1, 0, 0, 0)], dtype=MEMORY)))
 
     def _samples(self) -> Iterable[bytes]:
         yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
 
     def setup(self) -> bytes:
-        """Return an empty frame, which reports that the host is there."""
+        """Return an empty frame, which reports the host's presence."""
         return FRAME_END
 
     def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
@@ -90,7 +90,7 @@ class EvprDecoder(Decoder):
 
 
 def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
-    """Make a decoder; widths are in each frame, so that it has no options."""
+    """Make a decoder; it has no options, since each frame states its widths."""
     return EvprDecoder(sensor)
 
 

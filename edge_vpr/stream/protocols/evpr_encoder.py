@@ -1,4 +1,4 @@
-"""Our own frames, made from events; `docs/protocol_evpr.md` is their specification."""
+"""Encoder of this project's own frames, which `docs/protocol_evpr.md` specifies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edge_vpr.stream.protocols.protocol import Encoder
 
 
 class EvprEncoder(Encoder):
-    """Makes frames of as many events as fit.
+    """Encodes events as frames of as many events as fit.
 
     Parameters
     ----------
@@ -23,14 +23,14 @@ class EvprEncoder(Encoder):
     width : {3, 4}
         Bytes an event.
     boot : int
-        Number of this run of the device.
+        Number that identifies this run of the device.
     frame_bytes : int
-        Longest frame before stuffing; shorter ones lose less to a damaged byte.
+        Length of the longest frame before stuffing. With shorter frames, a damaged byte loses less.
 
     Attributes
     ----------
     dropped : int
-        Events the device had to drop so far; set by whoever drops them.
+        Number of events that the device has dropped so far; set by the code that drops them.
     """
 
     waits_for_host = True
@@ -57,15 +57,15 @@ class EvprEncoder(Encoder):
         return self.idle(0)
 
     def idle(self, now_us: int) -> bytes:
-        """Return a frame without events: the device is alive, and nothing was lost."""
+        """Return a frame without events: the device is running, and nothing was lost."""
         return self._frame_of(b"", now_us)
 
     def encode(self, events: Events) -> bytes:
-        """Encode as one frame or several."""
+        """Encode events as one or more frames."""
         frames = []
         for i in range(0, events.size, self._words):
             words, counted, base = self._words_of(events[i : i + self._words])
-            # pauses are words as well, so that a quiet stretch takes more than one frame
+            # pauses are words too, so that a quiet stretch may take more than one frame
             cuts = range(0, len(words), self._words)
             for cut in cuts:
                 part = words[cut : cut + self._words]

@@ -1,4 +1,4 @@
-"""Kernels that decode our own frames; `docs/protocol_evpr.md` is their specification."""
+"""Kernels that decode this project's own frames, which `docs/protocol_evpr.md` specifies."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from edge_vpr.stream.protocols.evpr_frames import CHECK, HEADER, MAX_STUFFED, VE
 from edge_vpr.stream.timestamp_filter import admit_columns, no_columns, start_clock
 
 _HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
-#: A frame that was sent before the last one, by less than this, came twice.
+#: A frame that was sent less than this before the last one is a repetition.
 REPEAT_US = 1_000_000
-# what is remembered from frame to frame: boot (-1: no frame yet), sequence number that the next
-# frame should have, drops told so far, the last frame's base time
+# state between frames: boot (-1: no frame yet), expected sequence number of the next frame,
+# reported drops so far, base time of the last frame
 MEMORY = np.dtype([("boot", "<i8"), ("next", "<i8"), ("dropped", "<i8"), ("last", "<i8")])
-# what the frames of one chunk brought: how many of each kind, the first base time, and the time
-# that a last frame without events tells (-1: it has events)
+# results of the frames of one chunk: number of each kind, first base time, and time stated by the
+# last frame if it has no events (-1: it has events)
 BROUGHT = np.dtype(
     [
         (name, "<i8")
@@ -34,7 +34,7 @@ BROUGHT = np.dtype(
 
 
 class FrameRoom(NamedTuple):
-    """Room for the frames of one chunk, and what is remembered from chunk to chunk.
+    """Room for the frames of one chunk, and the state that is kept between chunks.
 
     Attributes
     ----------
@@ -53,30 +53,30 @@ class FrameRoom(NamedTuple):
 
     @classmethod
     def of(cls, size: int, memory: npt.NDArray[np.void]) -> FrameRoom:
-        """Make room for what frames of `size` bytes together can hold."""
+        """Make room for the events of frames of `size` bytes in total."""
         plain, brought = np.empty(MAX_STUFFED, dtype=np.uint8), np.zeros(1, dtype=BROUGHT)
         return cls(plain, no_columns(size // 3), memory, brought)
 
 
 @njit(cache=True, nogil=True)
 def decode_frames(box, clock, raw, out):  # type: ignore[no-untyped-def]
-    """Decode the frames that are whole, and filter their events.
+    """Decode whole frames, and filter their events.
 
     Parameters
     ----------
     box : Boxed
-        Of `FrameRoom`, with room for `raw`.
+        Box of a `FrameRoom` with room for `raw`.
     clock : Boxed
-        Of `TimestampFilter`.
+        Box of the state of a `TimestampFilter`.
     raw : ndarray of uint8, shape (n,)
         Frames, each with the zero at its end.
     out : ndarray of EVENT_DTYPE
-        Has room for the events of `raw` and those held before.
+        Room for the events of `raw` and those held before.
 
     Returns
     -------
     decoded, delivered : int
-        Events of the frames, and those in `out`.
+        Number of events of the frames, and number of events in `out`.
     """
     room = FrameRoom(*box.value)
     brought = room.brought
@@ -107,7 +107,7 @@ def _number(data, at, size):  # type: ignore[no-untyped-def]
 def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
     """Decode a frame whose checksum is at `end`, and compare the device's totals with ours.
 
-    It took so many bytes on the line; its events are written from `first` on, and counted.
+    The frame took `taken` bytes on the line. Its events are written from `first` on, and counted.
     """
     plain, columns, memory, brought = room
     last, found = memory[0], brought[0]
@@ -124,7 +124,7 @@ def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
         or (width != 3 and width != 4)
         or words % width
         or x_bits + y_bits + 2 > 8 * width
-        or plain[19] >= 64  # a base time of 2^62
+        or plain[19] >= 64  # base time of 2^62 or more
     ):
         found["damaged"] += 1
         found["skipped_bytes"] += taken
@@ -140,7 +140,7 @@ def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
             found["repeats"] += 1
             found["skipped_bytes"] += taken
             return 0
-        # anew, even if the device forgot to change the number of its start
+        # a new run of the device, even if it did not change its boot number
         found["resets"] += 1
         last["next"], last["dropped"], missing = 0, 0, sequence
     found["gaps"] += missing > 0
@@ -159,10 +159,10 @@ def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _take_words(data, form, base, columns, first):  # type: ignore[no-untyped-def]
-    """Little-endian words: from the lowest bit on x, y, polarity, time since the word before.
+    """Decode little-endian words: from the lowest bit x, y, polarity, time since the last word.
 
-    A word whose time field is all ones is a pause, as long as its other bits say. `form` is the
-    width of a word in bytes and those of x and y in bits; events are written from `first` on.
+    A word whose time field is all ones is a pause of the length in its other bits. `form` has the
+    width of a word in bytes, and the widths of x and y in bits. Events are written from `first` on.
     """
     (width, x_bits, y_bits), (t, x, y, p) = form, columns
     p_at = x_bits + y_bits

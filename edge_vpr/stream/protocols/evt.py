@@ -18,19 +18,19 @@ from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, s
 from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 from edge_vpr.stream.timestamp_filter import Clock
 
-#: Bytes a word, and bits of the clock, which counts microseconds.
+#: Bytes of a word, and bits of the clock, which counts microseconds.
 _SIZES = {"evt2": (4, 34), "evt21": (8, 34), "evt3": (2, 24)}
-#: So many bytes, whole words of each size, are copied at once.
+#: Number of bytes that are copied at once; a multiple of each word size.
 _COPIED_BYTES = 4_096
-#: Cameras say the time's high bits every 16 us, changed or not.
+#: Cameras send the high bits of the time every 16 us, whether changed or not.
 _SLOT_BITS = 4
-#: Kinds of word that exist, one bit each.
+#: Existing kinds of words, one bit each.
 _KINDS_EVT2 = sum(1 << kind for kind in EVT2_KINDS)
 _KINDS_EVT3 = sum(1 << kind for kind in EVT3_KINDS)
 
 
 class EvtDecoder(WordDecoder):
-    """Decodes words; a word of a kind that does not exist, or off the sensor, shows a shift."""
+    """Decodes words; a word of an unknown kind, or off the sensor, shows a shifted stream."""
 
     def __init__(self, name: str, sensor: Sensor) -> None:
         if max(sensor) > 2048:
@@ -47,7 +47,7 @@ class EvtDecoder(WordDecoder):
 
     def _samples(self) -> Iterable[bytes]:
         words = _ENCODERS[self._name](self.sensor).encode(synthetic_events())
-        # a byte is lost in the midst of them
+        # a byte in the middle is missing
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
     def _fresh(self) -> None:
@@ -60,8 +60,9 @@ class EvtDecoder(WordDecoder):
 
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
         if raw.ctypes.data % self._size:
-            # a kernel is compiled anew for words that do not lie on their boundaries, or may be
-            # written to; and not all is copied again after each fault
+            # The kernels would be compiled again for words that are not aligned, or that are
+            # writeable. Only a part is copied, so that a fault does not cause all the rest to be
+            # copied again.
             raw = raw[:_COPIED_BYTES].copy()
             raw.flags.writeable = False
         words = raw.view(self._words.dtype)
@@ -75,7 +76,7 @@ class EvtDecoder(WordDecoder):
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
-        # what the words before said of time and row is no longer true
+        # time and row of the words before are no longer valid
         self._fresh()
 
 
@@ -104,7 +105,7 @@ def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyped-def]
-    """Return the number of valid words, and the first of them, from each offset."""
+    """Return the number of valid words, and the first of them, for each offset."""
     readings = np.zeros((min(size, raw.size - size + 1), 2))
     for offset in range(len(readings)):
         words = min(most, (raw.size - offset) // size)
@@ -134,7 +135,7 @@ class EvtEncoder(Encoder):
 
 
 class Evt2Encoder(EvtEncoder):
-    """Makes EVT 2.0 words: the time's high bits as often as cameras say them, a word an event."""
+    """Encodes EVT 2.0: the high bits of the time as often as cameras, and a word an event."""
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
@@ -145,7 +146,7 @@ class Evt2Encoder(EvtEncoder):
 
 
 class Evt21Encoder(EvtEncoder):
-    """Makes EVT 2.1 words of one event each."""
+    """Encodes EVT 2.1 words of one event each."""
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
@@ -153,7 +154,7 @@ class Evt21Encoder(EvtEncoder):
             return b""
         new = self._says_time(events["t"])
         # the upper half is a word of EVT 2.0 whose column is a multiple of 32; the lower half has a
-        # bit for each of 32 columns from there on
+        # bit for each of the 32 columns from there on
         x = events["x"].astype(np.uint64)
         top = evt2_event_words(events).astype("<u8") & ~np.uint64(31 << 11)
         word = top << np.uint64(32) | np.uint64(1) << (x & np.uint64(31))
@@ -161,7 +162,7 @@ class Evt21Encoder(EvtEncoder):
 
 
 class Evt3Encoder(EvtEncoder):
-    """Makes EVT 3.0 words: times, the row where it changes, and a column an event."""
+    """Encodes EVT 3.0: times, the row when it changes, and a column an event."""
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)

@@ -1,4 +1,4 @@
-"""Address-event words of one size, as a layout says where each field lies."""
+"""Address-event words of one size, with the fields that a layout describes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from edge_vpr.stream.timestamp_filter import STEP_US, Clock, no_columns
 
 Form = npt.NDArray[np.void]
 
-#: Words of a device are in order but for this.
+#: Most microseconds by which words of a device are out of order.
 DISORDER_US = 1_000
-#: A shifted stream is noticed within so many words.
+#: Number of words within which a shifted stream is noticed.
 NOTICE_WORDS = 40
-# what a kernel needs of a layout; of the fields, the place and the mask
+# values of a layout for kernels; each field has a shift and a mask
 _FORM = np.dtype(
     [
         (name, "<u8")
@@ -32,49 +32,50 @@ _FORM = np.dtype(
         )
     ]
 )  # fmt: skip
-# an odd step counts so much, a good one -1, and more than this is a lost place
+# An odd step of time adds the first number to a score, and a good one subtracts 1. If the score
+# exceeds the second number, the beginning of words is lost.
 _ODD, _TOO_ODD = 4, 8
-# time of the last word (-1: there is none), and how odd the last steps were
+# time of the last word (-1: there is none), and score of the last steps
 _MEMORY = np.dtype([("last", "<i8"), ("odd", "<i8")])
 _NOTHING = (-1, 0)
 
 
 @dataclass(frozen=True)
 class Field:
-    """Bits ``shift`` to ``shift + bits - 1`` of a word; no bits: there is no such field."""
+    """Bits ``shift`` to ``shift + bits - 1`` of a word; a field without bits is absent."""
 
     shift: int = 0
     bits: int = 0
 
     @property
     def mask(self) -> int:
-        """Largest value."""
+        """Largest value of the field."""
         return (1 << self.bits) - 1
 
     @property
     def place(self) -> tuple[int, int]:
-        """Shift and mask."""
+        """Shift and mask of the field."""
         return self.shift, self.mask
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the fields of a word lie.
+    """Position of the fields in a word.
 
     Parameters
     ----------
     size : int
-        Bytes a word, 2 to 8.
+        Bytes of a word, 2 to 8.
     big : bool
-        Most significant byte first.
+        Whether the most significant byte comes first.
     x, y, p, t : Field
-        Without `p` all events are ON; without `t` an event's time is that of its arrival.
+        Without `p` all events are ON; without `t` the time of an event is that of its arrival.
     tick_us : int
-        Microseconds a tick of `t`.
+        Microseconds of a tick of `t`.
     sync_mask, sync_value : int
-        Bits that every event's word has, and their values; other words are no events.
+        Bits that the word of every event has, and their values; other words are not events.
     off_is_one : bool
-        Whether the polarity bit says OFF.
+        Whether the polarity bit is set for OFF.
     """
 
     size: int
@@ -90,12 +91,12 @@ class Layout:
 
     @property
     def clock(self) -> Clock:
-        """The device's clock, or that of the host."""
+        """Clock of the device, or that of the host if words have no time."""
         return Clock(self.t.bits, self.tick_us) if self.t.bits else Clock()
 
     def form(self) -> Form:
-        """Return what a kernel needs of it, as an array of one record."""
-        # ticks that an event may be late, and come later, and still look right
+        """Return the values for kernels, as an array of one record."""
+        # ticks that an event may lie before and after the last one to be plausible
         period = 1 << self.t.bits
         late = min(DISORDER_US // self.tick_us, period // 16)
         span = late + min(max(1, STEP_US // self.tick_us), period // 2)
@@ -105,7 +106,7 @@ class Layout:
         return np.array([values], dtype=_FORM)
 
     def check_sensor(self, name: str, sensor: Sensor) -> None:
-        """Raise `UsageError` if the sensor has more columns or rows than the fields can say."""
+        """Raise `UsageError` if the sensor has more columns or rows than the fields can hold."""
         if sensor.width > 1 << self.x.bits or sensor.height > 1 << self.y.bits:
             raise UsageError(
                 f"{name} holds up to {1 << self.x.bits}x{1 << self.y.bits} pixels, and not "
@@ -114,7 +115,7 @@ class Layout:
 
 
 class LayoutDecoder(WordDecoder):
-    """Decodes words of a layout; sync bits and steps of time show where they begin."""
+    """Decodes words of a layout; sync bits and time steps show where they begin."""
 
     def __init__(self, name: str, layout: Layout, sensor: Sensor) -> None:
         layout.check_sensor(name, sensor)
@@ -126,7 +127,7 @@ class LayoutDecoder(WordDecoder):
 
     def _samples(self) -> Iterable[bytes]:
         words = LayoutEncoder("sample", self.layout, self.sensor).encode(synthetic_events())
-        # a byte is lost in the midst of them
+        # a byte in the middle is missing
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
@@ -146,15 +147,15 @@ class LayoutDecoder(WordDecoder):
 
 
 def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
-    """Judge up to `most` words from each offset, of one form (`Layout.form`)."""
+    """Evaluate up to `most` words from each offset; `form` is that of `Layout.form`."""
     return [Reading(*row) for row in _read(raw, most, form).tolist()]
 
 
 @njit(cache=True, nogil=True)
 def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-untyped-def]
-    """Decode words up to one whose sync bits are wrong, or one odd step of time too many.
+    """Decode words up to one with wrong sync bits, or with one odd time step too many.
 
-    A single odd step may be a silence, a damaged time or a restart: `TimestampFilter` decides.
+    A single odd step may be a silence, a damaged time or a restart; `TimestampFilter` decides.
     """
     f, m = form[0], memory[0]
     size, big = np.int64(f["size"]), f["big"] != 0
@@ -188,7 +189,7 @@ def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-unt
 
 @njit(cache=True, nogil=True)
 def _read(raw, most, form):  # type: ignore[no-untyped-def]
-    """Count words with the right sync bits and a time that can follow the one before."""
+    """Count words with the right sync bits and a plausible time after the previous word."""
     f = form[0]
     size, big, t_at, t_mask = np.int64(f["size"]), f["big"] != 0, f["t"], f["t_mask"]
     late, span, period = np.int64(f["late"]), np.int64(f["span"]), np.int64(t_mask)
@@ -207,7 +208,7 @@ def _read(raw, most, form):  # type: ignore[no-untyped-def]
             steps[i - 1] = step & period
             moves += word != before
             fits = (step + late) & period <= span
-            # the first after other bytes has only the next one to agree with
+            # the first word after other bytes can only be checked against the next one
             if synced and fits:
                 first = min(first, i - 1)
             before, synced = word, word & sync_mask == sync
@@ -222,7 +223,7 @@ def _read(raw, most, form):  # type: ignore[no-untyped-def]
 
 
 class LayoutEncoder(Encoder):
-    """Makes the words of a layout."""
+    """Encodes events as words of a layout."""
 
     def __init__(self, name: str, layout: Layout, sensor: Sensor) -> None:
         layout.check_sensor(name, sensor)
@@ -230,7 +231,7 @@ class LayoutEncoder(Encoder):
         self.layout = layout
 
     def encode(self, events: Events) -> bytes:
-        """Encode events; times wrap."""
+        """Encode events; their times wrap."""
         layout = self.layout
         polarity = events["p"] ^ layout.off_is_one
         words = np.full(events.size, layout.sync_value, dtype=np.uint64)

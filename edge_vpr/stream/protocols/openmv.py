@@ -1,7 +1,7 @@
-"""OpenMV's protocol, version 2: events of a camera with a GENX320, asked for or as they come.
+"""OpenMV's protocol, version 2: events of a camera with a GENX320, requested or unrequested.
 
-The camera has channels with names; a script on it registers ``events`` or ``raw_events``, whose
-number the list of channels gives. `docs/stream.md` says which script.
+The camera has named channels. A script on it registers ``events`` or ``raw_events``, whose number
+is in the list of channels. `docs/stream.md` names the scripts.
 """
 
 from __future__ import annotations
@@ -35,20 +35,21 @@ from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
 
 
 class AskingDecoder(PacketDecoder):
-    """Speaks with a camera; a packet is delivered whole and undamaged, or not at all.
+    """Requests packets from a camera; a packet is delivered whole and undamaged, or not at all.
 
-    What is lost on the way is known to the record, if the answer began to arrive: the camera has
-    told how much there is, and has freed it. If it did not, the camera may still have it. What
-    the camera had to drop before it was asked, it does not tell.
+    If an answer began to arrive, its loss is known to the record: the camera has stated the number
+    of bytes, and has freed them. If no part arrived, the camera may still hold the data. The camera
+    does not report what it dropped before a request.
 
     Parameters
     ----------
     sensor : Sensor
     channel : str
-        Its name.
+        Name of the channel.
     records : Records
     acknowledge : bool
-        Ask the camera to send again what is lost. Slower: one fragment at a time is on its way.
+        Ask the camera to repeat lost packets. This is slower, as only one fragment is sent at a
+        time.
     """
 
     baud = BAUD
@@ -59,7 +60,7 @@ class AskingDecoder(PacketDecoder):
         super().__init__(sensor, records)
         self._session = Session(channel, acknowledge)
         self._unanswered = 0
-        #: of what is being read: bytes, bytes that came or were passed over, records that came
+        #: of the current read: its bytes, bytes received or passed over, and records received
         self._size = self._position = self._came = 0
 
     def setup(self) -> bytes:
@@ -74,7 +75,7 @@ class AskingDecoder(PacketDecoder):
             self._unanswered += session.awaited == Opcode.SYNC
             self._give_up()
             session.restart()
-            # the end of a packet that is still not there will not come
+            # the rest of an incomplete packet will not come
             self._distrusted = len(self._pending)
         out = session.send(now_s)
         self.tick_s, self.remark = session.tick_s, session.remark
@@ -106,7 +107,7 @@ class AskingDecoder(PacketDecoder):
         """See `Decoder.gap`."""
         events = super().gap(lost_bytes)
         if not lost_bytes:
-            # whoever has opened the link again has sent it
+            # the caller that opened the link again has sent the opening command
             self._session.opening()
         return events
 
@@ -131,7 +132,7 @@ class AskingDecoder(PacketDecoder):
         session = self._session
         finder.limit, finder.sequence = session.limit, session.sequence
         reading = session.awaited == Opcode.READ
-        # of more than was asked for, each packet is looked at
+        # data beyond the requested size is not joined, so that each packet is checked
         joins = reading and self._position < self._size
         finder.channel = session.channel if joins and session.channel is not None else -1
 
@@ -152,7 +153,7 @@ class AskingDecoder(PacketDecoder):
             session.hear_event(packet)
             return
         if flags & Flag.RTX and packet.sequence != session.sequence:
-            return  # it has come before, and only its acknowledgement was lost
+            return  # received before; only its acknowledgement was lost
         self._unanswered = 0
         if (
             session.awaited == packet.opcode == Opcode.READ
@@ -170,7 +171,7 @@ class AskingDecoder(PacketDecoder):
             self._rest, self._skip = b"", 0
 
     def _take_fragment(self, packet: Packet, parts: list[Columns]) -> None:
-        """Take a part of what was asked for; all but the last are of one length."""
+        """Decode a fragment of the requested data; all fragments but the last have one length."""
         session, n = self._session, len(packet.payload)
         missing = (packet.sequence - session.sequence) & 0xFF
         last = not packet.flags & Flag.FRAGMENT
@@ -180,7 +181,7 @@ class AskingDecoder(PacketDecoder):
             or start + n > self._size
             or (start > self._position) != (missing > 0)
         ):
-            # not what was asked for
+            # the fragment does not fit the request
             self.health.crc_errors += 1
             self._give_up()
             session.restart()
@@ -197,13 +198,13 @@ class AskingDecoder(PacketDecoder):
             session.poll()
 
     def _give_up(self) -> None:
-        """Stop to wait for what was asked for."""
+        """Stop waiting for the requested data."""
         if self._position < self._size:
             self.health.sequence_gaps += 1
             self._account()
 
     def _account(self) -> None:
-        """Count what is missing of what was asked for."""
+        """Count the missing records of the requested data."""
         missing = self._size // self._records.size - self._came
         if missing > 0:
             self.health.lost_at_most += missing * self._records.most
@@ -234,11 +235,11 @@ def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
 
 
 def _channel(options: OptionReader) -> tuple[str | int, str]:
-    """Read which channel, by name or by number, and what it holds."""
+    """Read the name or number of the channel, and the format of its records."""
     channel = options.text("channel") or "events"
     records_format = options.choice("format", ("auto", *FORMATS))
     if records_format == "auto":
-        # as the scripts of the maker have it
+        # the formats of the maker's scripts
         records_format = "evt21" if channel == "raw_events" else "events"
     if not channel.isdigit():
         return channel, records_format

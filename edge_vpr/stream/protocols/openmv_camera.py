@@ -1,7 +1,7 @@
-"""A camera that answers a host as OpenMV's firmware does.
+"""Simulated camera that answers a host as OpenMV's firmware does.
 
-Written from the firmware's sources (see `openmv_packets`), and apart from the host's side: it
-finds its commands by itself, in plain Python.
+It is written from the firmware's sources (see `openmv_packets`), and independent of the host's
+side: it finds commands with code of its own, in plain Python.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from edge_vpr.stream.protocols.openmv_packets import (
     pack,
 )
 
-#: Of a buffer of 4,096 bytes, header and checksum.
+#: A buffer of 4,096 bytes without header and checksum.
 MAX_PAYLOAD = 4_096 - HEADER.size - CHECK.size
 MIN_PAYLOAD = 64 - HEADER.size - CHECK.size
-#: A channel written in Python with `read` is sent in pieces of this; with `readp` in the longest.
+#: Fragment size of a channel written in Python with `read`; with `readp`, it is the longest.
 READ_BYTES = 512
 RETRY_S, RETRIES = 0.5, 3
 _STDIN, _DYNAMIC = 1, 32
@@ -40,7 +40,7 @@ _STDIN, _DYNAMIC = 1, 32
 
 @dataclass
 class _Sent:
-    """The packet whose acknowledgement is awaited."""
+    """Packet that waits for its acknowledgement."""
 
     packet: Packet
     at_s: float | None = None
@@ -49,19 +49,19 @@ class _Sent:
 
 
 class Camera:
-    """Answers commands.
+    """Answers commands of a host.
 
     Parameters
     ----------
     fragment : int
-        Bytes that one fragment of what is read holds.
+        Bytes of one fragment of the data that is read.
 
     Attributes
     ----------
     buffers : deque of bytes
-        What the channel holds; the host reads one whole, and it is freed.
+        Contents of the channel. The host reads one buffer whole, which is then freed.
     reading : bytes
-        The last buffer freed, until the host asks for something else.
+        Buffer that was freed last, until the host sends another command.
     """
 
     def __init__(self, fragment: int = READ_BYTES) -> None:
@@ -82,7 +82,7 @@ class Camera:
         self._sent: _Sent | None = None
 
     def register(self, name: str) -> bytes:
-        """Let a script register the channel, and tell the host."""
+        """Register the channel, as a script does, and return the event for the host."""
         self._number = len(self._names)
         self._names[self._number] = (name, _DYNAMIC)
         return self._event(0, 0)
@@ -93,7 +93,7 @@ class Camera:
         return pack(opcode, self._sequence, channel, Flag.EVENT, struct.pack("<H", event))
 
     def receive(self, data: bytes) -> bytes:
-        """Take what the host sent; return the answers."""
+        """Take the bytes that the host sent; return the answers."""
         self._pending += data
         out = b""
         while (packet := self._next_command()) is not None:
@@ -102,7 +102,7 @@ class Camera:
         return out + self._pump()
 
     def tick(self, now_s: float) -> bytes:
-        """Send again what was not acknowledged in time."""
+        """Send a packet again that was not acknowledged in time."""
         sent = self._sent
         if sent is None:
             return b""
@@ -123,7 +123,7 @@ class Camera:
         return pack(packet.opcode, packet.sequence, packet.channel, packet.flags, packet.payload)
 
     def _next_command(self) -> Packet | None:
-        """Find the next packet; where one does not end, a whole SYNC after it counts."""
+        """Find the next packet; a whole SYNC behind an incomplete packet is accepted."""
         data = self._pending
         at, kept = 0, -1
         while True:
@@ -172,11 +172,11 @@ class Camera:
                 if packet.flags & Flag.ACK:
                     self._sent = None
                 else:
-                    sent.at_s = -sent.wait_s  # as if it were late
+                    sent.at_s = -sent.wait_s  # treated as late
         elif packet.opcode == Opcode.SYNC:
             self._reset()
             self._answer(Opcode.SYNC, 0, b"", Flag.ACK)
-            # its answer has the number 0, as that of the next command
+            # the answer to SYNC has the number 0, and so has the next command
             self._sequence = 0
         elif self._caps & CAP_SEQ and packet.sequence != self._sequence:
             self._stats[3] += 1
@@ -208,13 +208,13 @@ class Camera:
             self._refuse(opcode, channel, Status.INVALID)
 
     def _protocol_answer(self, opcode: int) -> bytes | None:
-        """Answer what is asked of no channel of one's own."""
+        """Answer a command that concerns no channel of the script; None for any other."""
         if opcode == Opcode.GET_CAPS:
             return CAPS.pack(self._caps, self._limit)
         if opcode == Opcode.STATS:
             return struct.pack("<8I", *self._stats)
         if opcode == Opcode.VERSION:
-            # of the protocol, the boot loader and the firmware
+            # versions of the protocol, the boot loader and the firmware
             return struct.pack("<9B7x", 1, 0, 0, 1, 0, 0, 5, 0, 0)
         if opcode == Opcode.SYS_INFO:
             return bytes(76)
@@ -264,7 +264,7 @@ class Camera:
             self._sequence = (self._sequence + 1) & 0xFF
 
     def _pump(self) -> bytes:
-        """Send what can be sent: up to the first packet that wants an acknowledgement."""
+        """Send packets up to the first one that needs an acknowledgement."""
         out = bytearray()
         while self._outbox and self._sent is None:
             packet = self._outbox.popleft()

@@ -1,4 +1,4 @@
-"""The two checksums of OpenMV's packets."""
+"""Both checksums of OpenMV's packets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numba import njit
 
 
 def _tables(polynomial: int, bits: int, count: int) -> npt.NDArray[np.int64]:
-    """Remainders of each byte with 0, 1, ... zero bytes after it."""
+    """Return the remainders of each byte with 0, 1, ... zero bytes after it."""
     mask = (1 << bits) - 1
     rows = np.zeros((count, 256), dtype=np.int64)
     for byte in range(256):
@@ -29,7 +29,7 @@ TABLES32 = _tables(0xFA567D89, 32, 8)
 
 
 def crc(data: bytes, bits: int) -> int:
-    """Checksum of 16 or 32 bits: not reflected, all ones at first, nothing done at the end.
+    """Return the checksum of 16 or 32 bits: not reflected, initially all ones, no final step.
 
     Examples
     --------
@@ -44,7 +44,7 @@ def crc(data: bytes, bits: int) -> int:
 
 @njit(cache=True, nogil=True)
 def crc16(data: Any, start: Any, stop: Any, tables: Any) -> Any:
-    """Take a byte a step, as headers are short."""
+    """Process one byte a step, since headers are short."""
     value = np.int64(0xFFFF)
     for i in range(start, stop):
         value = ((value << 8) & 0xFFFF) ^ tables[0, (value >> 8) ^ data[i]]
@@ -53,7 +53,7 @@ def crc16(data: Any, start: Any, stop: Any, tables: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def crc32(data: Any, start: Any, stop: Any, tables: Any) -> Any:
-    """Eight bytes a step: their remainders do not wait for each other."""
+    """Process eight bytes a step, since their remainders do not depend on each other."""
     value = np.int64(0xFFFFFFFF)
     i = start
     while i + 8 <= stop:

@@ -1,4 +1,4 @@
-"""The camera's side of OpenMV's protocol, for bridges and tests."""
+"""Camera's side of OpenMV's protocol, for bridges and tests."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from edge_vpr.stream.protocols.protocol import Encoder
 
 
 class CameraEncoder(Encoder):
-    """A camera with a script that registers one channel.
+    """Camera with a script that registers one channel.
 
     Parameters
     ----------
     sensor : Sensor
     channel : str
     make : callable
-        Makes records of events.
+        Function that encodes events as records.
     buffer_events, buffers : int
-        What one of the script's buffers holds, and how many there are.
+        Number of events in one of the script's buffers, and number of buffers.
     """
 
     waits_for_host = True
@@ -48,7 +48,7 @@ class CameraEncoder(Encoder):
         return self._camera.register(self._channel)
 
     def encode(self, events: Events) -> bytes:
-        """Keep events until the host asks for them."""
+        """Hold events until the host requests them."""
         for at in range(0, events.size, self._most):
             part = events[at : at + self._most]
             self._camera.buffers.append(self._make(part))
@@ -67,7 +67,7 @@ class CameraEncoder(Encoder):
         return self._camera.tick(now_s)
 
     def _count(self) -> None:
-        """Count what is held: what is in the buffers, or on its way."""
+        """Count the events in the buffers and those that are being sent."""
         while len(self._counts) > len(self._camera.buffers):
             self._in_flight = self._counts.popleft()
         if not self._camera.reading:
@@ -76,7 +76,7 @@ class CameraEncoder(Encoder):
 
 
 class PushingEncoder(Encoder):
-    """A device that sends the packets of one channel unasked."""
+    """Device that sends the packets of one channel without a request."""
 
     def __init__(
         self,

@@ -1,19 +1,19 @@
-"""The host's side of the dialogue with an OpenMV camera: decides which command comes next.
+"""Host's side of the dialogue with an OpenMV camera: decides which command comes next.
 
-Synchronise, agree on capabilities, list the channels, and then poll, ask for the size and read,
-again and again. One number counts the packets of both directions: a command has the number of the
-next packet that the camera will send, which its answer then has; each further fragment takes the
-next. (The maker's page on reliability speaks of a number for each direction; neither its host nor
-its firmware does so.)
+The host synchronises, agrees on capabilities and lists the channels. Then it repeats: poll, ask for
+the size, read. One sequence number counts the packets of both directions. A command has the number
+of the next packet that the camera will send; its answer has the same number, and each further
+fragment has the next one. (The maker's page on reliability describes one number for each direction;
+neither its host nor its firmware has that.)
 
-The camera frees a buffer once it has sent it, and with acknowledgements off, as the maker's own
-tool for the GENX320 has them, it sends nothing twice. A lost fragment is then lost. With them on,
-the camera sends one fragment at a time and repeats it after 0.5 s without an answer. A refusal
-(NAK) would be faster; but the firmware takes it for an answer to the repetition as well, gives up
-after three and starts anew, so that, like the maker's host, this one never refuses.
+The camera frees a buffer once it has sent it. With acknowledgements off, as in the maker's own tool
+for the GENX320, it sends nothing twice, and a lost fragment remains lost. With them on, the camera
+sends one fragment at a time and repeats it after 0.5 s without an answer. A refusal (NAK) would be
+faster, but the firmware takes it for an answer to the repetition as well, and resets the dialogue
+after three. Like the maker's host, this one therefore never refuses.
 
-Whatever goes wrong, after a while without an answer the conversation begins again: SYNC is taken
-in any state, and makes the camera forget the conversation before.
+After any fault, the dialogue begins again once an answer has been missing for some time: the camera
+accepts SYNC in any state, and it makes the camera forget the dialogue so far.
 """
 
 from __future__ import annotations
@@ -37,46 +37,48 @@ from edge_vpr.stream.protocols.openmv_packets import (
     pack,
 )
 
-#: An answer is late after this, as in the maker's host; doubled each time in a row up to this.
+#: Seconds after which an answer is late, as in the maker's host, and the limit of this time, which
+#: doubles with each late answer in a row.
 PATIENCE_S, LONGEST_S = 1.0, 4.0
-#: A camera that repeats what is lost has given up by then.
+#: A camera that repeats lost packets has given up after this time.
 REPEATED_S = 8.0
-#: After damaged bytes it is late sooner, if nobody sends it again.
+#: Seconds after damaged bytes until an answer is late, if the camera does not repeat it.
 DAMAGED_S = 0.1
-#: An empty channel is asked again after this, as by the maker's tool, and a missing one after that.
+#: Seconds until an empty channel is polled again, as in the maker's tool, and until the channels
+#: are listed again if the channel is missing.
 POLL_S, LIST_S = 0.004, 0.25
-#: Longest answer that is put together, but for what is read.
+#: Most bytes of an answer that is joined from fragments, except that to a read.
 _LONGEST_ANSWER = 1 << 16
-#: The least that the firmware takes for the longest payload.
+#: Smallest limit of the payload that the firmware accepts.
 _LEAST_PAYLOAD = 50
-#: Characters of the names of channels that are told.
+#: Most characters of the channels' names in a message.
 _LONGEST_LIST = 200
 
 
 class Session:
-    """Asks a camera for one channel.
+    """Requests the data of one channel from a camera.
 
     Parameters
     ----------
     name : str
-        Of the channel.
+        Name of the channel.
     acknowledge : bool
-        Ask the camera to repeat what is lost.
+        Ask the camera to repeat lost packets.
 
     Attributes
     ----------
     sequence : int
         Number of the next packet.
     awaited : Opcode
-        Whose answer comes next.
+        Command whose answer comes next.
     channel : int or None
         Number of the channel, once it is known.
     size : int
-        Bytes of what is being read.
+        Number of bytes of the current read.
     limit : int
-        Longest payload, once it is agreed on.
+        Longest payload, once it has been agreed on.
     remark : str
-        What the user should know.
+        Message for the user.
     """
 
     def __init__(self, name: str, acknowledge: bool) -> None:
@@ -86,7 +88,7 @@ class Session:
         self.restart()
 
     def restart(self) -> None:
-        """Begin again."""
+        """Begin the dialogue again."""
         self.sequence = 0
         self.channel: int | None = None
         self.size = 0
@@ -100,27 +102,27 @@ class Session:
         self, opcode: Opcode, channel: int = 0, payload: bytes = b"", pause: float = 0.0
     ) -> None:
         self.awaited = opcode
-        #: empty once it is sent
+        #: empty after it was sent
         self._command = pack(opcode, self.sequence, channel, 0, payload)
         self._pause = pause
         if opcode == Opcode.READ and self._acknowledge:
-            # what is lost comes again, after 0.5 s, and 1, 2 and 4 s later
+            # a lost packet is sent again after 0.5 s, and 1, 2 and 4 s later
             self._patience = REPEATED_S
-        #: when the pause is over, or else when the answer is late; None: counted from the next send
+        #: end of the pause, or time at which the answer is late; None: counted from the next `send`
         self._moment: float | None = None
 
     def opening(self) -> bytes:
-        """Return the opening command, for a caller that sends it."""
+        """Return the opening command for a caller that sends it itself."""
         out, self._command = self._command, b""
         return out
 
     @property
     def tick_s(self) -> float:
-        """`send` wants to be called this often."""
+        """Interval in seconds at which `send` is to be called."""
         return self._pause or 0.1
 
     def send(self, now_s: float) -> bytes:
-        """Return what to send now."""
+        """Return the bytes to send now."""
         out, self._acknowledgements = self._acknowledgements, b""
         if self._moment is None:
             self._moment = now_s + (self._pause if self._command else self._patience)
@@ -131,7 +133,7 @@ class Session:
         return out
 
     def overdue(self, now_s: float) -> bool:
-        """Return whether an answer is late; the limit for the next one is then longer."""
+        """Return whether an answer is late; the time limit for the next one is then longer."""
         late = not self._command and self._moment is not None and now_s >= self._moment
         if late:
             self._patience = min(2 * self._patience, max(LONGEST_S, self._patience))
@@ -161,13 +163,13 @@ class Session:
     def hear(self, packet: Packet) -> None:
         """Handle an answer without data."""
         if packet.opcode == Opcode.SYNC and packet.flags & Flag.ACK:
-            # also where none is awaited: it was asked twice, and the camera has forgotten the rest
+            # Also if no SYNC is awaited: it was sent twice, and the camera has forgotten the rest.
             self.restart()
             self._ask(Opcode.GET_CAPS)
         elif self.awaited == Opcode.SYNC:
             return
         elif packet.opcode != self.awaited or packet.sequence != self.sequence:
-            # an answer to something else may be old; a refusal, or a gap, is about what is asked
+            # an answer to another command may be old; a refusal or a gap concerns the current one
             if packet.opcode == self.awaited or packet.flags & Flag.NAK:
                 self.restart()
         elif packet.flags & Flag.NAK:
@@ -181,19 +183,19 @@ class Session:
             try:
                 self._go_on(answer)
             except struct.error:
-                self.restart()  # too short
+                self.restart()  # the answer is too short
 
     def _hear_refusal(self, packet: Packet) -> None:
         status = int.from_bytes(packet.payload[:2], "little")
         if status in (Status.FAILED, Status.INVALID, Status.BUSY):
-            # the channel is gone, or has nothing yet
+            # the channel has disappeared, or has no data yet
             self.sequence = (self.sequence + 1) & 0xFF
             self._ask(Opcode.LIST, pause=LIST_S)
         else:
             self.restart()
 
     def _go_on(self, answer: bytes) -> None:
-        """Choose the command that follows an answer."""
+        """Send the command that follows an answer."""
         if self.awaited == Opcode.GET_CAPS:
             self._offered = max(_LEAST_PAYLOAD, CAPS.unpack_from(answer)[1])
             wanted = CAP_CRC | CAP_SEQ | CAP_EVENTS | (CAP_ACK if self._acknowledge else 0)
@@ -220,7 +222,7 @@ class Session:
                 self._ask(Opcode.POLL, pause=POLL_S)
 
     def poll(self) -> None:
-        """Ask for more data, when all has been read."""
+        """Request more data after all has been read."""
         self._ask(Opcode.LIST if self._relist else Opcode.POLL)
 
     def _choose(self, answer: bytes) -> None:

@@ -24,7 +24,7 @@ from edge_vpr.stream.protocols.protocol import Decoder
 
 
 class PacketDecoder(Decoder):
-    """Finds packets and decodes records; what follows from a packet is the subclass's.
+    """Finds packets and decodes records; subclasses handle the packets.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class PacketDecoder(Decoder):
         self._records = records
         self._finder = PacketFinder()
         self._distrusted = 0
-        #: the beginning of a record, and how many bytes to pass over before one begins
+        #: the beginning of a record, and the number of bytes to skip before the next record begins
         self._rest, self._skip = b"", 0
 
     def _take(self, data: bytes, *, final: bool) -> Events:
@@ -54,7 +54,7 @@ class PacketDecoder(Decoder):
         return events
 
     def _count_wraps(self) -> None:
-        """Count wraps of the clock of 18.2 h, which is no power of two for `TimestampFilter`."""
+        """Count wraps of the 18.2 h clock; `TimestampFilter` counts only those of powers of two."""
         if isinstance(self._records, EventRecords):
             self.health.wraps = self._records.wraps
 
@@ -79,21 +79,21 @@ class PacketDecoder(Decoder):
         raise NotImplementedError
 
     def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
-        """Learn how much of the fragments has come; `_take_bytes` takes it."""
+        """Handle the arrival of `n_bytes` in joined fragments, which `_take_bytes` decodes."""
         raise NotImplementedError
 
     def _take_packet(self, packet: Packet, parts: list[Columns]) -> None:
-        """Take any other packet."""
+        """Handle any other packet."""
         raise NotImplementedError
 
     def _take_bytes(self, raw: npt.NDArray[np.uint8], parts: list[Columns]) -> int:
-        """Decode the whole records of bytes that begin with the rest of those before."""
+        """Decode the whole records in `raw`, which begins with the bytes left over before."""
         skip = min(self._skip, raw.size)
         self._skip -= skip
         whole = skip + (raw.size - skip) // self._records.size * self._records.size
         self._rest = raw[whole:].tobytes()
         if whole > skip:
-            # begins where an array of words may
+            # a copy is aligned for arrays of words
             aligned = raw[:whole] if skip == 0 else raw[skip:whole].copy()
             parts.append(self._records.decode(aligned, self.health, self._host_us))
         return (whole - skip) // self._records.size
@@ -106,7 +106,7 @@ class ListeningDecoder(PacketDecoder):
     ----------
     sensor : Sensor
     channel : int
-        Its number.
+        Number of the channel.
     records : Records
     """
 
@@ -115,7 +115,7 @@ class ListeningDecoder(PacketDecoder):
         self._channel = channel
         self._sequence: int | None = None
         self._fragments = False
-        #: whether a record begins where the next bytes do
+        #: whether a record begins at the next bytes
         self._placed = True
 
     def _samples(self) -> Iterable[bytes]:
@@ -143,7 +143,7 @@ class ListeningDecoder(PacketDecoder):
             missing = (packet.sequence - self._sequence) & 0xFF
             if missing:
                 self.health.sequence_gaps += 1
-                # each packet may have held nothing, or as much as a packet can
+                # each missing packet may have been empty, or as large as a packet can be
                 self.health.lost_at_most += missing * (MAX_PAYLOAD // self._records.size) * most
                 self._records.lose()
                 self._lose_sync()
@@ -156,7 +156,7 @@ class ListeningDecoder(PacketDecoder):
             raw = np.frombuffer(self._rest + packet.payload, dtype=np.uint8)
             self._take_bytes(raw, parts)
         else:
-            # the end of a message whose beginning is missing
+            # this is the end of a message whose beginning is missing
             self.health.lost_at_most += (len(packet.payload) // self._records.size + 1) * most
         if last:
             self.health.lost_at_most += bool(self._rest)

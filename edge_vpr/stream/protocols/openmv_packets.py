@@ -1,13 +1,14 @@
-"""Packets of OpenMV's protocol, version 2: how they look, and how they are found in bytes.
+"""Packets of OpenMV's protocol, version 2: their layout, and how they are found in bytes.
 
-Little-endian: the mark AA D5, sequence number, channel, flags, opcode, length of the payload, a
-checksum of these eight bytes; then, if there is a payload, it and a checksum of it.
+A packet is little-endian: the mark AA D5, sequence number, channel, flags, opcode, length of the
+payload, and a checksum of these eight bytes. If there is a payload, it follows with its own
+checksum.
 
 Sources, for all of ``openmv*.py``: the camera's side is `protocol/omv_protocol.c` and `.h` and
 `modules/py_protocol.c` of https://github.com/openmv/openmv (firmware 5.0), the maker's host is the
-package `openmv` 1.0.7 on PyPI, and the scripts that run on the camera and read them on a computer
-are `tools/genx320-event-streaming` of https://github.com/openmv/openmv-projects. Where the pages
-on docs.openmv.io say otherwise, the code of both sides decides.
+package `openmv` 1.0.7 on PyPI, and the scripts that run on the camera and those that read their
+data on a computer are `tools/genx320-event-streaming` of https://github.com/openmv/openmv-projects.
+Where the pages on docs.openmv.io differ from the code of both sides, the code is followed.
 """
 
 from __future__ import annotations
@@ -26,26 +27,26 @@ SYNC = b"\xaa\xd5"
 #: mark, sequence, channel, flags, opcode, length, CRC-16 of these
 HEADER = struct.Struct("<2sBBBBHH")
 CHECK = struct.Struct("<I")
-#: What a length field can say, and the longest packet.
+#: Largest value of a length field, and longest packet.
 MAX_PAYLOAD = 0xFFFF
 MAX_PACKET = HEADER.size + MAX_PAYLOAD + CHECK.size
-#: A USB line opened at this rate speaks packets; at any other it is MicroPython's prompt.
+#: A USB line opened at this rate carries packets; at any other rate, it is MicroPython's prompt.
 BAUD = 921_600
 
 
 class Flag:
-    """Bits of the flags; plain numbers, since an enumeration's take longer than the rest."""
+    """Bits of the flags, as plain integers: those of an enumeration would take most of the time."""
 
     ACK = 1
     NAK = 2
     RTX = 4  # sent again
     ACK_REQ = 8
     FRAGMENT = 16  # more of the same message follows
-    EVENT = 32  # sent unasked; takes no sequence number
+    EVENT = 32  # sent without a request; takes no sequence number
 
 
 class Opcode(IntEnum):
-    """Commands; an answer has its command's."""
+    """Commands; an answer has the opcode of its command."""
 
     SYNC = 0x00
     GET_CAPS = 0x01
@@ -67,7 +68,7 @@ class Opcode(IntEnum):
 
 
 class Status(IntEnum):
-    """What a refusal (NAK) says."""
+    """Reasons of a refusal (NAK)."""
 
     FAILED = 1
     INVALID = 2
@@ -78,12 +79,12 @@ class Status(IntEnum):
     OVERFLOW = 7
 
 
-#: Capabilities: checksums, sequence numbers, acknowledgements, events; then the longest payload.
+#: Capabilities (checksums, sequence numbers, acknowledgements, events) and longest payload.
 CAPS = struct.Struct("<IH10x")
 CAP_CRC, CAP_SEQ, CAP_ACK, CAP_EVENTS = 1, 2, 4, 8
 #: A channel in the list: number, flags, name.
 ENTRY = struct.Struct("<BB14s")
-#: What to read: offset, length.
+#: Part to read: offset, length.
 EXTENT = struct.Struct("<II")
 
 
@@ -100,14 +101,14 @@ class Packet(NamedTuple):
 def pack(
     opcode: int, sequence: int, channel: int = 0, flags: int = 0, payload: bytes = b""
 ) -> bytes:
-    """Make one packet."""
+    """Return the bytes of one packet."""
     head = HEADER.pack(SYNC, sequence & 0xFF, channel, flags, opcode, len(payload), 0)[:8]
     packet = head + struct.pack("<H", crc(head, 16))
     return packet + payload + CHECK.pack(crc(payload, 32)) if payload else packet
 
 
-# what is found in one chunk: bytes done with, and counts; then the number of the next packet, and
-# how many bytes have been joined
+# results for one chunk: processed bytes, and counts; then the number of the next packet, and the
+# number of joined bytes
 _STATE = np.dtype(
     [
         (name, "<i8")
@@ -117,20 +118,20 @@ _STATE = np.dtype(
 
 
 class PacketFinder:
-    """Finds packets, and joins the payloads of one channel's fragments as they follow each other.
+    """Finds packets, and joins the payloads of consecutive fragments of one channel.
 
     Attributes
     ----------
     limit : int
-        Longest payload to believe in.
+        Longest payload of a valid packet.
     channel : int
-        Whose fragments to join; -1 for none.
+        Channel whose fragments are joined; -1 for none.
     sequence : int
         Number of the next packet.
     joined : ndarray of uint8, shape (n,)
         Fragments found before the packet that `find` returned; valid until the next call.
     at : int
-        Bytes done with since `start`.
+        Number of processed bytes since `start`.
     """
 
     def __init__(self) -> None:
@@ -152,13 +153,13 @@ class PacketFinder:
         self._state["sequence"] = value & 0xFF
 
     def start(self, data: bytes, trust: int) -> None:
-        """Begin with new bytes.
+        """Set the bytes in which packets are found.
 
         Parameters
         ----------
         data : bytes
         trust : int
-            A packet that begins before this byte, and is not whole, is none.
+            An incomplete packet that begins before this byte is invalid.
         """
         self._data, self._raw = data, np.frombuffer(data, dtype=np.uint8)
         self._trust = trust
@@ -167,7 +168,7 @@ class PacketFinder:
             self._out = np.empty(len(data) + 16, dtype=np.uint8)
 
     def find(self, before: bytes = b"") -> Packet | None:
-        """Find the next packet; `before` is what stands in front of the fragments joined."""
+        """Find the next packet; `before` is put in front of the joined fragments."""
         self._out[: len(before)] = np.frombuffer(before, dtype=np.uint8)
         self._state["joined"] = len(before)
         found = _find(
@@ -185,11 +186,11 @@ class PacketFinder:
 
     @property
     def at(self) -> int:
-        """Bytes done with."""
+        """Number of processed bytes since `start`."""
         return int(self._state["at"].item())
 
     def count(self, health: Health) -> None:
-        """Count what has been found, and what was no packet, since `start`."""
+        """Add the packets found and the other bytes since `start` to `health`."""
         _, skipped, resyncs, errors, packets, _, _ = self._state.item()
         health.frames += packets
         health.crc_errors += errors
@@ -201,7 +202,7 @@ class PacketFinder:
 def _find(  # type: ignore[no-untyped-def]
     data, state, out, limit, channel, trust, table16, tables32
 ):
-    """Go on to the next packet that is no fragment to join; tell whether there is one."""
+    """Advance to the next packet that is not a fragment to join; return whether there is one."""
     s = state[0]
     n, at, bad_from = data.size, s["at"], -1
     found = False
@@ -247,7 +248,7 @@ def _find(  # type: ignore[no-untyped-def]
             s["resyncs"] += 1
             bad_from = -1
         s["packets"] += 1
-        # 0x26 is a read, 16 a fragment and nothing else
+        # joins only reads (0x26) whose only flag is that of a fragment (16)
         if (
             data[at + 5] != 0x26
             or data[at + 3] != channel

@@ -1,4 +1,4 @@
-"""What the channels of an OpenMV camera with a GENX320 hold: records of one size, end to end."""
+"""Contents of the channels of an OpenMV camera with a GENX320: consecutive records of one size."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ PERIOD_US = 65_536 * 1_000_000
 
 
 class Records(ABC):
-    """Decodes one channel's records.
+    """Decodes the records of one channel.
 
     Attributes
     ----------
     name : str
         One of `FORMATS`.
     size : int
-        Bytes of one.
+        Bytes of one record.
     most : int
-        Events that one holds at most.
+        Largest number of events in one record.
     clock : Clock
     """
 
@@ -44,32 +44,32 @@ class Records(ABC):
 
     @abstractmethod
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
-        """Decode whole records, of one reply or less."""
+        """Decode the whole records of one reply or a part of it."""
 
     def lose(self) -> None:  # noqa: B027, not every kind remembers anything
-        """Learn that some are missing before the next."""
+        """Handle the loss of records before the next ones."""
 
 
 class EventRecords(Records):
-    """The channel ``events``: type, seconds, milliseconds, microseconds, column, row, as u16.
+    """Decodes ``events``: type, seconds, milliseconds, microseconds, column, row, as u16.
 
-    Type 0 is OFF, 1 is ON, 2 to 5 are edges of the trigger inputs, which are no events.
+    Type 0 is OFF, 1 is ON; 2 to 5 are edges of the trigger inputs, which are not events.
     """
 
     name, size, most = "events", 12, 1
     clock = Clock(confirm=1)
 
     def __init__(self) -> None:
-        # the last time on the device's clock, that time without wraps, how often it wrapped
+        # last time on the device's clock, the same time without wraps, and number of wraps
         self._state = np.array([-1, 0, 0], dtype=np.int64)
 
     @property
     def wraps(self) -> int:
-        """How often the clock has wrapped."""
+        """Number of wraps of the clock."""
         return int(self._state[2])
 
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
-        """See `Records.decode`; a record that cannot be one is counted as undated."""
+        """See `Records.decode`; an invalid record is counted as undated."""
         rows = raw.view("<u2").reshape(-1, 6)
         t = np.empty(len(rows), dtype=np.int64)
         x, y = np.empty(len(rows), dtype=np.uint16), np.empty(len(rows), dtype=np.uint16)
@@ -110,17 +110,17 @@ def _events(rows, t, x, y, p, state):  # type: ignore[no-untyped-def]
     return n, odd
 
 
-#: Bytes a word, events a word at most, bits of the clock.
+#: Bytes of a word, largest number of events in a word, bits of the clock.
 _EVT = {"evt2": (4, 1, 34), "evt21": (8, 32, 34), "evt3": (2, 12, 24)}
 
 
 class EvtRecords(Records):
-    """The channel ``raw_events`` as Prophesee words, which hold their state over replies."""
+    """Decodes ``raw_events`` as Prophesee words, whose state is kept between replies."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.size, self.most, bits = _EVT[name]
-        # a checksum vouches for each word
+        # a checksum protects each word
         self.clock = Clock(bits, confirm=1)
         self._words = WordsDecoder(name, 1)
         self._undated = 0
@@ -131,17 +131,17 @@ class EvtRecords(Records):
         health.undated += self._words.undated - self._undated
         health.decoded += self._words.undated - self._undated
         self._undated = self._words.undated
-        # the decoder's columns are valid until its next call, and a reply may come in two parts
+        # the decoder's columns are valid until its next call, but a reply may come in two parts
         return Columns(*(np.array(column) for column in columns))
 
     def lose(self) -> None:
-        """See `Records.lose`: what the missing words said of time and place is not known."""
+        """See `Records.lose`; time and place of the missing words are not known."""
         self._words = WordsDecoder(self.name, 1)
         self._undated = 0
 
 
 class AerRecords(Records):
-    """The channel ``raw_events`` as 19 bits in three bytes, without a time of their own."""
+    """Decodes ``raw_events`` as 19 bits in three bytes, without a time of their own."""
 
     name, size, most = "aer", 3, 1
     clock = Clock(confirm=1)

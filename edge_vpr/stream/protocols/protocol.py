@@ -1,4 +1,4 @@
-"""Interface of protocols: decoders from bytes in pieces of any size to events, and encoders."""
+"""Interface of protocols: decoders from pieces of bytes of any size to events, and encoders."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ Options = Mapping[str, str]
 
 
 class Decoder:
-    """Takes the bytes of one stream as they come.
+    """Decodes the bytes of one stream as they arrive.
 
     Parameters
     ----------
     sensor : Sensor
     clock : Clock
     accounting : {"exact", "bound", "unknown"}
-        How much the protocol can know of events that never arrived.
+        How well the number of events that never arrived is known.
 
     Attributes
     ----------
     health : Health
     resync_bytes : int
-        After a fault, the next event is found once so many undamaged bytes have followed.
+        Number of undamaged bytes after a fault that suffice to find the next event.
     baud : int
-        Of a serial port, where nothing else is said.
+        Rate of a serial port, unless the user gives one.
     tick_s : float
-        `to_send` wants to be called so often while nothing comes.
+        Seconds after which `to_send` is to be called again while no bytes arrive.
     remark : str
-        What the user should know now, if anything.
+        Current message for the user, if any.
     """
 
     resync_bytes: int = 0
@@ -51,7 +51,7 @@ class Decoder:
         self.health = Health(accounting)
         self._pending = b""
         self._host_us = 0
-        # time of the device after the newest event, if the protocol states it; else -1
+        # device time after the newest event, if the protocol states it; else -1
         self._idle_at = -1
         self._timestamps = TimestampFilter(sensor, clock, self.health)
 
@@ -65,7 +65,7 @@ class Decoder:
         return self._timestamps.reached_us
 
     def warm_up(self) -> None:
-        """Compile what decoding needs, which takes up to seconds, before the first bytes come.
+        """Compile the kernels for decoding before the first bytes arrive, which can take seconds.
 
         Neither the decoder's state nor its health changes.
         """
@@ -76,7 +76,7 @@ class Decoder:
             scratch.finish()
 
     def _samples(self) -> Iterable[bytes]:
-        """Give streams that need, together, all of this decoder's kernels."""
+        """Return streams that together use all of this decoder's kernels."""
         return ()
 
     def setup(self) -> bytes:
@@ -88,29 +88,29 @@ class Decoder:
         return b""
 
     def to_send(self, now_s: float) -> bytes:
-        """Return what to send to the device now; called after each chunk, and while none comes.
+        """Return the bytes to send to the device now; called after each chunk, and during silence.
 
         Parameters
         ----------
         now_s : float
-            On a clock that never goes back.
+            Time on a clock that never goes back.
         """
         return b""
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
-        """Take the next bytes.
+        """Decode the next bytes.
 
         Parameters
         ----------
         data : bytes
-            Any number of them.
+            Of any number.
         host_us : int
-            When they came, on the host's clock; the time of events that have none themselves.
+            Arrival time on the host's clock; also the time of events that have none themselves.
 
         Returns
         -------
         ndarray of EVENT_DTYPE, shape (n,)
-            In time order, on the sensor, after all those before; n may be 0.
+            In time order, on the sensor, and not earlier than those returned before; n may be 0.
         """
         self._host_us = host_us
         self.health.bytes += len(data)
@@ -122,7 +122,7 @@ class Decoder:
         Returns
         -------
         ndarray of EVENT_DTYPE, shape (n,)
-            Events that were whole, and waited for bytes that will not come.
+            Whole events that were waiting for bytes that will not come.
         """
         events = self._take(self._pending, final=True)
         self.health.skipped_bytes += len(self._pending)
@@ -140,7 +140,7 @@ class Decoder:
         Returns
         -------
         ndarray of EVENT_DTYPE, shape (n,)
-            Events that were whole, and waited for bytes that will not come.
+            Whole events that were waiting for bytes that will not come.
         """
         events = self._take(self._pending, final=True)
         self._timestamps.finish()
@@ -163,10 +163,9 @@ class Decoder:
         return [self._timestamps.admit(part) for part in parts], rest
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
-        """Decode what can be decoded; return the events and the bytes to see again.
+        """Decode as much as possible; return the events and the bytes to decode again later.
 
-        Bytes that are neither events nor seen again are counted in ``health.skipped_bytes``. If
-        `final`, nothing follows.
+        All other bytes are counted in ``health.skipped_bytes``. With `final`, no bytes follow.
         """
         raise NotImplementedError
 
@@ -175,34 +174,34 @@ class Decoder:
 
 
 class Encoder(ABC):
-    """Makes the bytes that a device would send; for tests, bridges and firmware authors."""
+    """Encodes events as the bytes of a device; for tests, bridges and firmware authors."""
 
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
 
     def start(self) -> bytes:
-        """Begin a stream."""
+        """Return the bytes that begin a stream."""
         return b""
 
     @abstractmethod
     def encode(self, events: Events) -> bytes:
-        """Encode events, in time order, after all those before."""
+        """Encode events, which are in time order and not earlier than those before."""
 
     def idle(self, now_us: int) -> bytes:
-        """Report that nothing happened until `now_us`, if the protocol can."""
+        """Return bytes that report a silence until `now_us`, if the protocol has such."""
         return b""
 
     def respond(self, command: bytes) -> bytes:
-        """Answer what the host sent."""
+        """Return the answer to bytes that the host sent."""
         return b""
 
     def to_send(self, now_s: float) -> bytes:
-        """Return what to send now without a request; called repeatedly."""
+        """Return the bytes to send now without a request; called repeatedly."""
         return b""
 
-    #: Whether the host speaks first, so that a device is silent until then.
+    #: Whether the device is silent until the host has sent something.
     waits_for_host: bool = False
-    #: Events that wait to be fetched by the host, and how many may; a device drops what is more.
+    #: Number of events that wait for the host, and its limit; a device drops further events.
     held: int = 0
     capacity: int = 0
 
@@ -213,7 +212,7 @@ def synthetic_events(n: int = 1_000) -> Events:
 
 
 class OptionReader:
-    """Reads a protocol's options, each once; what is left over is a mistake.
+    """Reads the options of a protocol, each once; options that remain are errors.
 
     Raises
     ------
@@ -227,7 +226,7 @@ class OptionReader:
         self._known: list[str] = []
 
     def choice(self, name: str, allowed: tuple[str, ...]) -> str:
-        """Read one of `allowed`, the first if absent."""
+        """Read one of `allowed`; the first one if the option is absent."""
         self._known.append(name)
         value = self._left.pop(name, allowed[0])
         if value not in allowed:
@@ -237,7 +236,7 @@ class OptionReader:
         return value
 
     def text(self, name: str) -> str | None:
-        """Read any text, None if absent."""
+        """Read any text; None if the option is absent."""
         self._known.append(name)
         return self._left.pop(name, None)
 
@@ -251,7 +250,7 @@ class OptionReader:
         return int(value)
 
     def done(self) -> None:
-        """Raise for options that were not read."""
+        """Raise UsageError for options that were not read."""
         if self._left:
             known = ", ".join(self._known) or "none"
             raise UsageError(

@@ -11,8 +11,8 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
 
-#: Entry points of this group name a module with `TITLE`, ``open_decoder(sensor, options)`` and
-#: ``open_encoder(sensor, options)``, both taking an `OptionReader`.
+#: An entry point of this group names a module with `TITLE`, ``open_decoder(sensor, options)`` and
+#: ``open_encoder(sensor, options)``; both functions take an `OptionReader`.
 GROUP = "edge_vpr.protocols"
 
 
@@ -25,7 +25,7 @@ class Protocol:
     module: str
 
 
-#: Every protocol of our own, by name (what ``--protocol`` takes).
+#: The protocols of this package, by the name that ``--protocol`` takes.
 PROTOCOLS: dict[str, Protocol] = {
     entry.name: entry
     for entry in (
@@ -41,7 +41,7 @@ PROTOCOLS: dict[str, Protocol] = {
 
 
 def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
-    """Read ``edvs`` or ``edvs:format=E3,sync=1``.
+    """Split text such as ``edvs`` or ``edvs:format=E3,sync=1`` into a name and options.
 
     Raises
     ------
@@ -62,18 +62,18 @@ def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
 
 
 def protocol_names() -> list[str]:
-    """Names of all protocols, those of other packages last."""
+    """Return the names of all protocols, those of other packages last."""
     others = {point.name for point in entry_points(group=GROUP)} - set(PROTOCOLS)
     return [*PROTOCOLS, *sorted(others)]
 
 
 def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
-    """Make a decoder.
+    """Make the decoder of a protocol.
 
     Parameters
     ----------
     protocol : str
-        A name, with options after a colon: ``edvs:format=E3,sync=1``.
+        Name, with options after a colon: ``edvs:format=E3,sync=1``.
     sensor : Sensor
 
     Raises
@@ -88,7 +88,7 @@ def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
 
 
 def open_encoder(protocol: str, sensor: Sensor) -> Encoder:
-    """Make an encoder; see `open_decoder`."""
+    """Make the encoder of a protocol; see `open_decoder`."""
     name, options = parse_protocol(protocol)
     encoder: Encoder = _module(name).open_encoder(name, sensor, reader := _reader(name, options))
     reader.done()

@@ -1,7 +1,7 @@
 """Streams of words of one size without frames, and the search for the beginning of words.
 
-Nothing marks the beginning of a word, so that it is found by what valid words look like. A decoder
-that has lost the beginning tries every offset over the next words, and takes the one with most
+Nothing marks the beginning of a word; it is found from the properties of valid words. A decoder
+that has lost the beginning tries every offset over the next words, and takes the one with the most
 valid words.
 """
 
@@ -21,23 +21,23 @@ from edge_vpr.stream.timestamp_filter import Clock
 
 Raw = npt.NDArray[np.uint8]
 
-#: Words looked at to find the place.
+#: Number of words that are used to find the beginning.
 SEARCH_WORDS = 32
 
 
 class Reading(NamedTuple):
-    """How well words can be read from one offset; all numbers are as a kernel gives them.
+    """Quality of the words from one offset; all numbers are as a kernel returns them.
 
     Attributes
     ----------
     good : float
-        Words that look right.
+        Number of valid words.
     first : float
-        The first of them; as many as were looked at if there is none.
+        Index of the first valid word; the number of words if there is none.
     pace : float
-        How fast time runs; a shifted reading makes it run faster. 0 where words do not tell.
+        How fast time runs, which is faster if the reading is shifted; 0 if words do not show it.
     moves : float
-        Share of words that are not the same as the one before.
+        Share of words that differ from the previous one.
     marked : float
         1 if every word has the marks that words must have, whatever its time; else 0.
     """
@@ -50,18 +50,18 @@ class Reading(NamedTuple):
 
 
 class WordDecoder(Decoder):
-    """A decoder of words of `size` bytes.
+    """Decoder of words of `size` bytes.
 
     Parameters
     ----------
     sensor : Sensor
     clock : Clock
     size : int
-        Bytes a word.
+        Bytes of a word.
     search_words : int
-        Words that decide between two offsets.
+        Number of words that decide between two offsets.
     notice_words : int
-        A shifted stream is noticed within so many words.
+        Number of words within which a shifted stream is noticed.
     """
 
     def __init__(
@@ -77,19 +77,20 @@ class WordDecoder(Decoder):
         self._size = size
         self._search_words = search_words
         self._searching = True
-        # whether this search has been counted; what a device says before its first event is no loss
+        # whether this search was counted; bytes before the first event of a device are no loss
         self._told = True
         self.resync_bytes = (search_words + notice_words + 1) * size
 
     @abstractmethod
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
-        """Count valid words among up to `most` from each offset, without changing the state."""
+        """Count the valid words of up to `most` from each offset, without changing the state."""
 
     @abstractmethod
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
-        """Decode words up to one that shows the place to be lost.
+        """Decode words up to one that shows that the beginning of words is lost.
 
-        Returns how many, their events (valid until the next call), and whether the place is lost.
+        Returns the number of words, their events (valid until the next call), and whether it is
+        lost.
         """
 
     def _lose_sync(self) -> None:
@@ -118,7 +119,7 @@ class WordDecoder(Decoder):
                 parts.append(columns)
                 break
             if used:
-                # the next words are decoded into the same place
+                # the next words are decoded into the same memory
                 parts.append(Columns(*(column.copy() for column in columns)))
             if lost:
                 self._lose_sync()
@@ -128,21 +129,21 @@ class WordDecoder(Decoder):
         """Return the number of bytes to skip to the next word; stay lost if none is near."""
         size = self._size
         most = min(self._search_words, raw.size // size)
-        # the first byte from which a word looks right at all
+        # first byte at which any word is valid
         first = min(raw.size, most * size)
         readings = self._readings(raw, most)
         candidates = []
         for offset, reading in enumerate(readings):
             words = min(most, (raw.size - offset) // size)
             first = min(first, offset + int(reading.first) * size)
-            # random bytes look right less often than this, and damaged words more often
+            # random bytes have a smaller share of valid words, damaged streams a larger one
             if reading.first == 0 and reading.good * 4 >= words * 3:
                 candidates.append((reading.pace, -reading.good * most // words, offset))
         if candidates:
             self._searching = False
             return min(candidates)[2]
         if readings[0].marked:
-            # events so rare that their times say nothing
+            # the events are so rare that their times give no information
             self._searching = False
             return 0
         return first if first > 0 else min(raw.size, max(1, most // 2) * size)
