@@ -1,4 +1,4 @@
-"""Boards with open tools: the top of each, its pins, and how it is synthesized and placed."""
+"""Boards with open tools: top module, pins, and the commands for synthesis and placement."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from firmware_model.hardware import sources
 
 @dataclass(frozen=True)
 class Board:
-    """A board, and the tools for it.
+    """Board, and the tools for it.
 
     Attributes
     ----------
     name, fpga : str
-        As people write them.
+        Common names of the board and its FPGA.
     top : str
-        Module, in the file of its name.
+        Top module, in the file of the same name.
     pins : str
-        File of its pins.
+        Name of the file with its pins.
     synthesis : str
         Command of yosys, without its output.
     place : tuple of str
-        Place and route, without design and output.
+        Words of the place-and-route command, without design and output.
     placed : str
-        Suffix of what it writes.
+        Suffix of the place-and-route output.
     pack : str
-        Program that makes the bitstream of it.
+        Program that makes the bitstream from this output.
     bitstream : str
         Suffix of the bitstream.
     resources : dict of str to str
-        What a table calls a kind of cell, and its name in the log of place and route.
+        Kinds of cells: the name in tables, and the name in the log of place and route.
     megahertz : int
-        Clock of the top.
+        Clock of the top module.
     """
 
     name: str
@@ -50,17 +50,17 @@ class Board:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Files beside those of the device."""
+        """Source files in addition to those of the device."""
         return (*sources.SPI, f"{self.top}.sv")
 
     @property
     def placer(self) -> str:
-        """Program that places and routes: from the system, or else of YoWASP."""
+        """Program for place and route: that of the system, or else that of YoWASP."""
         program = self.place[0]
         return program if shutil.which(program) else f"yowasp-{program}"
 
     def place_words(self, pins: str) -> list[str]:
-        """Words of place and route, with the file of the pins."""
+        """Return the words of the place-and-route command, with the file of the pins."""
         return [self.placer, *self.place[1:], pins, "--freq", str(self.megahertz)]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from firmware_model.errors import ToolError
 from firmware_model.hardware.sources import FOLDER
 
-#: properties, and memories without contents
+#: folder of properties, and of memories without contents
 PROPERTIES = FOLDER / "formal"
 
 
@@ -19,12 +19,12 @@ def core_source(file: str) -> str:
 
 
 def broken_source(file: str, old: str, new: str) -> str:
-    """Return the text of a source file with one place replaced.
+    """Return the text of a source file with one part replaced.
 
     Raises
     ------
     ToolError
-        If the text that is replaced does not occur once.
+        If the part to be replaced does not occur exactly once.
     """
     text = core_source(file)
     if text.count(old) != 1:
@@ -33,7 +33,7 @@ def broken_source(file: str, old: str, new: str) -> str:
 
 
 def run_yosys(commands: Sequence[str], what: str, folder: Path | None = None) -> None:
-    """Run commands of yosys, in a folder that has the tables which the sources read.
+    """Run commands of yosys, in a folder with the tables that the sources read.
 
     Raises
     ------
@@ -46,15 +46,15 @@ def run_yosys(commands: Sequence[str], what: str, folder: Path | None = None) ->
 
 
 def solve(model: Path, options: Sequence[str], seconds: int) -> bool:
-    """Return whether the assertions of an SMT2 model hold, by yosys-smtbmc and z3.
+    """Return whether the assertions of an SMT2 model hold, with yosys-smtbmc and z3.
 
     Parameters
     ----------
     model : path
     options : sequence of str
-        Of yosys-smtbmc: the number of clocks, and ``-i`` for induction.
+        Options of yosys-smtbmc: the number of clocks, and ``-i`` for induction.
     seconds : int
-        After which the solver is ended.
+        Time limit of the solver.
 
     Raises
     ------
@@ -70,21 +70,21 @@ def solve(model: Path, options: Sequence[str], seconds: int) -> bool:
 
 
 def model_check(model: Path, seconds: int) -> bool:
-    """Return whether the assertions of an AIGER model hold in every state that it reaches.
+    """Return whether the assertions of an AIGER model hold in every state that it can reach.
 
-    By property directed reachability (pdr of yosys-abc), without a bound on the number of clocks;
-    it finds its own invariant and checks it.
+    The method is property directed reachability (pdr of yosys-abc), without a bound on the number
+    of clocks; it finds an invariant and checks it.
 
     Parameters
     ----------
     model : path
     seconds : int
-        After which the model checker is ended.
+        Time limit of the model checker.
 
     Raises
     ------
     ToolError
-        As of `solve`.
+        Same as for `solve`.
     """
     done = _run(["yosys-abc", "-c", f"read_aiger {model}; fold; pdr"], seconds)
     if "Property proved." in done.stdout:
@@ -109,20 +109,20 @@ def translate(
     ----------
     folder : path
     unit : str
-        Module, and name of its file.
+        Name of the module, and of its file.
     source : str or None
-        Of that file; None: as it is.
+        Text of that file; None for the original.
     chosen, claimed : str
         Parameters of the unit and of its properties, for chparam.
     exposed : sequence of str
-        Wires of the unit that the properties refer to.
+        Wires of the unit to which the properties refer.
     beside : sequence of str
-        Files in `PROPERTIES` with units that it uses.
+        Files in `PROPERTIES` with the units that it uses.
     """
     file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
     file.write_text(core_source(file.name) if source is None else source, encoding="ascii")
     properties = f"{unit}_properties"
-    # wires of a unit within it get a name that a port can have
+    # wires of an inner unit get names that ports can have
     files = [file, *(PROPERTIES / name for name in beside)]
     inner = [name for name in exposed if "." in name]
     outer = [name.rpartition(".")[2] for name in exposed]

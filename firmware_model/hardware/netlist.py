@@ -1,4 +1,4 @@
-"""What yosys and nextpnr make of a design: memories of the core, and cells of a board's top."""
+"""Results of yosys and nextpnr for a design: memories of the core, and cells of a board's top."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from firmware_model.hardware.formal import run_yosys
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.report import pack, synthesize, write_tables
 
-#: rows of the events that are on their way through the look-up
+#: name of the table of events that are inside the look-up
 _UNDER_WAY = "pixel_lookup.pixels."
 
 
 def netlist_memories(design: Design) -> list[Memory]:
-    """Read the memories of a core from its netlist, before they are mapped to an FPGA's.
+    """Read the memories of a core from its netlist, before they are mapped to those of an FPGA.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def netlist_memories(design: Design) -> list[Memory]:
     Returns
     -------
     list of Memory
-        Sorted. Registers of the look-up that are kept in a block are not among them.
+        Sorted; registers of the look-up that are stored in a block are not included.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def netlist_memories(design: Design) -> list[Memory]:
 
 
 def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
-    """Count the cells of a board design, packed but not placed, and those that there are.
+    """Count the cells of a board design, packed but not placed, and the cells of the FPGA.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
     Returns
     -------
     dict of str to (int, int)
-        By the name of a kind of cell in ``board.resources``.
+        Used and available cells, by the name of the kind of cell in ``board.resources``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Parameters of the core, from a design: every size and width as the model has it."""
+"""Parameters of the core from a design: all sizes and widths, as in the model."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from firmware_model.widths import FRACTION_BITS
 
 #: name of the generated package, and of its file
 PACKAGE = "vpr_design"
-#: tables that the core reads from files; places are loaded
+#: tables that the core reads from files; places are loaded at run time
 _TABLES = ("displacement", "lookup", "codes", "code_tables")
 
 #: quantities that a design with fixed codes and sequences does not have
@@ -22,24 +22,24 @@ _ADAPTIVE = (
     "evidence",
     "trust",
 )
-#: bits of a price in a list of them
+#: bits of a price in a list of prices
 PRICE_BITS = 10
 
 
 def tables(design: Design) -> tuple[str, ...]:
-    """Name the tables that the core of a design reads from files; places are loaded."""
+    """Return the tables that the core of a design reads from files; places are loaded."""
     return (*_TABLES, "means") if design.own_mean else _TABLES
 
 
 def match_bits(design: Design) -> int:
-    """Return the bits of a match's word, as ``expected_matches.mem`` has it."""
+    """Return the number of bits of a match's word, as in ``expected_matches.mem``."""
     bits = {name: form.width for name, form in design.formats.items()}
     # window, place, sum, has_second, second, second_sum, ties, accepted, trust
     return 32 + 3 * bits["place"] + 2 * bits["sum"] + 2 + bits.get("trust", 0)
 
 
 def parameters(design: Design) -> dict[str, tuple[str, int]]:
-    """List the parameters of ``vpr_core``.
+    """Return the parameters of ``vpr_core``.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def package(design: Design) -> str:
     Returns
     -------
     str
-        Source of `PACKAGE`, which ``vpr_device.sv`` gives to the core.
+        Source text of `PACKAGE`, which ``vpr_device.sv`` passes to the core.
     """
     lines = [
         "// Parameters of one design, made by edge-vpr from its design.toml: do not edit.",

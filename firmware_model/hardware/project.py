@@ -1,4 +1,4 @@
-"""A project for boards: sources, parameters, tables, pins, vectors, benches and a Makefile."""
+"""Project for boards: sources, parameters, tables, pins, vectors, benches and a Makefile."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _rules(board: Board, name: str) -> str:
         sources=" ".join(f"src/{source}" for source in board.sources),
         synthesis=board.synthesis,
         pins=board.pins,
-        # from the system, on whichever computer the project is built
+        # the program of the system, on the computer on which the project is built
         place=" ".join((board.place[0], *board.place_words(board.pins)[1:])),
         output="--asc" if board.placed == "asc" else "--textcfg",
         placed=board.placed,
@@ -67,16 +67,16 @@ def _rules(board: Board, name: str) -> str:
 
 
 def write_project(folder: Path, memories: Memories, seed: int) -> None:
-    """Write a project.
+    """Write a project for boards.
 
     Parameters
     ----------
     folder : path
-        An empty folder.
+        Empty folder.
     memories : Memories
-        The device's tables, and its places, which are loaded over SPI.
+        Tables of the device, and its places, which are loaded over SPI.
     seed : int
-        Of the random vectors.
+        Seed of the random vectors.
     """
     design = memories.design
     beside = dict.fromkeys(name for board in BOARDS.values() for name in board.sources)

@@ -1,9 +1,9 @@
 """Prove what the core must do: ``python -m firmware_model.hardware.proof``.
 
-By yosys and its yosys-smtbmc with the solver z3 (``apt install yosys z3``, or the package
-``z3-solver``), and its model checker pdr for the core's streams. The files in ``formal/`` say what
-must hold; no proof has a bound on the number of clocks. Deliberately broken versions must each be
-refused.
+The proofs use yosys and its yosys-smtbmc with the solver z3 (``apt install yosys z3``, or the
+package ``z3-solver``), and its model checker pdr for the core's streams. The files in ``formal/``
+state what must hold. No proof has a bound on the number of clocks. Each deliberately broken version
+must be refused.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def main(words: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     words : sequence of str, optional
-        The command line.
+        Words of the command line.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _outcomes() -> Iterator[tuple[str, bool]]:
-    """Prove everything, and see that each broken version is refused."""
+    """Run all proofs, and check that each broken version is refused."""
     proofs: list[tuple[str, Callable[[], bool]]] = [
         (str(size), partial(unit_proof.prove, size)) for size in unit_proof.SIZES
     ]

@@ -1,8 +1,8 @@
 """Hold the core to golden vectors: ``python -m firmware_model.hardware.replay``.
 
 With a folder of vectors that ``edge-vpr golden --rtl`` wrote, its cases are replayed; with
-``--designs N``, those of N random designs, and with ``--events N`` one long case of a design with
-the place filter and own-mean codes. Needs Icarus Verilog.
+``--designs N``, those of N random designs; with ``--events N``, one long case of a design with the
+place filter and own-mean codes. Needs Icarus Verilog.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from firmware_model.vectors.random_designs import random_adaptive_design, random
 from firmware_model.vectors.suite import Suites, standard_suites, write_suites
 from firmware_model.vectors.verify import verify
 
-#: of the long case
+#: design of the long case
 LONG = Design(
     width=24,
     height=16,
@@ -41,7 +41,7 @@ LONG = Design(
 
 
 class Outcome(NamedTuple):
-    """Records that were equal, by kind, and the first difference of each case that has one."""
+    """Number of equal records by kind, and the first difference of each case that has one."""
 
     equal: Counter[str]
     differences: list[str]
@@ -49,13 +49,13 @@ class Outcome(NamedTuple):
 
 
 def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
-    """Replay all cases of a folder of vectors, and compare.
+    """Replay all cases of a folder of vectors, and compare the results.
 
     Parameters
     ----------
     vectors : path
     seed, stall, resets : int
-        As of `firmware_model.hardware.simulation.replay`.
+        Same as for `firmware_model.hardware.simulation.replay`.
 
     Returns
     -------
@@ -80,23 +80,23 @@ def hold_random_designs(
     Parameters
     ----------
     number : int
-        Of designs; every other one has the place filter, own-mean codes, or both.
+        Number of designs; every other one has the place filter, own-mean codes, or both.
     seed : int
-        Of designs and cases, and of stalls and resets.
+        Seed of designs and cases, and of stalls and resets.
     stall, resets : int
-        As of `hold`.
+        Same as for `hold`.
     only : str, optional
-        A suite; by default all.
+        Name of a suite; by default all suites.
 
     Returns
     -------
     Outcome
-        Of all designs.
+        Sum of all designs.
     """
     rng = np.random.default_rng(seed)
     total = Outcome(Counter(), [], 0)
     for at in range(number):
-        # every other one with the place filter, own-mean codes, or both
+        # every other design has the place filter, own-mean codes, or both
         design = random_adaptive_design(rng) if at % 2 else random_design(rng)
         suites = standard_suites(design, seed + at, only)
         outcome = hold_suites(design, suites, seed=seed + at, stall=stall, resets=resets)
@@ -107,7 +107,7 @@ def hold_random_designs(
 
 
 def hold_suites(design: Design, suites: Suites, *, seed: int, stall: int, resets: int) -> Outcome:
-    """Write suites of cases, replay them, and compare; arguments as of `hold`."""
+    """Write suites of cases, replay them, and compare; other arguments as for `hold`."""
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors"
         write_suites(vectors, design, suites, seed, rtl=True)
@@ -115,7 +115,7 @@ def hold_suites(design: Design, suites: Suites, *, seed: int, stall: int, resets
 
 
 def hold_many_events(number: int, *, seed: int, stall: int, resets: int) -> Outcome:
-    """Replay one case of so many random events; arguments as of `hold`."""
+    """Replay one case of `number` random events; other arguments as for `hold`."""
     cases = random_cases(LONG, np.random.default_rng(seed), 1, number)
     return hold_suites(LONG, {"random": cases}, seed=seed, stall=stall, resets=resets)
 
@@ -126,7 +126,7 @@ def main(words: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     words : sequence of str, optional
-        The command line.
+        Words of the command line.
 
     Returns
     -------

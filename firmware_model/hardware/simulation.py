@@ -1,4 +1,4 @@
-"""Simulate the core by Icarus Verilog: replay a case of golden vectors, and return its records."""
+"""Simulate the core with Icarus Verilog: replay a case of golden vectors, return its records."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ COMPILER, RUNTIME = "iverilog", "vvp"
 
 
 class Replay(NamedTuple):
-    """What a simulated core returned for a case.
+    """Results of a simulated core for one case.
 
     Attributes
     ----------
     records : list of (kind, values)
-        As `firmware_model.vectors.verify.verify` takes them.
+        In the form that `firmware_model.vectors.verify.verify` takes.
     least_cycles, most_cycles : int
-        From the clock of a window's end to that of its match; 0 if there was none.
+        Clocks from the end of a window to its match; 0 if there was none.
     events_in_a_row : int
-        That were taken in successive clocks, at most.
+        Largest number of events that were taken in successive clocks.
     """
 
     records: list[Record]
@@ -52,11 +52,11 @@ def compile_bench(package: Path, program: Path, folder: Path = sources.FOLDER) -
     Parameters
     ----------
     package : path
-        The design's generated package.
+        Generated package of the design.
     program : path
-        What is written.
+        Program to be written.
     folder : path
-        Of the core's sources.
+        Folder of the core's sources.
 
     Raises
     ------
@@ -80,28 +80,28 @@ def replay(
     seconds: int | None = None,
     trace: Path | None = None,
 ) -> Replay:
-    """Replay a case.
+    """Replay a case of golden vectors.
 
     Parameters
     ----------
     program : path
-        From `compile_bench`, for the design of this case.
+        Program of `compile_bench` for the design of this case.
     case : path
         Folder of the case.
     name : str
         Suite and case, such as ``corners/tie_of_two``.
     results : path
-        What is written, as CSV.
+        CSV file to be written.
     seed : int
-        Of stalls and resets.
+        Seed of stalls and resets.
     stall : int
-        Per cent of clocks in which each side waits.
+        Percentage of clocks in which each side waits.
     resets : int
-        After which the case begins again.
+        Number of resets, after each of which the case begins again.
     seconds : int, optional
-        Of the processor, after which a simulation that does not end is a fault.
+        Processor seconds after which a simulation that has not ended is a fault.
     trace : path, optional
-        A VCD file of the testbench's signals, which is written.
+        VCD file of the testbench's signals to be written.
 
     Returns
     -------
@@ -133,26 +133,26 @@ def replay(
 def replay_vectors(
     vectors: Path, work: Path, *, seed: int = 1, stall: int = 0, resets: int = 0
 ) -> Iterator[tuple[str, Replay]]:
-    """Replay all cases of vectors that were made with ``rtl``, by the sources beside them.
+    """Replay all cases of vectors that were made with ``rtl``, with the sources beside them.
 
     Parameters
     ----------
     vectors, work : path
         Folder of the vectors, and a folder for programs and results.
     seed, stall, resets : int
-        As of `replay`; each case has random numbers of its own.
+        Same as for `replay`; each case has its own random numbers.
 
     Yields
     ------
     str, Replay
-        Suite and case, and what the core returned.
+        Suite and case, and the results of the core.
 
     Raises
     ------
     VectorError
         If the vectors have no sources.
     ToolError
-        As of `replay`.
+        Same as for `replay`.
     """
     manifest = load_manifest(vectors)
     if not manifest.rtl:
@@ -180,7 +180,7 @@ def replay_vectors(
 
 def _run(command: Sequence[str], folder: Path | None = None, seconds: int | None = None) -> str:
     try:
-        # time of the processor: a busy computer makes no core faulty
+        # processor time is limited, so that a busy computer does not cause a fault
         done = subprocess.run(
             command,
             capture_output=True,
@@ -202,7 +202,7 @@ def _run(command: Sequence[str], folder: Path | None = None, seconds: int | None
 
 
 def _limit(seconds: int) -> None:
-    """Limit the time of the processor, in the child alone."""
-    import resource  # not on Windows
+    """Limit the processor time of the child process only."""
+    import resource  # not available on Windows
 
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))

@@ -1,4 +1,4 @@
-"""Source files of the core, each after the modules that it uses."""
+"""Source files of the core, in an order in which each follows the modules that it uses."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ UNITS = (
     "vpr_accept.sv",
     "vpr_core.sv",
 )
-#: the core of one design; the generated package comes first
+#: core of one design; the generated package comes first
 DEVICE = (*MEMORIES, *UNITS, "vpr_device.sv")
-#: replays a case of golden vectors
+#: testbench that replays a case of golden vectors
 BENCH = "vpr_bench.sv"
-#: what a simulation needs, beside the package and the case
+#: files for a simulation, in addition to the package and the case
 SIMULATED = (*DEVICE, BENCH)
-#: the device behind SPI, as the tops of boards have it
+#: device behind SPI, as in the top modules of boards
 SPI = ("vpr_spi.sv", "vpr_spi_device.sv")
-#: the device behind registers on AXI4-Lite; its generated package comes first
+#: device behind registers on AXI4-Lite; its generated package comes first
 AXI = "vpr_axi_lite.sv"
-#: replays a case over AXI4-Lite
+#: testbench that replays a case over AXI4-Lite
 AXI_BENCH = "vpr_axi_bench.sv"
-#: replays a case through the SPI of a board with an iCE40UP5K
+#: testbench that replays a case through the SPI of a board with an iCE40UP5K
 UP5K_BENCH = "vpr_up5k_bench.sv"
-#: replays cases by cocotb, in Python
+#: testbench that replays cases with cocotb, in Python
 COCOTB_BENCH = FOLDER / "cocotb" / "vpr_cocotb.py"
 
 
@@ -60,7 +60,7 @@ def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:
     Returns
     -------
     list of str
-        The names.
+        Names of the copied files.
     """
     folder.mkdir()
     for name in names:

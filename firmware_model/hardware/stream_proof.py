@@ -1,8 +1,8 @@
 """Claims about the core's streams, windows, matches and counters, for the model checker pdr.
 
-The core is taken with small parameters. Its memories are replaced by ones that give any word, so
-that a claim holds for all tables, places and contents; `formal/vpr_core_properties.sv` says what
-must hold, and ``formal/vpr_counters_properties.sv`` what the counters must.
+The core has small parameters. Its memories are replaced by ones that return any word, so that a
+claim holds for all tables, places and contents. `formal/vpr_core_properties.sv` states what must
+hold for the core, and ``formal/vpr_counters_properties.sv`` what must hold for the counters.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from firmware_model.hardware.formal import (
 )
 from firmware_model.hardware.sources import UNITS
 
-#: what each define of ``vpr_core_properties.sv`` claims
+#: claim of each define of ``vpr_core_properties.sv``
 CORE_CLAIMS = {
     "EVENT": "m_event stays until it is taken, and returns each event that s_event took",
     "WINDOW": "m_window stays until it is taken",
@@ -59,17 +59,17 @@ class Claim:
     Attributes
     ----------
     name : str
-        As a sentence.
+        The claim as a sentence.
     top : str
         Module of the properties.
     files : tuple of str
-        Sources of the units.
+        Source files of the units.
     define : str
-        Of the assertions that are proved.
+        Define of the assertions that are proved.
     parameters : dict of str to int
-        Of `top`.
+        Parameters of `top`.
     free_memories : bool
-        Whether memories give any word.
+        Whether memories return any word.
     """
 
     name: str
@@ -103,7 +103,7 @@ CLAIMS = (
 )
 
 _BY_TIME, _BY_COUNT, _FILTER, _ = CORE_KINDS
-#: broken versions: the claim that must refuse each, its file, and what replaces what
+#: broken versions: the claim that must refuse each, its file, the replaced text and its replacement
 BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "an event that is not taken is overwritten": (
         core_claim("EVENT", _BY_TIME),
@@ -178,15 +178,15 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
 
 
 def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: int = 900) -> bool:
-    """Return whether a claim holds, for any number of clocks.
+    """Return whether a claim holds for any number of clocks.
 
     Parameters
     ----------
     claim : Claim
     changed : mapping of str to str, optional
-        Text of source files, in place of theirs.
+        Text of changed source files, by name.
     seconds : int
-        After which the model checker is ended.
+        Time limit of the model checker.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
                 "proc; flatten; memory_map; opt -fast; async2sync; dffunmap; opt_clean",
                 "formalff -clk2ff; setundef -anyseq -undriven",
                 "opt -fast; techmap; opt -fast; abc -g AND -fast; opt_clean",
-                # registers without an initial value begin with any
+                # registers without an initial value begin with any value
                 f"write_aiger -zinit -I -B {model}",
             ],
             claim.top,

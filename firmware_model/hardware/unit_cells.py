@@ -1,8 +1,9 @@
 """Logic cells of each unit of the core: ``python -m firmware_model.hardware.unit_cells``.
 
-The board designs of the documented kinds are synthesized by yosys and packed by nextpnr-ice40; each
-cell belongs to the unit that its name begins with. Units are flattened first, so that a cell which
-serves two of them is counted with one. Carries that begin or end have cells without a unit.
+The board designs of the documented kinds are synthesized by yosys and packed by nextpnr-ice40. Each
+cell belongs to the unit with which its name begins. Units are flattened first, so that a cell that
+serves two units is counted for one of them. Cells at the begin or end of carry chains belong to no
+unit.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from firmware_model.errors import ToolError
 from firmware_model.hardware.boards import ICEBREAKER
 from firmware_model.hardware.report import KINDS, pack, synthesize, write_tables
 
-#: cells whose names begin with a unit's, and with nothing that is known
+#: cells whose names begin with no known unit
 TOP, CARRIES = "window's number, busy, board", "ends of carries"
 _SKIPPED = re.compile(r"^(?:device\.)*(?:core\.)?|\bg_\w+(?:\[\d+\])?\.|\bgenblk\d+\.")
 
@@ -46,7 +47,7 @@ def unit_cells(design: Design) -> Counter[str]:
     Returns
     -------
     Counter of str
-        By the unit's name in ``vpr_core.sv``, or its unit within that.
+        Number of cells by the unit's name in ``vpr_core.sv``, or by that of a unit within it.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def unit_cells(design: Design) -> Counter[str]:
 
 
 def to_markdown(found: Mapping[str, Counter[str]]) -> str:
-    """Write the cells of units as a Markdown table, the largest first, a column for each design."""
+    """Return the cells of units as a Markdown table, largest first, with a column a design."""
     total: Counter[str] = Counter()
     for cells in found.values():
         total += cells
@@ -84,7 +85,7 @@ def main(words: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     words : sequence of str, optional
-        The command line.
+        Words of the command line.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Prove units of the core by yosys-smtbmc: the search, the filter's prediction, and the timer.
+"""Prove units of the core with yosys-smtbmc: the search, the filter's prediction, and the timer.
 
-The proofs are by induction, for any number of sums, metrics or windows at any times. Deliberately
-broken versions must each be refused.
+The proofs are by induction, for any number of sums, metrics or windows at any times. Each
+deliberately broken version must be refused.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 from firmware_model.hardware.formal import broken_source, solve, translate
 
-#: registers of the search that the induction refers to
+#: registers of the search to which the induction refers
 REGISTERS = (
     *("delay.delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
     *("sum_lower", "sum_equal", "sum_below_second", "oldest_lower", "oldest_place"),
 )
-#: clocks of a window of induction, and in which a broken version must fail
+#: clocks of an induction step, and clocks within which a broken version must fail
 INDUCTION, BOUND = 4, 24
 
 
@@ -31,10 +31,10 @@ class Size(NamedTuple):
 
 
 SIZES = (Size(0, 4, 4), Size(1, 3, 3), Size(2, 3, 4), Size(3, 4, 4))
-#: broken versions are of this size
+#: size of the broken versions
 SMALL = Size(1, 2, 3)
 
-#: what is broken, and how: text of ``vpr_search.sv`` and what replaces it
+#: broken versions: text of ``vpr_search.sv`` and its replacement
 BROKEN = {
     "of equal sums the highest place is best": (
         "below_best[SUM_BITS];",
@@ -71,15 +71,15 @@ BROKEN = {
 
 
 def prove(size: Size, source: str | None = None, *, seconds: int = 300) -> bool:
-    """Prove the search, without a bound on the number of sums.
+    """Prove the search without a bound on the number of sums.
 
     Parameters
     ----------
     size : Size
     source : str, optional
-        Of ``vpr_search.sv``; by default as it is.
+        Text of ``vpr_search.sv``; by default the original.
     seconds : int
-        After which the solver is ended.
+        Time limit of the solver.
 
     Returns
     -------
@@ -98,15 +98,15 @@ def prove(size: Size, source: str | None = None, *, seconds: int = 300) -> bool:
 
 
 def refuted(size: Size, source: str, *, seconds: int = 300) -> bool:
-    """Return whether some sums make a search give a wrong result within `BOUND` clocks.
+    """Return whether a search gives a wrong result for some sums within `BOUND` clocks.
 
     Parameters
     ----------
     size : Size
     source : str
-        Of ``vpr_search.sv``.
+        Text of ``vpr_search.sv``.
     seconds : int
-        After which the solver is ended.
+        Time limit of the solver.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def refuted(size: Size, source: str, *, seconds: int = 300) -> bool:
     Raises
     ------
     ToolError
-        As of `prove`.
+        Same as for `prove`.
     """
     with tempfile.TemporaryDirectory() as folder:
         model = _search_model(Path(folder), size, source, induction=False)
@@ -131,7 +131,7 @@ _PREDICTION = {
     "RESTART": "9",
     "METRIC_BITS": "4",
 }
-#: broken versions of the prediction: text of ``vpr_prediction.sv`` and what replaces it
+#: broken versions of the prediction: text of ``vpr_prediction.sv`` and its replacement
 BROKEN_PREDICTIONS = {
     "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
     "a place off the map is one to come from": ("shifts_off || !below", "!below"),
@@ -139,25 +139,25 @@ BROKEN_PREDICTIONS = {
 
 
 def prove_prediction(source: str | None = None, *, seconds: int = 600) -> bool:
-    """Prove that each prediction is the price of the cheapest way, and a restart at most.
+    """Prove that each prediction is the price of the cheapest way, and at most that of a restart.
 
     Parameters
     ----------
     source : str, optional
-        Of ``vpr_prediction.sv``; by default as it is.
+        Text of ``vpr_prediction.sv``; by default the original.
     seconds : int
-        After which the solver is ended.
+        Time limit of the solver.
 
     Returns
     -------
     bool
-        Whether base case and induction hold; of a source that is given, the base case alone, in
-        which a broken version must fail.
+        Whether base case and induction hold. If `source` is given, only the base case is checked,
+        in which a broken version must fail.
 
     Raises
     ------
     ToolError
-        As of `prove`.
+        Same as for `prove`.
     """
     with tempfile.TemporaryDirectory() as folder:
         model = translate(
@@ -172,24 +172,24 @@ _TIMER = {"TIMESTAMP_BITS": "6", "TAU_US": "11"}
 
 
 def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
-    """Prove that a window by time is over when the time of an event says so, for 6 bits.
+    """Prove that a window by time ends when the time of an event requires it, for 6 bits.
 
     Parameters
     ----------
     source : str, optional
-        Of ``vpr_window_timer.sv``; by default as it is.
+        Text of ``vpr_window_timer.sv``; by default the original.
     seconds : int
-        After which the solver is ended.
+        Time limit of the solver.
 
     Returns
     -------
     bool
-        As of `prove_prediction`.
+        Same as for `prove_prediction`.
 
     Raises
     ------
     ToolError
-        As of `prove`.
+        Same as for `prove`.
     """
     with tempfile.TemporaryDirectory() as folder:
         model = translate(
@@ -200,7 +200,7 @@ def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
         return base and (source is not None or solve(model, ["-i", "-t", "12"], seconds))
 
 
-#: broken versions of the timer: text of ``vpr_window_timer.sv`` and what replaces it
+#: broken versions of the timer: text of ``vpr_window_timer.sv`` and its replacement
 BROKEN_TIMERS = {
     "half a clock behind the end is before it": (
         " || low_zero;",
@@ -222,7 +222,7 @@ def broken_prediction(name: str) -> str:
     Raises
     ------
     ToolError
-        If the text that it replaces does not occur once.
+        If the text to be replaced does not occur exactly once.
     """
     return broken_source("vpr_prediction.sv", *BROKEN_PREDICTIONS[name])
 
@@ -233,7 +233,7 @@ def broken(name: str) -> str:
     Raises
     ------
     ToolError
-        If the text that it replaces does not occur once.
+        If the text to be replaced does not occur exactly once.
     """
     return broken_source("vpr_search.sv", *BROKEN[name])
 

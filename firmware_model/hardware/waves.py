@@ -1,7 +1,7 @@
 """Draw the core's handshakes: ``python -m firmware_model.hardware.waves -o waves.svg``.
 
-A case is simulated with stalls, and its trace is drawn around the end of a window and around a
-match. Needs Icarus Verilog.
+A case is simulated with stalls. Its trace is drawn around the end of a window and around a match.
+Needs Icarus Verilog.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ MATCH = (
 )
 _WIDTH, _HEIGHT, _STEP, _LEFT = 26, 14, 22, 140
 
-#: one dict of values a clock
+#: one dict of values for each clock
 Samples = list[dict[str, str]]
 
 
 def sample(trace: str, names: Sequence[str]) -> Samples:
-    """Return what each rising edge of ``clk`` takes.
+    """Return the signals at each rising edge of ``clk``.
 
     Parameters
     ----------
     trace : str
-        A VCD file.
+        Text of a VCD file.
     names : sequence of str
-        Of signals of one bit.
+        Names of signals of one bit.
 
     Returns
     -------
@@ -87,12 +87,12 @@ def sample(trace: str, names: Sequence[str]) -> Samples:
 
 
 def around(samples: Samples, name: str, before: int, after: int, most: dict[str, str]) -> Samples:
-    """Return clocks around a rise of a signal: around the one with the most clocks like `most`.
+    """Return the clocks around a rise of a signal, the rise with the most clocks like `most`.
 
     Raises
     ------
     VectorError
-        If the signal rises nowhere.
+        If the signal never rises.
     """
     rises = [
         samples[at - before : at + after]
@@ -105,7 +105,7 @@ def around(samples: Samples, name: str, before: int, after: int, most: dict[str,
 
 
 def draw(panels: Sequence[tuple[str, Sequence[str], Samples]]) -> str:
-    """Draw panels one below another, as SVG.
+    """Draw panels one below another, and return them as SVG.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def main(words: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     words : sequence of str, optional
-        The command line.
+        Words of the command line.
 
     Returns
     -------

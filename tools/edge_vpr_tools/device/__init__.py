@@ -1,1 +1,1 @@
-"""Devices: serial ports, and the vectors and tables that a device is held against."""
+"""Devices: serial ports, and the vectors and tables for tests of a device."""

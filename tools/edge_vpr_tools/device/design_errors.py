@@ -1,4 +1,4 @@
-"""Errors of the firmware model as those of edge-vpr."""
+"""Conversion of the firmware model's errors to those of edge-vpr."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firmware_model import DesignError, VectorError
 
 @contextmanager
 def design_errors() -> Iterator[None]:
-    """Turn errors of the firmware model into `UsageError` with the same text."""
+    """Convert errors of the firmware model to `UsageError` with the same text."""
     try:
         yield
     except (DesignError, VectorError) as error:

@@ -1,4 +1,4 @@
-"""Serial ports, and what the numbers of a USB device say of the protocol behind it."""
+"""Serial ports, and the likely protocol of a USB device by its numbers."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from typing import NamedTuple
 
 from serial.tools import list_ports
 
-_USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as systemd's hwdb has it
+_USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as in systemd's hwdb
 _OPENMV = "github.com/openmv/openmv, boards/"
 
 
 class Known(NamedTuple):
-    """What a vendor's and a product's number of USB say.
+    """Meaning of a USB vendor's and product's numbers.
 
     Attributes
     ----------
     vendor : int
     product : int or None
-        None for any.
+        None for any product.
     what : str
     protocol : str
     baud : int or None
-        None where the number of bauds makes no difference, or is the user's own choice.
+        None if the baud rate has no effect, or is the user's own choice.
     source : str
-        Who says that this is its number; that a camera sits behind it is a guess.
+        Document that assigns these numbers; that a camera uses the chip is a guess.
     """
 
     vendor: int
@@ -41,12 +41,12 @@ KNOWN = (
           f"{_OPENMV}OPENMV_AE3/omv_boardconfig.mk"),
     Known(0x37C5, None, "OpenMV camera", "openmv", 921_600, f"{_OPENMV}: every board's vendor"),
     Known(0x1209, 0xABD1, "OpenMV camera; needs firmware 5.0", "openmv", 921_600, _USB_IDS),
-    # which of these chips an eDVS carries is not written anywhere that we found; the first two
-    # can do its 12 Mbaud, the third only its older 2 Mbaud (FTDI's data sheets)
+    # we found no document that states which of these chips an eDVS has; the first two support its
+    # 12 Mbaud, the third only its older 2 Mbaud (FTDI's data sheets)
     Known(0x0403, 0x6010, "FTDI dual bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
     Known(0x0403, 0x6014, "FTDI bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
     Known(0x0403, 0x6001, "FTDI bridge, perhaps an eDVS", "edvs", 2_000_000, _USB_IDS),
-    # boards that people make bridges of
+    # boards that are often used for bridges
     Known(0x0483, 0x5740, "STM32 with USB, perhaps a bridge of your own", "evpr", None, _USB_IDS),
     Known(0x0483, 0x374B, "ST-LINK/V2.1 of an STM32 board", "evpr", None, _USB_IDS),
     Known(0x0483, 0x374E, "STLINK-V3 of an STM32 board", "evpr", None, _USB_IDS),
@@ -54,25 +54,25 @@ KNOWN = (
 
 
 def guess(vendor: int | None, product: int | None) -> Known | None:
-    """Return what the numbers of a USB device say, the exact one first."""
+    """Return the entry for the numbers of a USB device, preferably of its exact product."""
     return next(
         (row for row in KNOWN if row.vendor == vendor and row.product in (None, product)), None
     )
 
 
 class AttachedPort(NamedTuple):
-    """A serial port of this machine.
+    """Serial port of this machine.
 
     Attributes
     ----------
     port : str
-        Its path.
+        Path of the port.
     description : str
-        What is attached, by its numbers, or as the device says itself.
+        The attached device, by its numbers or by its own description.
     usb : str or None
-        Numbers of vendor and product, as ``0403:6014``.
+        Numbers of vendor and product, for example ``0403:6014``.
     protocol : str or None
-        A guess.
+        Likely protocol.
     baud : int or None
     """
 
@@ -84,7 +84,7 @@ class AttachedPort(NamedTuple):
 
 
 def attached_ports() -> list[AttachedPort]:
-    """Return the serial ports of this machine, by name."""
+    """Return the serial ports of this machine, sorted by name."""
     found = []
     for port in sorted(list_ports.comports()):
         known = guess(port.vid, port.pid)

@@ -1,4 +1,4 @@
-"""Tables of a device whose design comes without a map."""
+"""Tables of a device with a design but without a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Golden vectors of a map and a drive, and the folder that they are written to."""
+"""Golden vectors of a map and a drive, and the folder to which they are written."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from firmware_model.vectors.manifest import SuiteEntry
 def recorded_case(
     reference: ReferenceMap, design: Design, recording: EventSource, most_events: int
 ) -> Case:
-    """Make a case of the first events of a drive, cleaned as for the pipeline.
+    """Make a case of the first events of a drive, cleaned as in the pipeline.
 
     Parameters
     ----------
     reference : ReferenceMap
     design : Design
-        Of this map.
+        Design of this map.
     recording : EventSource
     most_events : int
-        That are taken.
+        Largest number of events of the case.
 
     Returns
     -------
@@ -43,12 +43,12 @@ def recorded_case(
 
 
 def check_vectors_folder(path: Path, overwrite: bool) -> None:
-    """Refuse a folder that may not be replaced, or that holds other files than vectors.
+    """Refuse a folder that must not be replaced, or that holds files other than vectors.
 
     Raises
     ------
     UsageError
-        If it is one.
+        If it is such a folder.
     VectorError
         If it holds no manifest.
     """

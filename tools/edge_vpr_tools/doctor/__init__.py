@@ -1,1 +1,1 @@
-"""What this machine has, what it lacks, and how to get it."""
+"""Checks of this machine: what it has, what is missing, and how to install it."""

@@ -1,27 +1,27 @@
-"""One thing that was looked at on this machine."""
+"""Result of one check of this machine."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-#: "good"; "absent": an extra or device that is not there; "wrong": something will fail or mislead
+#: "absent": an extra or device is missing; "wrong": something will fail or mislead
 State = Literal["good", "absent", "wrong"]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found.
+    """Result of one check.
 
     Attributes
     ----------
     topic : str
-        What was looked at.
+        What was checked.
     state : {"good", "absent", "wrong"}
     text : str
         What was found.
     remedy : str
-        What to do about it; empty if nothing is to be done.
+        What the user can do about it; empty if nothing is needed.
     """
 
     topic: str

@@ -1,4 +1,4 @@
-"""Check where compiled kernels are kept, and compile them before they are needed."""
+"""Check where compiled kernels are stored, and compile them before they are needed."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
 
 
 def check_kernels() -> Iterator[Finding]:
-    """Look where Numba keeps compiled kernels, and whether they are there."""
+    """Find the folder in which Numba stores compiled kernels, and the kernels in it."""
     try:
         folder = _cache_folder()
-    except RuntimeError:  # Numba's, if it can write nowhere
+    except RuntimeError:  # raised by Numba if it can write to no folder
         yield Finding(
             "compiled kernels",
             "wrong",
@@ -47,18 +47,18 @@ def check_kernels() -> Iterator[Finding]:
 
 
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
-    """Compile what a live run needs, with every preset and protocol, where Numba keeps it.
+    """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
 
     Parameters
     ----------
     show : callable
-        Is told what comes next.
+        Called with a description of each step before it begins.
     """
     first, second = simulate_pair(0, length_m=20.0)
-    # sums of few pixels have narrower integers, and so kernels of their own
+    # sums of few pixels have narrower integers, and therefore kernels of their own
     for preset, pixels in product(PRESETS, (25, None)):
         show(f"mapping and matching with preset {preset}")
-        # 20 m are few of the default windows
+        # 20 m have only a few of the default windows
         settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
         reference = map_traverse(first, settings)
         match_traverse(reference, second)
@@ -72,21 +72,21 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
 
 
 def _is_of_this_machine(index: Path) -> bool:
-    """Return whether Numba would load a kernel of an index of its cache, on this processor."""
+    """Return whether Numba would load a kernel from an index of its cache on this processor."""
     try:
         with index.open("rb") as file:
-            # as Numba itself does, from where it does
+            # Numba's own check of the version
             if pickle.load(file) != numba.__version__:
                 return False
             _, kernels = pickle.load(file)
-    except Exception:  # a pickle that does not load raises anything, and Numba compiles again
+    except Exception:  # an invalid pickle raises anything; Numba then compiles again
         return False
     processor = cpu_target.target_context.codegen().magic_tuple()
     return any(key[1] == processor for key in kernels)
 
 
 def _cache_folder() -> Path:
-    """Return the folder below which this user's compiled kernels are kept."""
+    """Return the folder in which this user's compiled kernels are stored."""
 
     @njit(cache=True)
     def probe(x: int) -> int:
@@ -94,5 +94,5 @@ def _cache_folder() -> Path:
 
     own = Path(str(probe.stats.cache_path))
     package = Path(edge_vpr.__file__).parent
-    # beside the sources, or a folder a module within one of Numba's own
+    # beside the sources, or in a folder of Numba's own with a subfolder for each module
     return package if own.is_relative_to(Path(__file__).parent) else own.parent

@@ -20,14 +20,14 @@ from edge_vpr_tools.energy.sensors.search import find_sensors
 from edge_vpr_tools.energy.sensors.sensor import ROOT
 from edge_vpr_tools.output.provenance import processor_name
 
-#: a live run takes some 180 MB (`tools/bench/soak.py`), a map of any recording no more
+#: a live run needs about 180 MB (`tools/bench/soak.py`), and so does a map of any recording
 _NEEDED_BYTES = 256 << 20
-#: `map` keeps the images of all windows in a temporary file of at most 2 GiB, else reads twice
+#: `map` stores the images of all windows in a temporary file of at most 2 GiB, or reads twice
 _TEMPORARY_BYTES = 2 << 30
 
 
 def check_processor(root: Path = ROOT) -> Iterator[Finding]:
-    """Look at what may slow the processor down."""
+    """Check for conditions that may slow the processor down."""
     conditions = Conditions.now(root)
     what = f"{processor_name()}, {os.cpu_count()} cores, {conditions}"
     if conditions.faults:
@@ -41,7 +41,7 @@ def check_processor(root: Path = ROOT) -> Iterator[Finding]:
 
 
 def check_memory(root: Path = ROOT) -> Iterator[Finding]:
-    """Look at free memory, and at free space for temporary files."""
+    """Check free memory, and free space for temporary files."""
     free = _available_bytes(root)
     if free is not None and free < _NEEDED_BYTES:
         yield Finding(
@@ -67,7 +67,7 @@ def check_memory(root: Path = ROOT) -> Iterator[Finding]:
 
 
 def check_clock() -> Iterator[Finding]:
-    """Ask whether the clock follows a time server, which ground truth by GPS needs."""
+    """Check whether the clock follows a time server, which ground truth by GPS needs."""
     command = shutil.which("timedatectl")
     if command is None:
         yield Finding("clock", "absent", "timedatectl is not here, so nobody knows if it is right")
@@ -91,7 +91,7 @@ def check_clock() -> Iterator[Finding]:
 
 
 def check_ports() -> Iterator[Finding]:
-    """Try whether this user may open each serial port."""
+    """Check whether this user may open each serial port."""
     ports = sorted(list_ports.comports())
     for port in ports:
         name = printable(port.device)
@@ -100,7 +100,7 @@ def check_ports() -> Iterator[Finding]:
         else:
             yield Finding(
                 "serial ports",
-                # a port of the board itself need not be the camera's
+                # a port of the board itself is not necessarily that of the camera
                 "absent" if port.vid is None else "wrong",
                 f"{name}: {getpass.getuser()} may not open it",
                 f"sudo usermod -aG {_group_of(port.device)} {getpass.getuser()}, then log in again",
@@ -111,7 +111,7 @@ def check_ports() -> Iterator[Finding]:
 
 
 def check_sensors(root: Path = ROOT) -> Iterator[Finding]:
-    """Search for power sensors, which `profile` measures joules with."""
+    """Search for power sensors, with which `profile` measures joules."""
     sensors, missing = find_sensors(root)
     for sensor in sensors:
         yield Finding("power sensors", "good", printable(str(sensor)))

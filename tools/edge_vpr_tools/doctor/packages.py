@@ -1,4 +1,4 @@
-"""Check Python, the libraries that are needed, and the optional ones."""
+"""Check Python, the required libraries, and the optional ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from edge_vpr import __version__
 from edge_vpr.errors import install_command
 from edge_vpr_tools.doctor.finding import Finding
 
-#: extras that a user chooses; the others are for work on edge-vpr itself
+#: extras for users; the others are for work on edge-vpr itself
 EXTRAS = {
     "aedat4": "AEDAT 4 recordings",
     "parquet": "Parquet recordings",
@@ -28,11 +28,11 @@ EXTRAS = {
 
 
 def check_versions() -> Iterator[Finding]:
-    """Compare the versions of Python and the libraries with what edge-vpr needs."""
+    """Compare the versions of Python and the libraries with the requirements of edge-vpr."""
     needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
     found = [f"edge-vpr {__version__}", f"Python {platform.python_version()}"]
     for requirement in needed:
-        if requirement.marker is not None:  # of an extra
+        if requirement.marker is not None:  # required by an extra
             continue
         installed = _installed(requirement)
         if installed is None or not requirement.specifier.contains(installed, prereleases=True):
@@ -48,7 +48,7 @@ def check_versions() -> Iterator[Finding]:
 
 
 def check_extras() -> Iterator[Finding]:
-    """Look for the libraries of each extra that a user may want."""
+    """Check for the libraries of each extra for users."""
     needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
     for extra, what in EXTRAS.items():
         missing = [

@@ -1,4 +1,4 @@
-"""Run all checks, and lay out what they found."""
+"""Run all checks, and format their findings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def examine() -> list[Finding]:
 
 
 def as_text(findings: Sequence[Finding]) -> str:
-    """Lay findings out in lines: a mark, the topic, what was found, and what to do about it."""
+    """Format findings as lines: a mark, the topic, what was found, and the remedy."""
     width = max((len(finding.topic) for finding in findings), default=0)
     lines = []
     for finding in findings:

@@ -1,4 +1,4 @@
-"""Condition of the machine: governor, clock, temperature, throttling."""
+"""Conditions of the machine: governor, clock, temperature, throttling."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from edge_vpr_tools.energy.sensors.pmic import vcgencmd
 from edge_vpr_tools.energy.sensors.sensor import ROOT, read_text
 
-#: bits of ``vcgencmd get_throttled``; 16 higher: since the board was started
+#: bits of ``vcgencmd get_throttled``; the same bits shifted by 16 cover the time since boot
 _NOW = {0: "under-voltage", 1: "frequency capped", 2: "throttled", 3: "soft temperature limit"}
 
 
@@ -21,13 +21,13 @@ class Conditions:
     ----------
     governor : str or None
     frequency_hz : float or None
-        Of the first core.
+        Clock of the first core.
     temperature_c : float or None
-        The hottest zone.
+        Temperature of the hottest zone.
     throttled : int or None
-        Bits as of ``vcgencmd get_throttled``.
+        Bits as returned by ``vcgencmd get_throttled``.
     throttle_events : int or None
-        How often the cores of a processor that counts it were throttled since its start.
+        Number of times that cores were throttled since boot, if the processor counts them.
     """
 
     governor: str | None
@@ -38,7 +38,7 @@ class Conditions:
 
     @classmethod
     def now(cls, root: Path = ROOT) -> Conditions:
-        """Read the present conditions."""
+        """Read the current conditions."""
         cpu = root / "sys/devices/system/cpu/cpu0/cpufreq"
         clock = _number(cpu / "scaling_cur_freq")
         zones = [_number(p) for p in (root / "sys/class/thermal").glob("thermal_zone*/temp")]
@@ -70,13 +70,13 @@ class Conditions:
 
     @property
     def faults(self) -> list[str]:
-        """Causes that throttle the machine now."""
+        """Causes that currently throttle the machine."""
         bits = self.throttled or 0
         return [text for bit, text in _NOW.items() if bits >> bit & 1]
 
 
 def void_because(*moments: Conditions) -> str:
-    """Return why a run with these conditions is void; empty if it is valid as far as known."""
+    """Return why a run under these conditions is void; empty if it is valid as far as known."""
     faults = [fault for moment in moments for fault in moment.faults]
     before, after = moments[0], moments[-1]
     if before.throttled is not None and after.throttled is not None:

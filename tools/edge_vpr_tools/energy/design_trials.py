@@ -23,7 +23,7 @@ from edge_vpr_tools.energy.workload import Workload
 from edge_vpr_tools.experiments.trial import TruthOf
 from edge_vpr_tools.output.messages import note
 
-#: a map, and its energy, which has been measured, or why it was not
+#: a map, and its measured energy or the reason why it was not measured
 Known = tuple[ReferenceMap, Outcome]
 
 
@@ -36,11 +36,11 @@ class DesignResult:
     name : str
     pixels, counter_bits, bytes_per_place, places : int
     precision_at_100_recall : float
-        Of `queries` matches.
+        Over `queries` matches.
     cpu_s_per_match : float
         Processor time in seconds, with its 95 % interval.
     energy : Energy, NotMeasured or None
-        None where there is no sensor.
+        None if there is no sensor.
     """
 
     name: str
@@ -73,16 +73,16 @@ def compare(
     query : EventSource
         The query drive.
     events : sequence of ndarray
-        Its events, cleaned: the load.
+        Its cleaned events, which are the load.
     truth_of : callable
-        Ground truth of places and queries at such times.
+        Returns the ground truth for the times of places and queries.
     sensor : Sensor, optional
-        For joules; without one, only processor time is told.
+        Measures joules; without it, only processor time is measured.
     plan : Plan
     rate : float
-        Matches a second of the mission.
+        Matches per second of the mission.
     known : tuple of ReferenceMap and Energy
-        A map whose energy has been measured.
+        A map whose energy has already been measured.
 
     Returns
     -------
@@ -119,12 +119,12 @@ def compare(
 
 
 def _cpu_s_per_match(load: Workload, plan: Plan) -> Estimate:
-    """Measure the processor time of a match in five slices of a window."""
+    """Measure the processor time of a match in several short slices of load."""
     slices: list[float] = []
     while len(slices) < LEAST_PAIRS:
         load.reset()
         start = time.process_time()
-        # at least one match, however slow the machine
+        # at least one match, even on a slow machine
         while load.matches == 0:
             load.run(plan.window_s / 10)
         slices.append((time.process_time() - start) / load.matches)

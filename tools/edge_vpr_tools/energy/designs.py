@@ -12,7 +12,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.pipeline import EventSource, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 
-#: J of the designs, and codes of their counters
+#: numbers of pixels (J) of the designs, and codes of their counters
 PIXELS = (10, 25, 50, 150)
 FEW_BITS = {"counter_code": "log", "counter_bits": 3}
 
@@ -26,10 +26,10 @@ class Compared:
 
 
 def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
-    """Return maps of a drive: as given, with other numbers of pixels, fewer bits, and all pixels.
+    """Yield maps of a drive: with several numbers of pixels, with fewer bits, and with all pixels.
 
-    Fixed-count windows hold the average number of events in tau at the same pixels, so that a match
-    covers the same length of drive in all designs.
+    Fixed-count windows hold the average number of events in tau at the same pixels. A match
+    therefore covers the same length of the drive in all designs.
     """
     settings = main.settings.replaced({"events_per_pixel": None}, "designs")
     for pixels in PIXELS:
@@ -44,10 +44,10 @@ def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
 
 
 def of_map(reference: ReferenceMap) -> Iterator[Compared]:
-    """Return maps with the first pixels of a map, and with all of its pixels.
+    """Yield maps with the first pixels of a map, and the map itself.
 
-    Pixels are kept in the order in which they were drawn, so that the first ones are a smaller
-    draw. Windows by count ended by the events of all of them, so that such a map is taken alone.
+    Pixels are stored in the order in which they were drawn, so that the first ones are a smaller
+    draw. Windows by count end by the events of all pixels; only the map itself is then yielded.
     """
     drawn, counts = reference.pixel_map, reference.places.counts
     whole = len(drawn)

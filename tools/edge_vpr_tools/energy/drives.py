@@ -15,21 +15,21 @@ from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import TruthOf
 from edge_vpr_tools.output.progress import keep_shown
 
-#: of the simulated street: some 70 places
+#: length of the simulated street, which has about 70 places
 _STREET_M = 400.0
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """The load: a map, the events of a query drive and, if its truth is known, designs to compare.
+    """Load: a map, the events of a query drive and, if its truth is known, designs to compare.
 
     Attributes
     ----------
     name : str
-        Of the recording.
+        Name of the recording.
     reference : ReferenceMap
     events : list of ndarray
-        Of the query drive, cleaned.
+        Cleaned events of the query drive.
     query : EventSource
     designs : iterable of Compared
     truth_of : callable, optional
@@ -46,11 +46,11 @@ class Load:
 
 
 def simulated_load(seed: int) -> Load:
-    """Simulate a street: its reference is mapped, and its query is the load."""
+    """Simulate a street: one drive is mapped, and the query drive is the load."""
     pair = simulate_pair(seed, length_m=_STREET_M)
     for name, drive in zip(("reference", "query"), pair, strict=True):
         keep_shown(drive, f"simulating the {name}")
-    # N as a window of tau holds on average
+    # N is the average number of events in a window of tau
     fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": None}, "profile")
     reference = map_traverse(pair[0], fixed_n)
     events = list(cleaned(pair[1], reference.settings))

@@ -1,4 +1,4 @@
-"""The energy of a match: measured, void because of throttling, or not measured."""
+"""Energy of a match: measured, void because of throttling, or not measured."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Bounds = tuple[float, float]
 
 
 class Bounded(NamedTuple):
-    """A figure with its 95 % interval; None if not resolved or not known."""
+    """Figure with its 95 % interval; None if it is not resolved or not known."""
 
     value: float | None
     low: float | None = None
@@ -34,18 +34,18 @@ class Figures:
     Attributes
     ----------
     marginal_j_per_match : float or None
-        Joules of load less idle; None where the difference is not resolved.
+        Joules under load minus joules at rest; None if the difference is not resolved.
     marginal_j_per_match_interval : pair of float
-        95 %, as all intervals here.
+        95 % interval, like all intervals here.
     marginal_j_per_match_interval_with_gain : pair of float
-        Widened by the gain error of the meter.
+        The same interval, widened by the gain error of the meter.
     pairs_needed : int or None
-        How many pairs would resolve the difference, if the spread stays; None if it is resolved,
-        or no number would.
+        Number of pairs that would resolve the difference if the spread stays the same; None if it
+        is resolved, or if no number would resolve it.
     saturated_j_per_match, mission_j_per_match : float
-        Joules of the whole board, at full speed and at the mission's rate.
+        Joules of the whole board, at full speed and at the match rate of the mission.
     matches_per_joule : float or None
-        Of the marginal energy.
+        Computed from the marginal energy.
     idle_w, load_w : float
         Power at rest and under load, in watts.
     """
@@ -89,7 +89,7 @@ class Figures:
 
 
 class PowerTrace(NamedTuple):
-    """Power over time, thinned for a drawing; seconds since the first window, and watts."""
+    """Power over time, with few points for a figure; seconds since the first window, and watts."""
 
     time_s: tuple[float, ...]
     watts: tuple[float, ...]
@@ -103,9 +103,9 @@ class Readings:
     ----------
     sensor : About
     differences_w : tuple of float
-        Power of load less idle, a value a pair.
+        Power under load minus power at rest, one value for each pair.
     windows : tuple of Window
-        In seconds since the first one.
+        Times are in seconds since the first window.
     trace : PowerTrace
     """
 
@@ -117,29 +117,29 @@ class Readings:
 
 @dataclass(frozen=True, kw_only=True)
 class Energy:
-    """A measurement of the energy of a match.
+    """Measured energy of a match.
 
-    In JSON the fields of `figures` and `readings` stand beside the others.
+    In JSON, the fields of `figures` and `readings` are on the same level as the others.
 
     Attributes
     ----------
     pairs : int
-        Of an idle and a load window.
+        Number of pairs of an idle and a load window.
     window_s : float
         Median length of a window.
     native_samples_per_window : int
-        Readings that are not repeated ones.
+        Number of readings that differ from the previous one.
     saturated_matches_per_s, mission_matches_per_s : float
-        Match rates at full speed, and of the mission.
+        Matches per second at full speed, and in the mission.
     figures : Figures or None
-        None where the machine was throttled, so that they say nothing.
+        None if the machine was throttled, since figures would then mislead.
     readings : Readings or None
-        None for a design beside the main load.
+        None for a design other than the main load.
     quick : bool
-        Whether windows were too short for a figure to be published.
+        Whether windows were too short for a figure that can be published.
     cpu_s_per_match, sampler_cpu_share : float or None
-        Processor time of a match, and the share of a core that sampling took; an external meter
-        does not know them.
+        Processor time of a match, and share of a core that sampling took; not known with an
+        external meter.
     """
 
     pairs: int
@@ -155,7 +155,7 @@ class Energy:
 
     @property
     def resolved(self) -> bool:
-        """Whether it has figures, and the energy of the work among them."""
+        """Whether there are figures, and they resolve the energy of the work."""
         return self.figures is not None and self.figures.resolved
 
     def void(self) -> Energy:
@@ -163,7 +163,7 @@ class Energy:
         return replace(self, figures=None)
 
     def brief(self) -> Energy:
-        """Leave out the readings, which are shown of the main load alone."""
+        """Return the same without the readings, which are shown only for the main load."""
         return replace(self, readings=None)
 
     def to_json(self) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class Energy:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any], where: str) -> Energy:
-        """Read them back, see `json_records.from_json`."""
+        """Read an object from values of JSON; see `json_records.from_json`."""
         void = all(values.get(one.name) is None for one in fields(Figures))
         nested = {
             "figures": None if void else from_json(Figures, values, where),
@@ -192,7 +192,7 @@ class NotMeasured:
     ----------
     not_measured_because : tuple of str
     windows : tuple of Window
-        That were taken for an external meter, by the monotonic clock.
+        Windows that were run for an external meter, on the monotonic clock.
     """
 
     not_measured_because: tuple[str, ...]
@@ -200,11 +200,11 @@ class NotMeasured:
 
     @property
     def resolved(self) -> bool:
-        """Never."""
+        """Always False."""
         return False
 
     def void(self) -> NotMeasured:
-        """Return the same: there are no figures to be taken away."""
+        """Return the same object, since there are no figures to remove."""
         return self
 
     def to_json(self) -> dict[str, Any]:
@@ -214,5 +214,5 @@ class NotMeasured:
         return values | ({"windows": to_json(self.windows)} if self.windows else {})
 
 
-#: in the order in which a file is tried
+#: in the order in which the types are tried when a file is read
 Outcome = NotMeasured | Energy

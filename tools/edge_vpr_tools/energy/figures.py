@@ -1,4 +1,4 @@
-"""The figures of a profile; each function draws one."""
+"""Figures of a profile; each function draws one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MARKERS = "os^vDPX"
 
 
 def power_trace(readings: Readings) -> Figure:
-    """Draw power over time, idle and load windows shaded."""
+    """Draw power over time, with idle and load windows shaded."""
     with figure() as (drawing, axes):
         labels = {True: "load", False: "idle"}
         for window in readings.windows:
@@ -52,7 +52,7 @@ def differences(readings: Readings) -> Figure:
 
 
 def against_rate(energy: Energy, figures: Figures) -> Figure:
-    """Draw joules a match against matches a second, as far as this machine can match."""
+    """Draw joules per match against matches per second, up to the highest rate of this machine."""
     with figure() as (drawing, axes):
         fastest = energy.saturated_matches_per_s
         rates = np.geomspace(min(0.1, fastest / 10), fastest, 200)
@@ -78,7 +78,7 @@ def against_rate(energy: Energy, figures: Figures) -> Figure:
 def accuracy(designs: Sequence[DesignResult]) -> Figure:
     """Draw the accuracy of each design against the measured cost of its match.
 
-    Against joules where they were measured and resolved, else against processor time.
+    The cost is in joules if they were measured and resolved, else in processor time.
     """
     measured = [(one, _joules(one)) for one in designs]
     joules = [(one, found) for one, found in measured if found is not None]
@@ -106,7 +106,7 @@ def accuracy(designs: Sequence[DesignResult]) -> Figure:
 
 
 def _joules(one: DesignResult) -> tuple[float, float, float] | None:
-    """Return the marginal energy of a match, or None where it is not resolved."""
+    """Return the marginal energy of a match and its interval; None if it is not resolved."""
     figures = one.energy.figures if isinstance(one.energy, Energy) else None
     if figures is None or figures.marginal_j_per_match is None:
         return None

@@ -1,4 +1,4 @@
-"""Statistics of pairs of idle and load periods: median, interval, whether it is resolved."""
+"""Statistics of pairs of idle and load periods: median, interval, and whether it is resolved."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _RESAMPLES = 2_000
 
 @dataclass(frozen=True)
 class Estimate:
-    """A median of paired differences.
+    """Median of paired differences.
 
     Attributes
     ----------
@@ -48,9 +48,10 @@ class Estimate:
         )
 
     def pairs_needed(self) -> int | None:
-        """How many pairs would resolve it, if the spread stays; None if the median is not above 0.
+        """Return the number of pairs that would resolve the median; None if it is not above 0.
 
-        An interval narrows with the root of their number.
+        The spread is assumed to stay the same; an interval narrows with the square root of the
+        number.
         """
         if self.value <= 0:
             return None
@@ -59,13 +60,13 @@ class Estimate:
 
 
 def paired_energy(trace: Trace, windows: Sequence[Window]) -> tuple[Floats, Floats]:
-    """Mean power of each pair's idle and load window.
+    """Return the mean power of each pair's idle and load window.
 
     Parameters
     ----------
     trace : Trace
     windows : sequence of Window
-        An even number: each two after one another are a pair, in either order.
+        An even number: each two consecutive windows are a pair, in either order.
 
     Returns
     -------
@@ -81,11 +82,12 @@ def paired_energy(trace: Trace, windows: Sequence[Window]) -> tuple[Floats, Floa
 
 
 def interval(differences: Floats, seed: int = 0) -> Estimate:
-    """Median of paired differences, and its interval by a circular block bootstrap.
+    """Return the median of paired differences, and its interval by a circular block bootstrap.
 
-    Neighbouring pairs share slow changes of the board's temperature: blocks of neighbours are drawn
-    together, two from 27 pairs on and three from 126; with fewer, each pair for itself. The unit is
-    the pair of windows, never a sample, so that duplicates of samples do not narrow it.
+    Neighbouring pairs share slow changes of the board's temperature. Blocks of neighbours are
+    therefore drawn together: two pairs from 27 pairs on, and three from 126 on; with fewer pairs,
+    each is drawn by itself. The unit is always a pair of windows and never a sample, so that
+    duplicates of samples do not narrow the interval.
 
     Parameters
     ----------
@@ -115,9 +117,9 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
 
 
 def interval_of_times(seconds: Floats, seed: int = 0) -> Estimate:
-    """Median of repeated timings, or of their ratios, and its interval by that of their logarithms.
+    """Return the median of repeated timings or ratios, and the interval from their logarithms.
 
-    Disturbances multiply a timing, and no timing is below zero.
+    Logarithms are used because disturbances multiply a timing, and no timing is below zero.
 
     Parameters
     ----------
@@ -140,10 +142,11 @@ def interval_of_times(seconds: Floats, seed: int = 0) -> Estimate:
 
 
 def _small_sample(n: int) -> float:
-    """Tell by how much a bootstrap interval of few values is too narrow (Hesterberg, 2015).
+    """Return the factor by which to widen a bootstrap interval of few values (Hesterberg, 2015).
 
-    It resamples with the variance of n and not of n - 1, and takes quantiles of a normal in place
-    of Student's distribution, whose quantile is expanded here (Abramowitz and Stegun, 26.7.5).
+    The bootstrap resamples with the variance of n instead of n - 1, and has quantiles of a normal
+    instead of Student's distribution, whose quantile is expanded here (Abramowitz and Stegun,
+    26.7.5).
     """
     z, degrees = 1.959964, n - 1
     student = (

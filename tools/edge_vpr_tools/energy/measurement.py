@@ -19,7 +19,7 @@ from edge_vpr_tools.output.messages import note
 #: function that runs the load for some seconds and returns the number of matches
 Load = Callable[[float], int]
 
-#: of a window, for a figure that can be published
+#: least duration and native samples of a window, for a figure that can be published
 LEAST_S, LEAST_SAMPLES = 10.0, 100
 _LEAST_QUICK_S = 0.1
 
@@ -31,11 +31,11 @@ class Plan:
     Attributes
     ----------
     pairs : int
-        Of an idle and a load window.
+        Number of pairs of an idle and a load window.
     window_s : float
-        Of each.
+        Duration of each window in seconds.
     quick : bool
-        Shorter than a figure to be published needs; said with it.
+        Whether windows are too short for a figure that can be published; figures are then labelled.
     """
 
     pairs: int = LEAST_PAIRS
@@ -44,7 +44,7 @@ class Plan:
 
     @classmethod
     def checked(cls, pairs: int, window_s: float | None, quick: bool) -> Plan:
-        """Build a plan that gives a figure to be published, unless it is a quick one.
+        """Build a plan whose figures can be published, or a quick one.
 
         Parameters
         ----------
@@ -82,18 +82,18 @@ def take_turns(
     sleep: Callable[[float], None] = time.sleep,
     clock: Callable[[], float] = time.monotonic,
 ) -> list[Window]:
-    """Alternate idle and load windows, the first of each pair alternating too.
+    """Alternate idle and load windows, with alternating order within pairs.
 
-    A drift of the board's power that is steady cancels over two pairs: idle, load, load, idle. Idle
-    is this process asleep.
+    A steady drift of the board's power cancels over two pairs: idle, load, load, idle. In idle
+    windows, this process sleeps.
 
     Parameters
     ----------
     plan : Plan
     load : callable
-        Already warm: compiled, and in the caches.
+        Must be warm: compiled, and in the caches.
     sleep, clock : callable
-        For tests.
+        Replaced in tests.
 
     Returns
     -------
@@ -123,17 +123,17 @@ def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> Energy:
     plan : Plan
     load : callable
     rate : float
-        Matches a second of the mission.
+        Matches per second of the mission.
 
     Returns
     -------
     Energy
-        See `analyse`; with the cost of sampling.
+        See `analyse`; includes the cost of sampling.
 
     Raises
     ------
     SensorError
-        If the sensor fails meanwhile.
+        If the sensor fails during the measurement.
     """
     plan = plan.for_period(sensor.about.period_s)
     cpu = time.process_time()
@@ -160,11 +160,11 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
     ----------
     trace : Trace
     windows : sequence of Window
-        Pairs of idle and load.
+        Pairs of an idle and a load window.
     about : About
-        Of the meter.
+        Description of the meter.
     rate : float
-        Matches a second of the mission.
+        Matches per second of the mission.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
     """
     idle_w, load_w = paired_energy(trace, windows)
     loads = [window for window in windows if window.load]
-    # divided by the matches of the same period, so that a slow period does not look cheap
+    # divided by the matches of the same period, so that a slow period does not seem cheap
     a_match_s = np.array([(w.end_s - w.start_s) / max(w.matches, 1) for w in loads])
     marginal = interval((load_w - idle_w) * a_match_s)
     saturated = interval(load_w * a_match_s)
@@ -214,7 +214,7 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
 
 
 def _thinned(trace: Trace, start: float) -> PowerTrace:
-    """Return at most a thousand points of power, for a drawing."""
+    """Return at most a thousand points of power, for a figure."""
     step = 1 + trace.time_s.size // 1_000
     time_s, energy = trace.time_s[::step], trace.energy_j[::step]
     return PowerTrace(

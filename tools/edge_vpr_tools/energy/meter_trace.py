@@ -1,4 +1,4 @@
-"""The trace of an external meter, put beside the windows of a profile by the steps of the load."""
+"""Trace of an external meter, aligned with the windows of a profile by the steps of the load."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.energy.sampling import Floats, Window
 
-#: A trace follows the load if it correlates with it by so many standard errors of its readings, and
-#: if the differences of the pairs are above zero by so many of theirs. Of 450 traces of noise, of
-#: random walks and of other steps none passed; with 3 in place of 6, one in five did.
+#: Thresholds for a trace that follows the load: its correlation with the load in standard errors of
+#: the readings, and the mean difference of the pairs in standard errors of the differences. Of 450
+#: traces of noise, of random walks and of other steps, none passed; with 3 in place of 6, one in
+#: five did.
 _FOLLOWING, _PAIRS_HIGHER = 5.0, 6.0
-#: most windows of a profile, and the longest it may take, in seconds
+#: most windows of a profile, and most seconds between its first and last one
 _MOST_WINDOWS, _MOST_S = 100_000, 1e6
 
 
 def read_csv(path: Path) -> tuple[Floats, Floats]:
-    """Read times and watts that an external meter wrote.
+    """Read the times and watts that an external meter wrote.
 
     Parameters
     ----------
     path : path
-        With a header: a column of time in seconds (``time``, ``time_s``, ``timestamp``), and either
-        of power in watts (``power``, ``power_w``) or of volts and amperes (``voltage``,
-        ``current``, with ``_v`` and ``_a`` or not).
+        CSV with a header: a column of time in seconds (``time``, ``time_s``, ``timestamp``), and
+        either one of power in watts (``power``, ``power_w``) or those of volts and amperes
+        (``voltage``, ``current``, with or without ``_v`` and ``_a``).
 
     Returns
     -------
@@ -38,7 +39,7 @@ def read_csv(path: Path) -> tuple[Floats, Floats]:
     Raises
     ------
     UsageError
-        If columns are missing, a cell is no number, or time does not increase.
+        If columns are missing, a cell is not a number, or time does not increase.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -80,12 +81,12 @@ def read_csv(path: Path) -> tuple[Floats, Floats]:
 
 
 def check_turns(windows: Sequence[Window]) -> None:
-    """Raise ValueError unless the windows are pairs of idle and load, one after another.
+    """Raise ValueError unless the windows are consecutive pairs of idle and load.
 
     Parameters
     ----------
     windows : sequence of Window
-        For example of a file.
+        For example from a file.
     """
     if len(windows) % 2 or len(windows) > _MOST_WINDOWS:
         raise ValueError(f"{len(windows)} windows are no pairs")
@@ -100,7 +101,7 @@ def check_turns(windows: Sequence[Window]) -> None:
 
 
 def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
-    """Find by how much a meter's clock is ahead: where its trace steps as the load did.
+    """Return by how much a meter's clock is ahead, from the steps of the load in its trace.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
     Returns
     -------
     float
-        To be subtracted from `time_s`.
+        Seconds to be subtracted from `time_s`.
 
     Raises
     ------
@@ -144,23 +145,23 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
 
 
 def _follows(watts: Floats, pattern: Floats, window: npt.NDArray[np.intp], samples: float) -> bool:
-    """Whether power is higher in load windows, by more than chance.
+    """Return whether power is higher in load windows by more than chance.
 
     Parameters
     ----------
     watts, pattern : ndarray of float64, shape (n,)
-        Power, and the load less its mean, at the same times.
+        Power, and the load minus its mean, at the same times.
     window : ndarray of int, shape (n,)
         Number of the window at each time.
     samples : float
-        Readings of the meter in that time, of which `watts` was interpolated.
+        Number of the meter's readings in that time, from which `watts` was interpolated.
     """
     spread = float(watts.std() * pattern.std())
     if spread == 0 or float(np.mean(watts * pattern)) / spread * np.sqrt(samples) < _FOLLOWING:
         return False
     means = np.bincount(window, watts) / np.bincount(window)
     loaded = np.bincount(window, pattern) > 0
-    # two after one another are a pair, in either order
+    # each two consecutive windows are a pair, in either order
     differences = np.where(loaded, means, -means).reshape(-1, 2).sum(axis=1)
     error = differences.std(ddof=1) / np.sqrt(differences.size) if differences.size > 1 else 0.0
     return bool(differences.mean() > _PAIRS_HIGHER * error)

@@ -1,4 +1,4 @@
-"""The files of a profile: JSON, a spreadsheet, and a report with figures."""
+"""Files of a profile: JSON, a spreadsheet, and a report with figures."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from edge_vpr_tools.report.style import save
 
 
 def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:
-    """Write a profile with its spreadsheet, and the report if asked.
+    """Write a profile with its spreadsheet, and optionally the report.
 
     Parameters
     ----------
     found : Profile
     folder : path
     report : bool
-        Draw figures too.
+        Also write the report with figures.
     name : str
-        Of the JSON file.
+        Name of the JSON file.
     """
     write_json(folder / name, found)
     header = ("quantity", "value", "low", "high")

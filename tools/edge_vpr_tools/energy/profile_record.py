@@ -1,4 +1,4 @@
-"""A profile as a value: what `profile.json` holds, and how it is read and written."""
+"""Profile as a value: the content of `profile.json`, which can be read and written."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class MapSize:
 
 @dataclass(frozen=True)
 class LoadRecord:
-    """What was run: the recording, when it matched, and how many events a call took."""
+    """Load: the recording, the schedule of matches, and the events of a call."""
 
     recording: str
     every: str
@@ -42,13 +42,13 @@ class LoadRecord:
 
 @dataclass(frozen=True)
 class Moments:
-    """The condition of the machine before, under and after the load.
+    """Conditions of the machine before, during and after the load.
 
     Attributes
     ----------
     before, loaded, after : Conditions
     void_because : str
-        Why the figures say nothing; empty if nothing is known against them.
+        Reason why the figures are void; empty if none is known.
     """
 
     before: Conditions
@@ -57,13 +57,13 @@ class Moments:
     void_because: str
 
     def named(self) -> dict[str, Conditions]:
-        """Return the three in their order."""
+        """Return the three conditions in their order, by name."""
         return {"before": self.before, "loaded": self.loaded, "after": self.after}
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a profile was made; None is not known."""
+    """Origin of a profile; None if not known."""
 
     board: str | None
     processor: str
@@ -76,14 +76,14 @@ class Provenance:
 
     @classmethod
     def of(cls, root: Path, loaded: Conditions, energy: Outcome, run: RunRecord) -> Provenance:
-        """Look it up.
+        """Determine the origin of a profile on this machine.
 
         Parameters
         ----------
         root : path
-            Where the file system begins.
+            Root of the file system.
         loaded : Conditions
-            Under load.
+            Conditions under load.
         energy : Energy or NotMeasured
         run : RunRecord
         """
@@ -104,18 +104,18 @@ class Provenance:
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """A load measured on a machine.
+    """Load measured on a machine.
 
     Attributes
     ----------
     schema : int
     quick : bool
-        Whether windows were too short for a figure to be published.
+        Whether windows were too short for a figure that can be published.
     throughput : Throughput
     map : MapSize
     energy : Energy or NotMeasured
     designs : tuple of DesignResult
-        Empty where none were compared.
+        Empty if no designs were compared.
     conditions : Moments
     sparse_against_all : SparseAgainstAll
     load : LoadRecord
@@ -137,7 +137,7 @@ class Profile:
 
     @property
     def void(self) -> bool:
-        """Whether the machine was throttled, so that the figures say nothing."""
+        """Whether the figures are void because the machine was throttled."""
         return bool(self.conditions.void_because)
 
     @classmethod
@@ -147,7 +147,7 @@ class Profile:
         Raises
         ------
         UsageError
-            If it is none, or of another version.
+            If the file is not a profile, or is of another version.
         """
         what, remedy = "a profile", "make one by edge-vpr profile"
         values = read_json(path, what, remedy)

@@ -12,7 +12,7 @@ DESIGNS = ("design", "P@100R", "bytes a place", "processor time a match", "margi
 
 
 def rows(found: Profile) -> list[tuple[str, str]]:
-    """Return the figures of a profile as name and value; what was not measured says so."""
+    """Return the figures of a profile as pairs of name and value; missing ones are marked."""
     speed = found.throughput
     told = [
         ("events a second", f"{speed.events_per_s:,.0f}"),
@@ -72,7 +72,7 @@ def _marginal(energy: Energy, figures: Figures) -> str:
 
 
 def designs(found: Profile) -> list[list[str]]:
-    """Return how right each design is, and what a match of it takes, as rows of `DESIGNS`."""
+    """Return the accuracy of each design and the cost of its match, as rows of `DESIGNS`."""
     told = []
     for one in found.designs:
         figures = one.energy.figures if isinstance(one.energy, Energy) else None

@@ -1,4 +1,4 @@
-"""The numbers of a profile by name, each with its interval where it has one."""
+"""Numbers of a profile by name, with their intervals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOT_MEASURED, NOT_RESOLVED, VOID = "not measured", "not resolved", "void: thrott
 
 
 class Number(NamedTuple):
-    """A figure; `value` is None where there is none, and `why` says why."""
+    """Figure of a profile; if `value` is None, `why` states the reason."""
 
     name: str
     value: float | None
@@ -27,7 +27,7 @@ class Number(NamedTuple):
 
 
 def numbers(found: Profile) -> list[Number]:
-    """Gather the numbers of a profile, in a fixed order and under the same names in each."""
+    """Return the numbers of a profile, in the same order and with the same names for each."""
     return [*_numbers(found)]
 
 

@@ -1,4 +1,4 @@
-"""Making of a profile: load, conditions, speed and, with a sensor, energy."""
+"""Measure a profile: load, conditions, speed and, with a sensor, energy."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from edge_vpr_tools.runs.schedule import parse_every
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What to measure of a load.
+    """What to measure with a load.
 
     Attributes
     ----------
     every : str
-        When to match, see `parse_every`.
+        Schedule of matches; see `parse_every`.
     packet : int
-        Events a call.
+        Number of events in a call.
     mission_rate : float
-        Matches a second of the mission.
+        Matches per second of the mission.
     designs : bool
-        Compare other designs, if the truth is known.
+        Whether to compare other designs, if the truth is known.
     meter : bool
-        Alternate idle and load for an external meter.
+        Whether to alternate idle and load for an external meter.
     root : path
-        Where the file system begins; another one for tests.
+        Root of the file system; replaced in tests.
 
     Raises
     ------
@@ -82,9 +82,9 @@ def profile(
     request : Request
     plan : Plan
     sensor : Sensor, optional
-        Of power or energy; left open.
+        Sensor of power or energy; it is not closed.
     missing : sequence of Missing
-        Why there is no sensor.
+        Reasons why there is no sensor.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def profile(
     before = Conditions.now(request.root)
     note(f"speed: {_duration(plan.window_s)}")
     throughput = measure_throughput(workload, plan.window_s)
-    # at once, because a governor lowers the clock of an idle processor
+    # read at once, because a governor lowers the clock of an idle processor
     loaded = Conditions.now(request.root)
     because = tuple(str(one) for one in missing)
     energy: Outcome = NotMeasured(because)
@@ -125,7 +125,7 @@ def profile(
         )  # fmt: skip
     after = Conditions.now(request.root)
     note("few pixels against all: some 10 s")
-    # last: all pixels take memory that the method does not
+    # measured last, since all pixels take memory that the method does not need
     everything = np.concatenate(load.events)
     sparse = sparse_against_all(everything, reference.pixel_map, len(reference))
     void = void_because(before, loaded, after)
@@ -154,12 +154,12 @@ def profile(
 
 
 def with_meter(path: Path, meter: Path, rate: float) -> Profile:
-    """Add the energy of an external meter's trace to a profile that was made for it.
+    """Add the energy from an external meter's trace to a profile that was made for it.
 
     Raises
     ------
     UsageError
-        If the profile took no turns, or the trace does not hold them.
+        If the profile has no windows for a meter, or the trace does not contain them.
     """
     found = Profile.load_file(path)
     windows = found.energy.windows if isinstance(found.energy, NotMeasured) else ()

@@ -1,4 +1,4 @@
-"""Samples of power over time, and the energy between two moments."""
+"""Samples of power over time, and the energy between two times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Window(NamedTuple):
-    """A span of one kind of load, by the monotonic clock."""
+    """Period of one kind of load, on the monotonic clock."""
 
     load: bool
     start_s: float
@@ -33,10 +33,10 @@ class Trace:
     ----------
     time_s : ndarray of float64, shape (n,)
     energy_j : ndarray of float64, shape (n,)
-        Since the first sample.
+        Energy since the first sample.
     fresh : ndarray of bool, shape (n,)
-        Whether the reading differs from the one before: a meter that is asked more often than it
-        measures repeats itself.
+        Whether the reading differs from the previous one. A meter that is read more often than it
+        measures repeats its readings.
     """
 
     time_s: Floats
@@ -45,7 +45,7 @@ class Trace:
 
     @classmethod
     def of_energy(cls, time_s: Floats, joules: Floats) -> Trace:
-        """Take a counter's readings."""
+        """Make a trace from an energy counter's readings."""
         return cls(time_s, joules - joules[0], _fresh(joules))
 
     @classmethod
@@ -55,12 +55,12 @@ class Trace:
         return cls(time_s, np.concatenate([[0.0], np.cumsum(steps)]), _fresh(watts))
 
     def energy(self, start_s: float, end_s: float) -> float:
-        """Joules between two moments, a straight line between samples.
+        """Return the joules between two times, with linear interpolation between samples.
 
         Raises
         ------
         SensorError
-            If the trace does not reach over both.
+            If the trace does not cover both times.
         """
         if not self.time_s[0] <= start_s < end_s <= self.time_s[-1]:
             raise SensorError(
@@ -71,7 +71,7 @@ class Trace:
         return float(after - before)
 
     def native_samples(self, start_s: float, end_s: float) -> int:
-        """Count the readings between two moments that are not repeated ones."""
+        """Count the readings between two times that differ from the previous one."""
         inside = (self.time_s >= start_s) & (self.time_s <= end_s)
         return int(np.count_nonzero(inside & self.fresh))
 
@@ -87,10 +87,10 @@ class Sampler:
     Attributes
     ----------
     cpu_s, commands_s : float
-        Processor time that the thread took, and the commands that it ran meanwhile: it is part of
+        Processor time of the thread, and of the commands that ran during sampling; it is part of
         idle and load alike.
     error : SensorError, optional
-        Why it stopped early.
+        Reason why sampling stopped early.
     """
 
     sensor: Sensor
@@ -119,12 +119,12 @@ class Sampler:
                 self.error = error
 
     def trace(self) -> Trace:
-        """Give what was sampled.
+        """Return the samples.
 
         Raises
         ------
         SensorError
-            If the sensor failed meanwhile.
+            If the sensor failed during sampling.
         """
         if self.error is not None:
             raise self.error
@@ -136,7 +136,7 @@ class Sampler:
     def _take(self) -> None:
         when, value = self.sensor.sample()
         if self._times and when <= self._times[-1]:
-            return  # a sensor that was asked before it had something new
+            return  # the sensor was read before it had a new value
         self._times.append(when)
         self._values.append(value)
 
@@ -151,6 +151,6 @@ class Sampler:
 
 
 def _commands_s() -> float:
-    """Processor time of all commands that this process has run."""
+    """Return the processor time of all commands that this process has run."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime

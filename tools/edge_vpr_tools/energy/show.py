@@ -1,4 +1,4 @@
-"""A profile, or two side by side, on the terminal."""
+"""Print a profile, or two side by side, on the terminal."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ def show(found: Profile) -> None:
 
 
 def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
-    """Print two profiles side by side, with the ratio where both have a number.
+    """Print two profiles side by side, with the ratio if both have a number.
 
     Parameters
     ----------
     first, second : path
-        Of ``profile.json``.
+        Paths of the two ``profile.json`` files.
     spreadsheet : path, optional
-        Written too.
+        File to which the comparison is also written.
 
     Raises
     ------
     UsageError
-        If one cannot be read.
+        If a profile cannot be read.
     """
     found = [Profile.load_file(path) for path in (first, second)]
     for path, one in zip((first, second), found, strict=True):
@@ -58,7 +58,7 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
 
 
 def check_shown(found: Profile, path: Path) -> None:
-    """Raise `UsageError` unless all that is shown of a profile can be shown."""
+    """Raise `UsageError` unless all shown parts of a profile are valid."""
     with understood(path, "a profile", "make it again with edge-vpr profile"):
         _ = rows(found), designs(found), notes(found)
         for number in numbers(found):

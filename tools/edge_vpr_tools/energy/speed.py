@@ -1,7 +1,7 @@
 """The paper's speed claim, measured again: few pixels against all of them (Fischer & Milford, IV).
 
-Counting and matching are timed separately. The two variants alternate, so that other work of the
-machine affects both.
+Counting and matching are timed separately. Measurements of the two variants alternate, so that
+other work of the machine affects both.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr_tools.energy.intervals import Estimate, interval_of_times
 
-#: DAVIS346 of Brisbane-Event-VPR, J of the paper; the number of places and the counts are made up
+#: DAVIS346 of Brisbane-Event-VPR, and J of the paper; number of places and counts are invented
 PAPER_SENSOR, PAPER_PIXELS, _PAPER_PLACES = Sensor(346, 260), 150, 500
 _REPEATS = 31
-#: enough to be timed, and to be held beside the recording
+#: enough for timing, and small enough to be held in memory beside the recording
 _MOST_EVENTS, _MOST_COUNTS, _MOST_WINDOWS = 500_000, 1 << 25, 64
 _LEAST_S = 2e-3
 
@@ -32,7 +32,7 @@ Counts = npt.NDArray[np.unsignedinteger]
 
 
 class Timing(NamedTuple):
-    """A median of repeated timings, with its 95 % interval."""
+    """Median of repeated timings, with its 95 % interval."""
 
     value: float
     low: float
@@ -41,16 +41,16 @@ class Timing(NamedTuple):
 
 @dataclass(frozen=True)
 class Against:
-    """Seconds of one unit of work at few pixels and at all, with 95 % intervals.
+    """Seconds of one unit of work with few pixels and with all, with 95 % intervals.
 
     Attributes
     ----------
     unit : str
-        Of what the seconds are.
+        Unit of work of the seconds.
     sparse_pixels, all_pixels, places : int
-        J of the two, and K; 0 places where none are matched.
+        J of the two variants, and K; 0 places if none are matched.
     sparse_s, all_s, times : Timing
-        `times` is of the ratios of neighbouring measurements.
+        `times` has the ratios of neighbouring measurements.
     """
 
     unit: str
@@ -69,9 +69,9 @@ class SparseAgainstAll:
     Attributes
     ----------
     counting, matching : Against
-        Of the recording.
+        Measured with the recording.
     matching_paper : Against
-        At the paper's sizes, of made-up counts.
+        Measured at the paper's sizes, with invented counts.
     """
 
     counting: Against
@@ -79,7 +79,7 @@ class SparseAgainstAll:
     matching_paper: Against
 
     def parts(self) -> dict[str, Against]:
-        """Return all three by name."""
+        """Return all three results by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
@@ -93,7 +93,7 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> Spar
     pixel_map : PixelMap
         The selected pixels.
     places : int
-        K; fewer are taken where all pixels of so many would not be held easily.
+        K; fewer are used if all pixels of this many places would need too much memory.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def _against(
     rounds = [_rounds(work) for work in (sparse, dense)]
     took = np.empty((_REPEATS, 2))
     for i in range(_REPEATS):
-        # each goes first every other time
+        # the order alternates
         for which in (0, 1) if i % 2 == 0 else (1, 0):
             took[i, which] = _time((sparse, dense)[which], rounds[which]) / units
     return Against(
@@ -161,7 +161,7 @@ def _against(
 
 
 def _rounds(work: Callable[[], object]) -> int:
-    """How often a work is done in one measurement; it is compiled and in the caches by then."""
+    """Return how often work is repeated in one measurement; also compiles it and fills caches."""
     work()
     return max(1, round(_LEAST_S / max(_time(work, 1), 1e-9)))
 

@@ -1,4 +1,4 @@
-"""The speed of the load on this machine: events, matches, latency, processor time and memory."""
+"""Speed of the load on this machine: events, matches, latency, processor time and memory."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ class Throughput:
     Attributes
     ----------
     seconds : float
-        That were measured.
+        Duration of the measurement.
     events_per_s, matches_per_s, times_real_time : float
     latency_p50_s, latency_p99_s : float
-        Of the calls that gave a match, of which there were `calls_with_a_match`.
+        Latency of the calls that gave a match; `calls_with_a_match` is their number.
     cpu_s_per_match, cpu_share : float
-        Processor time of a match, and of a second.
+        Processor time of a match, and processor time per second.
     peak_memory_bytes : int
-        Of the process.
+        Peak memory of the process.
     events_a_round : int
-        Length of the recording.
+        Number of events in the recording.
     """
 
     seconds: float
@@ -46,13 +46,13 @@ class Throughput:
 
 
 def measure_throughput(workload: Workload, seconds: float) -> Throughput:
-    """Run at full speed; what is compiled and cached was so before.
+    """Measure at full speed; the load must already be compiled and in the caches.
 
     Parameters
     ----------
     workload : Workload
     seconds : float
-        How long.
+        Duration of the measurement.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def measure_throughput(workload: Workload, seconds: float) -> Throughput:
     Raises
     ------
     UsageError
-        If there was no match meanwhile.
+        If there was no match.
     """
     workload.reset()
     cpu, start = time.process_time(), time.perf_counter()
@@ -82,7 +82,7 @@ def measure_throughput(workload: Workload, seconds: float) -> Throughput:
         calls_with_a_match=len(workload.latencies_s),
         cpu_s_per_match=cpu / workload.matches,
         cpu_share=cpu / elapsed,
-        # Linux counts in KiB
+        # Linux reports KiB
         peak_memory_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         events_a_round=workload.events_a_round,
     )

@@ -1,4 +1,4 @@
-"""The pipeline as a load: a recording is fed to a localiser in packets, again and again."""
+"""The pipeline as a load: a recording is repeatedly fed to a localiser in packets."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 
-#: between two rounds of a recording, in microseconds
+#: pause between two rounds of a recording, in microseconds
 _PAUSE_US = 1
 
 
 class Workload:
-    """Feeds events to a localiser as fast as it takes them.
+    """Feeds events to a localiser as fast as it accepts them.
 
     Parameters
     ----------
     reference : ReferenceMap
     events : iterable of ndarray
-        Of the recording, cleaned; held in memory.
+        Cleaned events of the recording; held in memory.
     every : MatchSchedule
-        When a match is given.
+        Schedule of matches.
     packet : int
-        Events handed over in one call, as a camera's driver does.
+        Number of events in one call, as from a camera's driver.
 
     Attributes
     ----------
     events, matches : int
-        Since the last `reset`.
+        Numbers since the last `reset`.
     busy_s : float
-        Time in the localiser since then.
+        Time in the localiser since the last `reset`.
     latencies_s : list of float
-        Of the calls that gave a match.
+        Latencies of the calls that gave a match.
     recorded_s : float
     events_a_round : int
-        Length of the recording.
+        Number of events in the recording.
 
     Raises
     ------
     UsageError
-        If a round of the recording gives no match.
+        If one round of the recording gives no match.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Workload:
         self.latencies_s: list[float] = []
 
     def round(self) -> None:
-        """Feed the recording once more: also what compiles the kernels and warms the caches."""
+        """Feed the recording once more; this also compiles the kernels and warms the caches."""
         for _ in range(len(self._packets)):
             self._feed()
 
@@ -98,7 +98,7 @@ class Workload:
         start = time.perf_counter()
         found: npt.NDArray[np.void] = self._localiser.update(packet)
         took = time.perf_counter() - start
-        # the same events again, a round later
+        # the same events again, one round later
         packet["t"] += self._period
         self._next = (self._next + 1) % len(self._packets)
         self.events += packet.size

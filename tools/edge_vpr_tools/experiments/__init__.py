@@ -1,6 +1,6 @@
 """Experiments whose figures the README and the documentation quote."""
 
-#: each is a module of this package with run(data, seeds, on_start) -> Markdown
+#: each is a module of this package with a function run(data, seeds, on_start) -> Markdown
 EXPERIMENTS = {
     "simulated": "simulated",
     "speck-walks": "speck_walks",
@@ -18,7 +18,7 @@ EXPERIMENTS = {
     "window-length": "window_length",
 }
 
-#: folders of recordings, and where they come from
+#: folders of recordings, and their sources
 SOURCES = {
     "brisbane_sparse49": "event counts at 49 pixels of Brisbane-Event-VPR, sunset 1 and 2 "
     "(https://zenodo.org/records/4302805 has the data set)",

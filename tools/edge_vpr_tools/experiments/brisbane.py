@@ -46,16 +46,16 @@ def evaluate_lengths(data: Path) -> dict[int, Evaluation]:
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
-    """Set the figures of each sequence length as a Markdown table.
+    """Return the figures of each sequence length as a Markdown table.
 
     Parameters
     ----------
     data : path
         Folder that holds ``brisbane_sparse49``.
     seeds : int
-        Not used: nothing is drawn, all 49 locations are compared.
+        Not used: nothing is drawn, since all 49 locations are compared.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     """
     on_start("matching sunset 1 against sunset 2")
     rows = [
@@ -72,7 +72,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
 
 
 def _faults(data: Path) -> str:
-    """Name what is wrong with the data, counted where it can be."""
+    """Describe the faults of the data, with their number if they can be counted."""
     counts = [np.load(data / FOLDER / f"{name}.npz")["counts"] for name in ("sunset2", "sunset1")]
     neighbours = [_jumps(traverse) for traverse in counts]
     return (

@@ -22,9 +22,9 @@ from edge_vpr_tools.experiments.speck_walks import FOLDER, FRAME_PERIOD, truth_o
 from edge_vpr_tools.experiments.trial import Kept, Summary, markdown_table
 from edge_vpr_tools.runs.online import made_causal
 
-#: Flashes a second that are added to the query: none, as under a failing lamp, as under a strobe.
+#: Flashes per second that are added to the query: from none over a failing lamp to a strobe.
 RATES = (0.0, 0.1, 1.0, 10.0)
-#: In a flash, which takes this long, a pixel fires once or more with this probability.
+#: Duration of a flash, probability that a pixel fires in it, and most events of a pixel.
 FLASH_US, SHARE, MOST_EVENTS = 3_000, 0.9, 3
 EXACT = "exact"
 FILTERS: Mapping[str, type[BurstFilter] | type[CausalBurstFilter] | None] = {
@@ -35,13 +35,13 @@ FILTERS: Mapping[str, type[BurstFilter] | type[CausalBurstFilter] | None] = {
 
 
 class Flashed:
-    """A recording with flashes, at random times and of all pixels alike.
+    """Recording with added flashes at random times, which affect all pixels alike.
 
     Parameters
     ----------
     recording : EventSource
     rate : float
-        Flashes a second.
+        Flashes per second.
     seed : int
     """
 
@@ -57,7 +57,7 @@ class Flashed:
             flashes = [self._flash(rng, int(t)) for t in rng.integers(begin, end + 1, number)]
             joined = np.concatenate([events, *flashes])
             joined = joined[np.argsort(joined["t"], kind="stable")]
-            # a flash at the end of a chunk is cut off: the next one begins there
+            # a flash at the end of a chunk is cut off, since the next chunk begins there
             yield joined[: np.searchsorted(joined["t"], end, side="right")]
 
     def _flash(self, rng: np.random.Generator, at_us: int) -> Events:
@@ -68,14 +68,14 @@ class Flashed:
 
 
 def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
-    """Match a query window by window, with a filter of this name in front.
+    """Match a query window by window, after the filter of this name.
 
     Parameters
     ----------
     reference : ReferenceMap
     query : EventSource
     name : str
-        Of `FILTERS`.
+        Name of one of `FILTERS`.
     """
     kind = FILTERS[name]
     bursts = None if kind is None else kind(query.sensor)
@@ -90,7 +90,7 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
-    """Walk the query under flashes, with each filter, as a Markdown table.
+    """Match the query under flashes with each filter, and return a Markdown table.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
     seeds : int
         Number of draws of pixels and flashes. No setting is chosen by the result.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     """
     on_start("reading the walks")
     folder = data / FOLDER

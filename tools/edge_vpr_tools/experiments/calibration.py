@@ -1,9 +1,10 @@
 """The shipped table of probabilities: learnt on simulated streets, judged on real drives.
 
-Each street is mapped once and driven in three lights and speed profiles. Of each drive there are
-three versions: as it was; with a quarter of the places cut out of the map; and with a detour
-through another street, of a quarter of the drive. Two more streets judge the table, also by drives
-that are carried off to another part of the street and back, which is too rare to learn from.
+Each street is mapped once and driven in three lights and speed profiles. Each drive has three
+versions: as it was; with a quarter of the places cut out of the map; and with a detour through
+another street, as long as a quarter of the drive. Two more streets judge the table, also with
+drives in which the camera is carried to another part of the street and back; this is too rare to
+learn from.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ from edge_vpr_tools.experiments.detours import Case, carried_off, with_detour, w
 from edge_vpr_tools.experiments.switching_on import HEADER, first_row
 from edge_vpr_tools.experiments.trial import markdown_table
 
-#: other streets than those of any other experiment
+#: these streets are not used by any other experiment
 FIRST_SEED = 1_000
-#: trust compares the best place with those outside the exclusion zone of 3 places, so that it can
-#: speak of errors larger than that alone: 3 places and a bit at 6 m/s and a window of a second
+#: Trust compares the best place with those outside the exclusion zone of 3 places, so that it can
+#: only indicate larger errors: a little over 3 places at 6 m/s and with windows of a second.
 TOLERANCE_M = 20.0
 PIXELS = (25, 150)
 WINDOWS = ("time", "count")
@@ -52,21 +53,21 @@ QUERIES: dict[str, Drive] = {
     ),
 }
 _ELSEWHERE = "the same light"
-#: streets that judge the table, after those that it is learnt on
+#: number of streets that judge the table, after those from which it is learnt
 JUDGED = 2
 PRECISION = 0.99
-_CUTS = 7  # random stream of where drives are cut
+_CUTS = 7  # random stream that decides where drives are cut
 
 
 class Street(NamedTuple):
-    """A simulated street that is mapped, and one drive along it.
+    """Simulated street that is mapped, and one drive along it.
 
     Attributes
     ----------
     seed : int
     case : Case
     elsewhere : Descriptors or None
-        Counts of a drive through the street before, at the same pixels.
+        Counts of a drive through the previous street, at the same pixels.
     """
 
     seed: int
@@ -125,7 +126,7 @@ def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
 def versions_of(
     street: Street, rng: np.random.Generator, *, carried: bool = False
 ) -> Iterator[tuple[str, Sample]]:
-    """Match the versions of a drive, with the mean of the whole drive and with the running one.
+    """Match the versions of a drive, with the mean of the whole drive and with the running mean.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ def versions_of(
     rng : Generator
         Decides where the map and the drive are cut.
     carried : bool
-        Also carry the camera off.
+        Also include the version in which the camera is carried off.
 
     Yields
     ------
@@ -167,7 +168,7 @@ def with_settings(case: Case, **changes: object) -> Case:
 
 
 def sample(case: Case) -> Sample:
-    """Match a case, and take what is of known truth."""
+    """Match a case, and return the matches whose truth is known."""
     matches = case.match()
     known = case.truth.known[matches.query]
     correct = case.truth.correct[matches.place, matches.query]
@@ -176,12 +177,12 @@ def sample(case: Case) -> Sample:
 
 
 def joined(found: list[Sample]) -> Sample:
-    """Put samples behind one another."""
+    """Concatenate samples."""
     return Sample(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
 def write_table(path: Path, confidence: Confidence, seeds: int, learnt: Sample) -> None:
-    """Write a table as the package ships it, with where it comes from, atomically."""
+    """Write a table and its origin in the package's format, atomically."""
     right, off_map = learnt.correct.mean(), 1 - learnt.has_place.mean()
     made = {
         "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
@@ -200,7 +201,7 @@ def write_table(path: Path, confidence: Confidence, seeds: int, learnt: Sample) 
 def run(
     data: object, seeds: int, on_start: Callable[[str], None], table: Path | None = None
 ) -> str:
-    """Learn both tables on simulated streets, as Markdown.
+    """Learn both tables on simulated streets, and return a report as Markdown.
 
     Parameters
     ----------
@@ -209,9 +210,9 @@ def run(
     seeds : int
         Number of streets.
     on_start : callable
-        Told which street begins.
+        Called with the name of each street before it begins.
     table : path, optional
-        Folder to write the two tables to.
+        Folder to which the two tables are written.
     """
     lots = {smooth: _Lot(smooth) for smooth in (False, True)}
     live: dict[str, list[Case]] = {}
@@ -242,7 +243,7 @@ def run(
 
 
 class _Lot:
-    """Matches of all streets, smoothed or not: to learn from, and by version to judge."""
+    """Matches of all streets, smoothed or not: for learning, and by version for judging."""
 
     def __init__(self, smooth: bool) -> None:
         self._smooth, self._rng = smooth, np.random.default_rng(_CUTS)
@@ -270,7 +271,7 @@ def _steps(confidence: Confidence) -> str:
 
 
 def _judged(confidence: Confidence, held: dict[str, list[Sample]]) -> str:
-    """Judge a table on streets that it was not learnt on, a row for each version."""
+    """Judge a table on streets from which it was not learnt, with a row for each version."""
     rows = []
     for name, some in held.items():
         pooled = joined(some)

@@ -1,7 +1,7 @@
 """What a few bits a counter are worth: right matches against bytes a place, on real data.
 
-Each map is made once; its counts and the query's are then put into every code, so that all codes
-see the same pixels and the same events.
+Each map is made once. Its counts and those of the query are then converted to every code, so that
+all codes are compared at the same pixels and events.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ CODES: Mapping[str, Mapping[str, Any]] = {
     "square root, per pixel": {"counter_code": "sqrt", "counter_scaling": "per-pixel"},
     "logarithm, per pixel": {"counter_code": "log", "counter_scaling": "per-pixel"},
 }
-#: what is to be beaten: counts of 8 bits
+#: reference code for the comparison: counts of 8 bits
 RAW = ("saturating", 8)
 
-# No ground truth was published for speck_indoor. Matching all pixels with long sequences shows the
+# No ground truth was published for speck_indoor. Matches of all pixels with long sequences show the
 # query 8 frames ahead, from query frame 20 on (data set's README).
 _INDOOR_LAG, _INDOOR_FROM, _INDOOR_TOLERANCE = 8, 20, 3
 _INDOOR_PERIOD = Fraction(1)
@@ -86,12 +86,12 @@ def pairs(data: Path, *, needed: bool = True) -> Iterator[Pair]:
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``, or some of
         them.
     needed : bool
-        Whether there has to be one.
+        Whether at least one pair must be there.
 
     Raises
     ------
     UsageError
-        If one is needed, and none of them is there.
+        If `needed`, and no pair is there.
     """
     found = [
         (data / folder, open_pairs)
@@ -139,13 +139,13 @@ def _brisbane(folder: Path) -> Iterator[Pair]:
 
 
 def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str, Any]]) -> Scores:
-    """Match a pair in every code.
+    """Match a pair with every code.
 
     Parameters
     ----------
     pair : Pair
     seeds : int
-        Draws of pixels.
+        Number of draws of pixels.
     variants : mapping of (name, number) to settings of a code
 
     Returns
@@ -168,18 +168,18 @@ def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Try every code on every pair of drives, as Markdown tables.
+    """Compare every code on every pair of drives, and return Markdown tables.
 
     Parameters
     ----------
     data : path
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
     seeds : int
-        Draws of pixels.
+        Number of draws of pixels.
     on_start : callable
-        Told the name of each pair as it begins.
+        Called with the name of each pair before it begins.
     *figures : path
-        Where to write the figure, as PNG.
+        Path of the figure, a PNG.
     """
     by_width = {
         (name, bits): {**code, "counter_bits": bits}
@@ -214,7 +214,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
 
 
 def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
-    """Draw P@100R against packed bytes a place, a panel for each pair of drives.
+    """Draw P@100R against packed bytes a place, with a panel for each pair of drives.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
             for i, name in enumerate(CODES):
                 values = [scores[name, bits] for bits in BITS]
                 axes.errorbar(
-                    # a little apart, so that the spreads can be told
+                    # shifted a little, so that the spreads can be distinguished
                     [packed_bytes(pixels[pair], bits) * 1.015 ** (i - 2.5) for bits in BITS],
                     [np.mean(v) for v in values],
                     [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],

@@ -1,7 +1,7 @@
 """Pairs of drives whose windows are counted at every pixel, as every system to compare gets them.
 
 On simulated streets, whose drives differ in speed, a window is a number of events of the whole
-sensor; on recorded ones it is a time.
+sensor; on recorded drives it is a period of time.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from edge_vpr_tools.experiments import SOURCES, codes_frontier
 from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import Times, TruthOf
 
-#: of the simulated streets, in metres
+#: length of the simulated streets in metres
 LENGTH_M = 450.0
 SIMULATED = "simulated streets"
 
@@ -83,7 +83,7 @@ def count_pair(
     settings: Settings,
     truth_of: TruthOf,
 ) -> CountedPair:
-    """Count both drives; by events if the settings ask for it, and without hot pixels."""
+    """Count both drives without hot pixels, by number of events if the settings ask for it."""
     window: Window = FixedTime(settings.tau_us)
     first = count_drive(reference, window)
     if settings.window == "count":
@@ -102,24 +102,24 @@ def simulated_pair(seed: int, length_m: float = LENGTH_M, sensor: str = "default
 
 
 def count_simulated(reference: SimulatedRecording, query: SimulatedRecording) -> CountedPair:
-    """Count two simulated drives of one street, by events."""
+    """Count two simulated drives of one street, in windows of a number of events."""
     settings = PRESETS["paper"].replaced({"window": "count"}, "pairs")
     return count_pair(SIMULATED, reference, query, settings, truth_of_pair(reference, query))
 
 
 def recorded_pairs(data: Path) -> Iterator[CountedPair]:
-    """Open the recorded pairs that were counted at every pixel, each once.
+    """Yield the recorded pairs with counts at every pixel, each pair once.
 
     Parameters
     ----------
     data : Path
-        Folder of the stand-ins of `SOURCES`, and of the published traverses under their names
-        (`edge_vpr.datasets.published_drives`); data that are not there are left out.
+        Folder of the stand-ins in `SOURCES`, and of the published traverses under their names
+        (`edge_vpr.datasets.published_drives`). Absent data are skipped.
     """
     for pair in codes_frontier.pairs(data, needed=False):
         if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
             continue
-        if pair.settings.pixels != PRESETS["paper"].pixels:  # the same drives again
+        if pair.settings.pixels != PRESETS["paper"].pixels:  # same drives, other pixels
             continue
         name = pair.name.split(",")[0]
         yield count_pair(name, pair.reference, pair.query, pair.settings, pair.truth_of)
@@ -128,12 +128,12 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
 
 
 def absent_data(data: Path | None, pairs: Collection[str]) -> str:
-    """Return where recorded drives come from, as a paragraph; empty if a recorded pair was matched.
+    """Return the sources of recorded drives as a paragraph; empty if a recorded pair was matched.
 
     Parameters
     ----------
     data : Path, optional
-        The folder that was given.
+        Folder that the user gave.
     pairs : collection of str
         Names of the pairs that were matched.
     """
@@ -149,7 +149,7 @@ def absent_data(data: Path | None, pairs: Collection[str]) -> str:
 
 
 def count_published(pair: PublishedPair) -> CountedPair:
-    """Count two published traverses, in windows of a fixed time as in the paper."""
+    """Count two published traverses, in windows of fixed time as in the paper."""
     tracks = (pair.reference.track, pair.query.track)
 
     def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
@@ -160,16 +160,17 @@ def count_published(pair: PublishedPair) -> CountedPair:
 
 
 class Draw(NamedTuple):
-    """A pair of drives, and the seed of a draw of pixels.
+    """Pair of drives, and the seed of a draw of pixels.
 
     Attributes
     ----------
     name : str
-        Of the pair, or `SIMULATED`.
+        Name of the pair, or `SIMULATED`.
     pair : CountedPair
     seed : int
     is_new : bool
-        Whether the pair comes for the first time: what draws nothing need not be matched again.
+        Whether the pair is yielded for the first time. Later, systems that draw nothing need not be
+        matched again.
     """
 
     name: str
@@ -179,15 +180,15 @@ class Draw(NamedTuple):
 
 
 def draws(data: Path | None, seeds: int, on_start: Callable[[str], None]) -> Iterator[Draw]:
-    """Yield a simulated pair for each seed, and each recorded pair with all of them.
+    """Yield a simulated pair for each seed, and each recorded pair with all seeds.
 
     Parameters
     ----------
     data : path, optional
-        Folder of the recordings; without it, there is none.
+        Folder of the recordings; without it, no recorded pairs are yielded.
     seeds : int
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     """
     for seed in range(seeds):
         on_start(f"street {seed + 1} of {seeds}")

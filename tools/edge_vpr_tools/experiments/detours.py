@@ -16,7 +16,7 @@ from edge_vpr.reference_map import ReferenceMap
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A map, counts of a query, and their truth.
+    """Map, counts of a query, and their truth.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Case:
 
 
 def without_places(case: Case, first: int, last: int) -> Case:
-    """Cut the places from `first` up to `last`, which stays, out of the map."""
+    """Remove the places from `first` up to, but without, `last` from the map."""
     kept = np.ones(len(case.reference), dtype=np.bool_)
     kept[first:last] = False
     reference = replace(case.reference, places=case.reference.places.take(kept))
@@ -46,13 +46,13 @@ def without_places(case: Case, first: int, last: int) -> Case:
 
 
 def carried_off(case: Case, first: int, last: int) -> Case:
-    """Drive up to window `first`, then from `last` on, then what lies between."""
+    """Reorder a drive: up to window `first`, then from `last` on, then the windows between."""
     windows = np.arange(len(case.counted))
     return _reordered(case, np.r_[windows[:first], windows[last:], windows[first:last]])
 
 
 def with_detour(case: Case, elsewhere: Descriptors, at: int) -> Case:
-    """Insert the windows of a drive elsewhere before window `at`; no place is right for them."""
+    """Insert the windows of another drive before window `at`; no place is right for them."""
     n, more = len(case.counted), len(elsewhere)
     columns = {
         name: np.concatenate([column, elsewhere.to_arrays()[name]])
@@ -71,7 +71,7 @@ def with_detour(case: Case, elsewhere: Descriptors, at: int) -> Case:
 def _reordered(case: Case, windows: npt.NDArray[np.int64]) -> Case:
     truth = GroundTruth(case.truth.correct[:, windows], case.truth.known[windows], "spliced")
     counted = case.counted.take(windows)
-    # of the drive as it was spliced together, window follows window
+    # the spliced windows follow one another without gaps
     step = int(np.median(counted.end_us - counted.start_us))
     start = np.arange(len(windows), dtype=np.int64) * step
     return Case(case.reference, replace(counted, start_us=start, end_us=start + step), truth)

@@ -1,7 +1,8 @@
 """How the number of events of one simulated street depends on the speed, and on what of the camera.
 
-The same 40 m are driven at constant speeds, with parts of the camera model taken away one after
-another: what fires by the clock (noise, hot pixels, bursts) makes fewer events in a faster drive.
+The same 40 m are driven at constant speeds, while parts of the camera model are removed one after
+another. Sources of events at a constant rate (noise, hot pixels, bursts) give fewer events in a
+faster drive.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _STILL = {"traffic_per_km": 0.0, "shake_px": 0.0}
 
 
 def cases() -> Mapping[str, tuple[Camera, Mapping[str, Any]]]:
-    """Return cameras, and changes of the drive, each with one part less than the one before."""
+    """Return cameras and changes of the drive, each with one part less than the previous one."""
     camera = CAMERAS["default"]
     quiet = replace(camera, noise_hz=0.0, hot_pixels=0, bursts_per_minute=0.0)
     return {
@@ -43,7 +44,7 @@ def events_of(
 
 
 def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
-    """Drive several streets at each speed, as a Markdown table.
+    """Drive several streets at each speed, and return a Markdown table.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
     seeds : int
         Number of streets.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     """
     return table(cases(), seeds, on_start, LENGTH_M)
 
@@ -63,7 +64,7 @@ def table(
     on_start: Callable[[str], None],
     length_m: float,
 ) -> str:
-    """Set the events at each speed, as a share of those at the lowest, as a Markdown table."""
+    """Return the events at each speed as a Markdown table, relative to the lowest speed."""
     rows = []
     for name, (camera, changes) in cameras.items():
         on_start(name)

@@ -27,7 +27,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
 BEST = "place filter, own mean, smoothed (default)"
 ROBOT = "place filter, running mean (robot)"
 SCORES: tuple[Score, ...] = ("distance", "ratio", "margin", "trust")
-#: what the sensitivity plot varies, around the default
+#: values of the sensitivity plot, around the default
 SWEEPS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "price of a restart": {str(p): {"filter_restart": p} for p in (8, 12, 16, 24, 32, 64)},
     "price of standing and of double pace": {

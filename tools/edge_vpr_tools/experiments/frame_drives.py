@@ -1,9 +1,10 @@
 """Drives of the user that have intensity frames.
 
-In the folder given with ``--data``: the bags of Brisbane-Event-VPR under their published names; and
-a folder ``frames`` with ``reference`` and ``query``, each an AEDAT 4 file, a ROS bag, HDF5 or a
-folder of images (see `edge_vpr.intensity`), and ``reference_track`` and ``query_track`` (``.csv``,
-``.nmea`` or ``.gpx``), whose times count from the start of their recordings.
+The folder given with ``--data`` can hold the bags of Brisbane-Event-VPR under their published
+names, and a folder ``frames``. The latter has ``reference`` and ``query``, each an AEDAT 4 file, a
+ROS bag, HDF5 or a folder of images (see `edge_vpr.intensity`), and ``reference_track`` and
+``query_track`` (``.csv``, ``.nmea`` or ``.gpx``), whose times count from the start of their
+recordings.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, 
 from edge_vpr_tools.experiments.trial import Times, TruthOf
 
 FRAMES = "frames"
-#: within which a match is right, by the kind of track
+#: largest distance of a correct match, by the kind of track
 TOLERANCE_M = {"geographic": 70.0, "metric": 10.0}
 SETTINGS = PRESETS["paper"]
 _TRACKS = (".csv", ".nmea", ".gpx")
 
 
 class FramedPair(NamedTuple):
-    """A pair of drives as windows of events (None where none were recorded), and as frames."""
+    """Pair of drives as windows of events (None if none were recorded), and as frames."""
 
     name: str
     events: CountedPair | None
@@ -45,7 +46,7 @@ class FramedPair(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FramedDrive:
-    """A drive with frames.
+    """Drive with frames.
 
     Attributes
     ----------
@@ -53,7 +54,7 @@ class FramedDrive:
     start_us : int
         Time 0 of the drive on the clock of the frames.
     recording : EventSource or None
-        Its events.
+        Events of the drive.
     track : Track
     """
 
@@ -64,18 +65,18 @@ class FramedDrive:
 
 
 def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[FramedPair]:
-    """Read the pairs of drives that have frames.
+    """Yield the pairs of drives that have frames.
 
     Parameters
     ----------
     data : Path
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
 
     Raises
     ------
     UsageError
-        If the folder of own drives holds half of a pair.
+        If the folder of own drives holds only half of a pair.
     """
     folder = data / FRAMES
     if folder.is_dir():
@@ -116,7 +117,7 @@ def _truth_of(reference: Track, query: Track, tolerance_m: float) -> TruthOf:
 
 
 def _grid(drive: FramedDrive) -> Times:
-    """Return the middles of windows of tau, from the drive's start to its last frame."""
+    """Return the centres of windows of tau, from the drive's start to its last frame."""
     last_us = max(frame.time_us for frame in drive.frames) - drive.start_us
     return np.arange(SETTINGS.tau_us // 2, last_us + 1, SETTINGS.tau_us, dtype=np.int64)
 

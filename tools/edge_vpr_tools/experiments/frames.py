@@ -1,6 +1,6 @@
 """Pixels of conventional frames: chosen by the variance of their intensity, compared by SAD.
 
-Frames are taken in the middle of the windows of events, so that both see the same places.
+Frames are taken at the centres of the windows of events, so that both show the same places.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from edge_vpr_tools.experiments.frame_drives import FRAMES, FramedPair, framed_p
 from edge_vpr_tools.experiments.systems import Result, Results, draw_curves, systems_table
 from edge_vpr_tools.report.style import CYCLE, save
 
-#: how pixels are chosen, by the name of a strategy
+#: strategies for choosing pixels, by the name in the table
 STRATEGIES = {"variance": "variance", "mean": "seed-code", "random": "random"}
 NUMBERS = (25, 150)
-#: what takes every pixel
+#: systems that use every pixel
 DENSE = {"all pixels": "all-pixels", "patch-normalised": "patch-normalised"}
-#: in the figure, which would be crowded with all
+#: rows of the figure, in which all rows would be too many
 SHOWN = ("all pixels", "patch-normalised", "150 by variance", "150 by random", "25 by variance")
 
 
 def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> FramedPair:
-    """Simulate the pair of this seed, and take a frame in the middle of each window."""
+    """Simulate the pair of this seed, and take a frame at the centre of each window."""
     drives = tuple(drive.keep() for drive in simulate_pair(seed, sensor, length_m=length_m))
     events = count_simulated(*drives)
     rng = np.random.default_rng(seed)
@@ -55,16 +55,16 @@ def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "defau
 def systems(
     seed: int, drawn_only: bool, baselines: Sequence[str] = ()
 ) -> Iterator[tuple[str, Baseline]]:
-    """Yield each choice of pixels, by its name.
+    """Yield each choice of pixels with its name.
 
     Parameters
     ----------
     seed : int
-        Of the draw of pixels.
+        Seed of the draw of pixels.
     drawn_only : bool
-        Leave out what draws nothing.
+        Skip the systems that draw nothing.
     baselines : sequence of str
-        Further ones, see `edge_vpr.baselines.open_baseline`.
+        Additional baselines; see `edge_vpr.baselines.open_baseline`.
     """
     if not drawn_only:
         for name, baseline in DENSE.items():
@@ -79,7 +79,7 @@ def systems(
 
 
 def titles(baselines: Sequence[str] = ()) -> Mapping[str, str]:
-    """Return the titles of all rows, by their keys: events first."""
+    """Return the titles of all rows by their keys, those of events first."""
     names = {name: name for name in DENSE}
     names |= {name: open_baseline(name).title for name in baselines}
     names |= {f"{j} by {name}": f"{j} by {name}" for j in NUMBERS for name in STRATEGIES}
@@ -105,7 +105,7 @@ def score(
                     baseline, counted.reference.images, counted.query.images,
                     counted.query.centre_us, counted.settings,
                 )  # fmt: skip
-            except UsageError:  # the surrounds of fewer pixels cover this sensor
+            except UsageError:  # on this sensor, the surrounds of fewer pixels cover all others
                 continue
             found[f"{what}, {name}"] = compared, evaluate(compared.matches, truth)
     return found
@@ -118,20 +118,20 @@ def run(
     *figures: Path,
     baselines: Sequence[str] = (),
 ) -> str:
-    """Compare frames with events on simulated pairs, and on the user's where a folder is given.
+    """Compare frames with events on simulated pairs, and on the user's if a folder is given.
 
     Parameters
     ----------
     data : path, optional
-        Folder with drives that have frames, see `edge_vpr_tools.experiments.frame_drives`.
+        Folder with drives that have frames; see `edge_vpr_tools.experiments.frame_drives`.
     seeds : int
-        Simulated pairs, and draws of pixels.
+        Number of simulated pairs, and of draws of pixels.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     *figures : path
-        Where to write the curves of precision and recall.
+        Path of the figure with the curves of precision and recall.
     baselines : sequence of str
-        To compare besides, see `edge_vpr.baselines.open_baseline`.
+        Additional baselines; see `edge_vpr.baselines.open_baseline`.
     """
     rows = titles(baselines)
     results: dict[str, dict[str, list[Result]]] = {}
@@ -166,7 +166,7 @@ def run(
 
 
 def draw(results: Mapping[str, Results], rows: Mapping[str, str]) -> Figure:
-    """Draw precision against recall, a panel for each pair; of the choices of pixels, some."""
+    """Draw precision against recall of selected rows, with a panel for each pair."""
     hidden = {f"{j} by {name}" for j in NUMBERS for name in STRATEGIES} - set(SHOWN)
     shown = {key: title for key, title in rows.items() if _choice(key) not in hidden}
     choices = list(dict.fromkeys(map(_choice, shown)))

@@ -21,9 +21,9 @@ class Latency:
     Attributes
     ----------
     seconds : ndarray of float64, shape (m,)
-        Of the places that were recognised before the drive was `reach_m` past their end.
+        For the places that were recognised before the drive was `reach_m` past their end.
     places : int
-        Places entered while matches were given.
+        Number of places entered while matches were given.
     matches : int
     """
 
@@ -33,7 +33,7 @@ class Latency:
 
     @property
     def median_s(self) -> float:
-        """Median over the recognised places; NaN where there is none."""
+        """Median over the recognised places in seconds; NaN if there are none."""
         return float(np.median(self.seconds)) if self.seconds.size else float("nan")
 
 
@@ -45,23 +45,23 @@ def measure_latency(
     every: MatchSchedule,
     reach_m: float,
 ) -> Latency:
-    """Drive the query online and time each place's first right match.
+    """Run the query online, and measure the time to each place's first right match.
 
-    A place is entered when the query reaches the position at which the reference's window began.
-    It is recognised by the first match from then on that names it, or a place after it whose window
-    began within `reach_m` of the query's position, while the query is not yet `reach_m` past the
-    window's end.
+    A place is entered when the query reaches the position at which the reference's window began. It
+    is recognised by the first later match with this place, or with a later place whose window began
+    within `reach_m` of the query's position, while the query is not yet `reach_m` past the window's
+    end.
 
     Parameters
     ----------
     reference : ReferenceMap
     query : EventSource
     reference_track, query_track : Track
-        Metric, one coordinate: the way along the route, which does not decrease.
+        Metric, one coordinate: the distance along the route, which does not decrease.
     every : MatchSchedule
-        When matches are given.
+        Schedule of matches.
     reach_m : float
-        In metres.
+        Reach in metres.
 
     Returns
     -------

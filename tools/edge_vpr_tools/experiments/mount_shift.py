@@ -1,7 +1,7 @@
 """A camera whose mounting moved: matches at each shift, of counts and codes, registered and not.
 
-The images of real drives are shifted, and what leaves the sensor is lost. A pattern of the sensor's
-own pixels moves with them, which it would not do; the registration cancels it.
+The images of real drives are shifted, and pixels that leave the sensor are lost. Fixed patterns of
+the sensor move along, which they would not do in reality; the registration cancels them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from edge_vpr_tools.experiments.trial import Summary, TruthOf, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
 FOLDER = codes_frontier.FOLDER
-#: to the right and downwards, in pixels
+#: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)
 _CODED = {"counter_code": "log"}
 _DEFAULT = {
@@ -38,7 +38,7 @@ _DEFAULT = {
 
 @dataclass(frozen=True)
 class Way:
-    """A way to match a shifted drive."""
+    """Way to match a shifted drive."""
 
     name: str
     changes: dict[str, Any]
@@ -63,7 +63,7 @@ class ShiftedWindows:
     images : ndarray of int, shape (n, height, width)
     window_us : int
     dx, dy : int
-        To the right and downwards, in pixels.
+        Shift to the right and downwards, in pixels.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class ShiftedWindows:
         self._images, self._shift = images, (dx, dy)
 
     def windows(self) -> Iterator[WindowCounts]:
-        """Start anew and yield one window an image, over all pixels, row by row."""
+        """Yield one window an image from the first one on, over all pixels, row by row."""
         for k, image in enumerate(self._images):
             counts = shifted(image, *self._shift).astype(np.int64).ravel()
             start = k * self.window_us
@@ -83,7 +83,7 @@ class ShiftedWindows:
 
 
 def shifted(image: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.integer]:
-    """Shift an image to the right and downwards; zeros come in, and what leaves is lost."""
+    """Shift an image to the right and downwards; zeros fill the gap, and other pixels are lost."""
     height, width = image.shape
     found = np.zeros_like(image)
     found[max(dy, 0) : height + min(dy, 0), max(dx, 0) : width + min(dx, 0)] = image[
@@ -119,18 +119,18 @@ def score(
     ----------
     reference : ShiftedWindows
     images : ndarray of int, shape (n, height, width)
-        Of the query.
+        Images of the query.
     truth_of : callable
     settings : Settings
     seeds : int
-        Draws of pixels.
+        Number of draws of pixels.
 
     Returns
     -------
     scores : dict of (way, shift) to list of float
         P@100R of each draw.
     estimates : list of (shift, dx, dy)
-        What was estimated, of the default's map.
+        Estimated shifts, with the default's map.
     """
     scores: Scores = {(way.name, shift): [] for way in WAYS for shift in SHIFTS}
     estimates = []
@@ -152,23 +152,23 @@ def score(
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Shift the queries of the Speck's drives, as Markdown tables.
+    """Shift the queries of the Speck's drives, and return Markdown tables.
 
     Parameters
     ----------
     data : path
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
     seeds : int
-        Draws of pixels.
+        Number of draws of pixels.
     on_start : callable
-        Told which pair begins.
+        Called with the name of each pair before it begins.
     *figures : path
-        Where to write the figure.
+        Path of the figure.
     """
     parts, drawn = [], {}
     for pair in codes_frontier.pairs(data):
         if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
-            continue  # of a few locations, nothing can be shifted
+            continue  # images of only a few locations cannot be shifted
         on_start(pair.name)
         window_us = pair.settings.tau_us
         images = [counted_images(drive, window_us) for drive in (pair.reference, pair.query)]
@@ -188,7 +188,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
 
 
 def _off(estimates: Sequence[tuple[int, int, int]]) -> str:
-    """Say how far estimates were off."""
+    """Describe the errors of the estimates."""
     off = [max(abs(dx - shift), abs(dy - shift)) for shift, dx, dy in estimates]
     return (
         f"Shift estimated with the place filter's maps: right in {off.count(0)} of {len(off)}, "
@@ -197,7 +197,7 @@ def _off(estimates: Sequence[tuple[int, int, int]]) -> str:
 
 
 def draw(found: dict[str, Scores]) -> Figure:
-    """Draw right matches against the shift, a panel for each pair."""
+    """Draw right matches against the shift, with a panel for each pair."""
     rows = (len(found) + 1) // 2
     with figure(10.5, 3.0 * rows + 1) as (drawing, only):
         only.remove()

@@ -25,8 +25,8 @@ from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
 NUMBERS = (5, 10, 25, 50, 83, 150, 300)
-#: strategies with the suppression that the default number of pixels has; more pixels than fit are
-#: left out of the table
+#: strategies with the suppression of the default number of pixels; numbers of pixels that do not
+#: fit are left out of the table
 STRATEGIES: Mapping[str, Mapping[str, Any]] = {
     "variance": {"strategy": "variance"},
     "mean (released code)": {"strategy": "seed-code"},
@@ -37,7 +37,7 @@ STRATEGIES: Mapping[str, Mapping[str, Any]] = {
 ALL = "all pixels"
 
 
-#: how the pixels are matched: counts in sequences, as in the paper, or by default as on a robot
+#: ways to match the pixels: sequences of counts, as in the paper, or the default for a robot
 PAPER, ROBOT = "sequences of counts (the paper)", "place filter, running mean (robot)"
 _ROBOT = {"smooth": False, "query_mean": "running"}
 
@@ -50,20 +50,20 @@ class Found:
     every: list[float]
 
     def add(self, method: str, strategy: str, number: int, right: float) -> None:
-        """Keep the figure of a trial."""
+        """Store the figure of a trial."""
         self.few.setdefault((method, strategy, number), []).append(right)
 
 
 def score(pair: CountedPair, seed: int, found: Found, dense: bool = True) -> None:
-    """Match a pair with every number of pixels, and add to what was found.
+    """Match a pair with every number of pixels, and add the figures to `found`.
 
     Parameters
     ----------
     pair : CountedPair
     seed : int
-        Of the draw of pixels.
+        Seed of the draw of pixels.
     found : Found
-        Is filled.
+        Changed in place.
     dense : bool
         Match all pixels too.
     """
@@ -75,7 +75,7 @@ def score(pair: CountedPair, seed: int, found: Found, dense: bool = True) -> Non
             pixels = SelectedPixels(name, settings)
             try:
                 compared = compare(pixels, *images, times, settings)
-            except UsageError:  # the surrounds of fewer pixels cover this sensor
+            except UsageError:  # on this sensor, the surrounds of fewer pixels cover all others
                 continue
             found.add(
                 PAPER, name, number, evaluate(compared.matches, truth).precision_at_100_recall
@@ -112,18 +112,18 @@ def run(
     on_start: Callable[[str], None],
     *figures: Path,
 ) -> str:
-    """Vary the number of pixels on simulated pairs, and on recorded ones where a folder is given.
+    """Vary the number of pixels on simulated pairs, and on recorded ones if a folder is given.
 
     Parameters
     ----------
     data : path, optional
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
     seeds : int
-        Simulated pairs, and draws of pixels.
+        Number of simulated pairs, and of draws of pixels.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     *figures : path
-        Where to write the figure.
+        Path of the figure.
     """
     results: dict[str, Found] = {}
     for each in draws(data, seeds, on_start):

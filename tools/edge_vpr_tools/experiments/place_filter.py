@@ -1,6 +1,6 @@
 """What the place filter, its code and its measure of trust bring, each on its own.
 
-Parameters were chosen on the real drives and on simulated streets of the seeds 0 to 4; the streets
+Parameters were chosen on the real drives and on simulated streets of the seeds 0 to 4. The streets
 here have other seeds, and light that was not tried before.
 """
 
@@ -44,18 +44,18 @@ _WHEELS = 9  # random stream of the odometers
 
 
 class Counted(NamedTuple):
-    """One draw of pixels on one pair of drives, before any code.
+    """One draw of pixels on one pair of drives, before any code is applied.
 
     Attributes
     ----------
     settings : Settings
     reference : ReferenceMap
-        With counts.
+        Map with counts.
     queries : Descriptors
-        Counts.
+        Counts of the query.
     truth : GroundTruth
     odometry : Odometry or None
-        Of the query.
+        Odometry of the query.
     """
 
     settings: Settings
@@ -65,7 +65,7 @@ class Counted(NamedTuple):
     odometry: Odometry | None = None
 
     def matched(self, changes: Mapping[str, Any], odometry: Odometry | None = None) -> Matches:
-        """Match with these settings in place of the pair's."""
+        """Match with these changes of the pair's settings."""
         coded = coded_map(self.reference, self.settings.replaced(changes, "variant"))
         return match_query(coded, coded.coded(self.queries), odometry)
 
@@ -75,13 +75,13 @@ class Counted(NamedTuple):
         score: Score | None = None,
         odometry: Odometry | None = None,
     ) -> Evaluation:
-        """Match with these settings in place of the pair's, and evaluate."""
+        """Match with these changes of the pair's settings, and evaluate."""
         return evaluate(self.matched(changes, odometry), self.truth, score=score)
 
     def right_from(self, changes: Mapping[str, Any], window: int) -> float:
-        """Return the share of right matches from this window on, and before the last few.
+        """Return the share of right matches from this window on, without the last few.
 
-        Those are the windows that sequences of twice the length, plus 1, answer for.
+        These are the windows with a match by sequences of twice the length plus 1.
         """
         found = self.evaluated(changes)
         counted = found.evaluated.copy()
@@ -100,9 +100,9 @@ def counted_pairs(
     data : path
         Folder of the real recordings.
     seeds : int
-        Draws of pixels of a real pair; streets of the simulator.
+        Number of draws of pixels of a real pair, and of streets of the simulator.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def counted_pairs(
 
 
 def _street(seed: int, on_start: Callable[[str], None]) -> Iterator[tuple[str, Counted]]:
-    """Drive one simulated street in every way."""
+    """Simulate one street with every drive."""
     on_start(f"street {seed}: the reference")
     reference, query = simulate_pair(seed)
     reference.keep()
@@ -147,18 +147,18 @@ def _street(seed: int, on_start: Callable[[str], None]) -> Iterator[tuple[str, C
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Compare every variant on every pair of drives, as Markdown tables.
+    """Compare every variant on every pair of drives, and return Markdown tables.
 
     Parameters
     ----------
     data : path
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
     seeds : int
-        Draws of pixels, and streets of the simulator.
+        Number of draws of pixels, and of streets of the simulator.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     *figures : path
-        Where to write the sensitivity plot, as PNG.
+        Path of the sensitivity plot, a PNG.
     """
     pairs = counted_pairs(data, seeds, on_start)
     if figures:
@@ -183,7 +183,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
 
 
 def ablation(pairs: Mapping[str, Sequence[Counted]]) -> str:
-    """Set P@100R and R@99P of each variant on each pair as a Markdown table."""
+    """Return P@100R and R@99P of each variant on each pair as a Markdown table."""
     rows = []
     for name, trials in pairs.items():
         row = [name]
@@ -198,7 +198,7 @@ def ablation(pairs: Mapping[str, Sequence[Counted]]) -> str:
 
 
 def started(pairs: Mapping[str, Sequence[Counted]]) -> str:
-    """Set P@100R without the first and last windows as a Markdown table."""
+    """Return P@100R without the first and last windows as a Markdown table."""
     names = ("sequences of 10, own mean", "place filter, own mean", BEST)
     rows = [
         [
@@ -214,7 +214,7 @@ def started(pairs: Mapping[str, Sequence[Counted]]) -> str:
 
 
 def with_odometry(pairs: Mapping[str, Sequence[Counted]]) -> str:
-    """Set the filter's figures without and with odometry as a Markdown table."""
+    """Return the filter's figures without and with odometry as a Markdown table."""
     header = ["drives"]
     rows = [[name] for name, trials in pairs.items() if trials[0].odometry is not None]
     for variant in (ROBOT, BEST):
@@ -233,7 +233,7 @@ def with_odometry(pairs: Mapping[str, Sequence[Counted]]) -> str:
 
 
 def by_score(pairs: Mapping[str, Sequence[Counted]], variant: str) -> str:
-    """Set R@99P of a variant by each score as a Markdown table."""
+    """Return R@99P of a variant by each score as a Markdown table."""
     rows = []
     for name, trials in pairs.items():
         row = [name]
@@ -245,7 +245,7 @@ def by_score(pairs: Mapping[str, Sequence[Counted]], variant: str) -> str:
 
 
 def draw(pairs: Mapping[str, Sequence[Counted]]) -> Figure:
-    """Draw P@100R of every pair against each parameter, the others at their default."""
+    """Draw P@100R of every pair against each parameter, with the others at their default."""
     with figure(11.0, 4.6) as (drawing, only):
         only.remove()
         panels = drawing.subplots(1, len(SWEEPS), sharey=True)

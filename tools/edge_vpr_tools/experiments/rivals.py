@@ -1,6 +1,6 @@
 """Systems side by side on the same windows: how often each is right, and what a match costs.
 
-Every system gets the same counted and cleaned windows, sequence length and ground truth (see
+All systems get the same counted and cleaned windows, sequence length and ground truth (see
 `counted_pairs`).
 """
 
@@ -51,21 +51,21 @@ def run(
     *figures: Path,
     baselines: Sequence[str] = (),
 ) -> str:
-    """Compare on simulated pairs, and on the recorded ones where a folder is given.
+    """Compare systems on simulated pairs, and on recorded ones if a folder is given.
 
     Parameters
     ----------
     data : path, optional
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
     seeds : int
-        Simulated pairs, and draws of pixels.
+        Number of simulated pairs, and of draws of pixels.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     *figures : path
-        Where to write right matches against memory; the curves of precision and recall are
-        written beside it, their names with ``_curves``.
+        Path of the figure of right matches against memory. The curves of precision and recall are
+        written beside it, with ``_curves`` in their names.
     baselines : sequence of str
-        More than those of `baseline_names`, see `edge_vpr.baselines.open_baseline`.
+        Baselines in addition to `baseline_names`; see `edge_vpr.baselines.open_baseline`.
     """
     titles = {name: open_baseline(name).title for name in [*baseline_names(), *baselines]}
     found: dict[str, dict[str, list[Result]]] = {}
@@ -84,5 +84,5 @@ def run(
 
 
 def draw(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
-    """Draw right matches against bytes a place, a panel for each pair of drives."""
+    """Draw right matches against bytes a place, with a panel for each pair of drives."""
     return draw_memory(found, titles)

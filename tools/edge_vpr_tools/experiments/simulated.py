@@ -20,7 +20,7 @@ from edge_vpr_tools.experiments.trial import (
     run_trial,
 )
 
-#: a match is right within this distance along the route, in metres
+#: largest distance of a right match along the route, in metres
 TOLERANCE_M = 10.0
 SETTINGS = PRESETS["paper"]
 DEFAULT = "150 varying pixels, place filter (default)"
@@ -48,7 +48,7 @@ VARIANTS = (
 
 
 def truth_of_pair(reference: SimulatedRecording, query: SimulatedRecording) -> TruthOf:
-    """Give the ground truth of a simulated pair, by the positions along the route."""
+    """Return the ground truth of a simulated pair, by the positions along the route."""
 
     def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
         return from_tracks(reference.track, query.track, places_us, queries_us, TOLERANCE_M)
@@ -62,15 +62,15 @@ def run_variants(
     seed: int,
     on_start: Callable[[str], None] = lambda name: None,
 ) -> dict[str, Trial]:
-    """Try every variant on one pair.
+    """Run every variant on one pair.
 
     Parameters
     ----------
     reference, query : SimulatedRecording
     seed : int
-        Of the draw of pixels.
+        Seed of the draw of pixels.
     on_start : callable, optional
-        Told the name of each variant as it begins.
+        Called with the name of each variant before it begins.
     """
     settings = SETTINGS.replaced({"seed": seed}, "seed")
     truth_of = truth_of_pair(reference, query)
@@ -82,7 +82,7 @@ def run_variants(
 
 
 def run_pair(seed: int) -> dict[str, Trial]:
-    """Simulate the pair of this seed and try every variant on it."""
+    """Simulate the pair of this seed, and run every variant on it."""
     reference, query = (drive.keep() for drive in simulate_pair(seed))
     return run_variants(reference, query, seed)
 
@@ -104,16 +104,16 @@ def compare_latencies(
 
 
 def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
-    """Simulate several pairs and set the figures of every variant as a Markdown table.
+    """Simulate several pairs, and return the figures of every variant as a Markdown table.
 
     Parameters
     ----------
     data : object
         Not used: nothing is read.
     seeds : int
-        Number of pairs: each has a street, a camera, drives, and a draw of pixels of its own.
+        Number of pairs. Each has its own street, camera, drives, and draw of pixels.
     on_start : callable
-        Told which pair begins.
+        Called with the name of each pair before it begins.
     """
     pairs = []
     for seed in range(seeds):
@@ -123,7 +123,7 @@ def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
 
 
 def summary(pairs: Sequence[dict[str, Trial]]) -> str:
-    """Set the figures of several pairs as a Markdown table, with their spread."""
+    """Return the figures of several pairs as a Markdown table, with their spread."""
     rows = []
     for variant in VARIANTS:
         trials = [pair[variant.name] for pair in pairs]

@@ -21,7 +21,7 @@ from edge_vpr_tools.experiments.trial import (
 )
 
 FOLDER = "speck_walks"
-#: not published with the data; the windows are 30 frames in any case
+#: not published with the data; windows have 30 frames whatever the period is
 FRAME_PERIOD = Fraction(1, 30)
 TOLERANCE_FRAMES = 60.0
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 10}, "speck walks")
@@ -44,7 +44,7 @@ VARIANTS = (
 
 
 def truth_of_walks(folder: Path) -> TruthOf:
-    """Give the published alignment of the two walks as ground truth."""
+    """Return the published alignment of the two walks as ground truth."""
     alignment = load_alignment(folder / "ground_truth.csv")
     period_us = float(FRAME_PERIOD * 1_000_000)
 
@@ -61,16 +61,16 @@ def truth_of_walks(folder: Path) -> TruthOf:
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
-    """Try every variant with several draws of pixels, as a Markdown table.
+    """Run every variant with several draws of pixels, and return a Markdown table.
 
     Parameters
     ----------
     data : path
         Folder that holds ``speck_walks``.
     seeds : int
-        Number of draws.
+        Number of draws of pixels.
     on_start : callable
-        Told the name of each variant as it begins.
+        Called with the name of each variant before it begins.
     """
     folder = data / FOLDER
     on_start("reading the walks")
@@ -82,7 +82,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
     rows = []
     for variant in VARIANTS:
         on_start(variant.name)
-        # without a draw, every trial would be the same
+        # without a draw, all trials would be the same
         drawn = not variant.all_pixels and variant.changes.get("strategy") != "top"
         found = [
             run_trial(

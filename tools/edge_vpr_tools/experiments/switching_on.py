@@ -10,29 +10,29 @@ import numpy as np
 from edge_vpr.confidence import Confidence
 from edge_vpr_tools.experiments.detours import Case
 
-#: windows between two starts in mid-route, and most windows that one is given
+#: windows between two starts in mid-route, and most windows after a start
 START_EVERY, GIVEN = 10, 120
-#: a start has at least so many windows before the drive ends
+#: least number of windows from a start to the end of the drive
 _LEFT = 20
 HEADER = ("drives", "starts", "p >= 0.95 reached", "median time", "right then",
           "p >= 0.99 reached", "median time", "right then")  # fmt: skip
 
 
 def first_row(name: str, table: Confidence, switched_on: Sequence[Case]) -> list[str]:
-    """Switch on at many windows, and wait for the first match of each probability.
+    """Start at many windows, and measure the time to the first match of each probability.
 
     Parameters
     ----------
     name : str
-        Of the row.
+        Name of the row.
     table : Confidence
     switched_on : sequence of Case
-        Drives to start in, with the running mean.
+        Drives with the running mean, in which matching starts at several windows.
 
     Returns
     -------
     list of str
-        A row below `HEADER`.
+        Row of the table of `HEADER`.
     """
     row = [name]
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}

@@ -20,7 +20,7 @@ Result = tuple[Compared, Evaluation]
 Results = Mapping[str, Sequence[Result]]
 #: colour and dashes of a curve
 Look = tuple[str, Any]
-#: of a curve: recall from 0 to 1
+#: recall of the points of a curve, from 0 to 1
 _RECALL = np.linspace(0.0, 1.0, 501)
 _HEADER = (
     "system", "P@100R", "R@99P", "bytes a place", "operations a match", "describing",
@@ -29,13 +29,14 @@ _HEADER = (
 
 
 def systems_table(results: Results, titles: Mapping[str, str]) -> str:
-    """Set a row for each system, with the spread of its trials, as a Markdown table.
+    """Return a Markdown table with a row for each system, and the spread of its trials.
 
     Parameters
     ----------
     results : mapping of name to sequence of (Compared, Evaluation)
     titles : mapping of name to str
-        Of all systems, in the order of the rows; one without results did not fit the sensor.
+        Titles of all systems, in the order of the rows. A system without results did not fit the
+        sensor.
     """
     rows = []
     for name, title in titles.items():
@@ -58,7 +59,7 @@ def systems_table(results: Results, titles: Mapping[str, str]) -> str:
 
 
 def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
-    """Draw right matches against bytes a place, a panel for each pair of drives."""
+    """Draw right matches against bytes a place, with a panel for each pair of drives."""
     with figure(4.2 * len(found) + 1.5, 4.8) as (drawing, only):
         only.remove()
         panels = drawing.subplots(1, len(found), squeeze=False)
@@ -87,7 +88,7 @@ def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figu
 def draw_curves(
     found: Mapping[str, Results], titles: Mapping[str, str], looks: Mapping[str, Look] | None = None
 ) -> Figure:
-    """Draw precision against recall of every system, a panel for each pair of drives.
+    """Draw precision against recall of every system, with a panel for each pair of drives.
 
     A curve is the mean of the trials' precision at each recall.
 
@@ -95,7 +96,7 @@ def draw_curves(
     ----------
     found : mapping of pair to mapping of name to sequence of (Compared, Evaluation)
     titles : mapping of name to str
-        Of the systems that are drawn.
+        Titles of the systems that are drawn.
     looks : mapping of name to (colour, dashes), optional
     """
     with figure(4.2 * max(len(found), 2) + 1.5, 5.4) as (drawing, only):
@@ -111,7 +112,7 @@ def draw_curves(
                     colour, dashes = looks[name]
                 curves = [evaluation.curve for _, evaluation in results[name]]
                 precision = mean_precision(curves, _RECALL)
-                # below some recall, a curve of few matches jumps
+                # at low recall, a curve of few matches has jumps
                 lowest = min(lowest, float(precision[_RECALL > 0.05].min()))
                 axes.plot(
                     _RECALL, precision, color=colour, linestyle=dashes, lw=1.8,
@@ -125,7 +126,7 @@ def draw_curves(
 
 
 def _legend(drawing: Figure) -> None:
-    """Put one legend of all panels below them: a system may be missing in some."""
+    """Put one legend of all panels below them, since a system may be missing in some."""
     entries: dict[str, Artist] = {}
     for axes in drawing.axes:
         handles, labels = axes.get_legend_handles_labels()

@@ -22,12 +22,12 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
 Times = npt.NDArray[np.int64]
-#: ground truth of the windows centred at these times: (places, queries) -> truth
+#: maps the centre times of places and query windows to their ground truth
 TruthOf = Callable[[Times, Times], GroundTruth]
 
 
 class Kept:
-    """A recording whose events are held in memory, for the many passes of an experiment."""
+    """Recording whose events are held in memory, for the many passes of an experiment."""
 
     def __init__(self, recording: EventSource) -> None:
         self.sensor: Sensor = recording.sensor
@@ -39,16 +39,16 @@ class Kept:
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to do it.
+    """Variant of the method.
 
     Parameters
     ----------
     name : str
-        For tables and figures.
+        Name in tables and figures.
     changes : mapping
         Settings that differ from the experiment's.
     all_pixels : bool
-        Use every pixel instead of selecting.
+        Use every pixel instead of a selection.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Variant:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What one variant did on one pair of drives."""
+    """Result of one variant on one pair of drives."""
 
     reference: ReferenceMap
     queries: Descriptors
@@ -69,7 +69,7 @@ class Trial:
 
     @property
     def microseconds_per_match(self) -> float:
-        """Time to match one query window against the whole map, warm."""
+        """Time to match one query window against the whole map, when compiled and cached."""
         return 1e6 * self.matching_s / len(self.matches)
 
     def to_json(self) -> dict[str, Any]:
@@ -91,16 +91,16 @@ def run_trial(
 ) -> Trial:
     """Map, describe, match and evaluate.
 
-    A fixed-count window holds as many events as a fixed-time window of the reference does on
-    average at the same pixels, so that the two kinds of window are compared fairly (paper, IV-C).
+    A fixed-count window holds the average number of events of a fixed-time window of the reference
+    at the same pixels, so that the two kinds of window are compared fairly (paper, IV-C).
     """
-    # N from the reference, where windows are counted
+    # for windows by count, N is taken from the reference
     settings = settings.replaced({"events_per_pixel": None, **variant.changes}, variant.name)
     mapped = map_traverse(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)
     queries = describe_query(mapped, query)
-    match_descriptors(mapped.places, queries, mapped.settings)  # compiled and in the cache
+    match_descriptors(mapped.places, queries, mapped.settings)  # compiles, and fills the cache
     start = time.perf_counter()
     matches = match_descriptors(mapped.places, queries, mapped.settings)
     matching_s = time.perf_counter() - start
@@ -118,11 +118,11 @@ class Summary:
         mean = float(np.mean(self.values))
         if len(self.values) == 1:
             return f"{mean:.3f}"
-        # the sample's standard deviation, of the trials and not of their mean
+        # standard deviation of the sample of trials, and not of their mean
         return f"{mean:.3f} ± {float(np.std(self.values, ddof=1)):.3f}"
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Set a table as Markdown."""
+    """Format a table as Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -28,31 +28,31 @@ from edge_vpr_tools.report.style import save
 __all__ = ["FOLDER", "run"]
 
 PRECISION = 0.99
-#: places of Brisbane that are cut out of the map; of other maps, the third quarter
+#: places of Brisbane that are cut out of the map; for other maps, it is the third quarter
 _CUT = (220, 330)
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Judge the shipped table on every pair of real drives, as Markdown tables.
+    """Judge the shipped table on every pair of real drives, and return Markdown tables.
 
     Parameters
     ----------
     data : path
         Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
     seeds : int
-        Draws of pixels.
+        Number of draws of pixels.
     on_start : callable
-        Told the name of each pair as it begins.
+        Called with the name of each pair before it begins.
     *figures : path
-        Where to draw the reliability diagram of all pairs together.
+        Path of the reliability diagram of all pairs together.
     """
     rows = {smooth: _Rows() for smooth in (True, False)}
     first, everything = [], []
     for pair in pairs(data):
-        if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels stand for Brisbane
+        if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels represent Brisbane
             on_start(pair.name)
             drawn = list(cases(pair, seeds))
-            last = drawn[0]  # the last pair is Brisbane, the one with tracks
+            last = drawn[0]  # the last pair is Brisbane, which has tracks
             for smooth, tables in rows.items():
                 found = tables.add(pair, [with_settings(case, smooth=smooth) for case in drawn])
                 everything += found if smooth else []
@@ -98,7 +98,7 @@ class _Rows:
         self.carried: list[list[str]] = []
 
     def add(self, pair: Pair, drawn: list[Case]) -> list[Sample]:
-        """Judge the shipped table on a pair; return the matches of its whole drives."""
+        """Judge the shipped table on a pair, and return the matches of its whole drives."""
         table = default_confidence(drawn[0].reference.settings.smooth)
         found = [sample(case) for case in drawn]
         self.whole.append(_whole_row(pair.name, table, found))
@@ -110,7 +110,7 @@ class _Rows:
 
 
 def _intervals(data: Path, case: Case) -> str:
-    """Say how often the interval along the route holds the true position, on Brisbane."""
+    """Describe how often the interval along the route holds the true position, on Brisbane."""
     folder = data / brisbane.FOLDER
     tracks = {name: load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")}
     route = with_positions(case.reference, tracks["sunset2"]).route
@@ -138,7 +138,7 @@ def cases(pair: Pair, seeds: int) -> Iterator[Case]:
     ----------
     pair : Pair
     seeds : int
-        Draws of pixels.
+        Number of draws of pixels.
 
     Yields
     ------
@@ -188,7 +188,7 @@ def _whole_row(name: str, table: Confidence, found: list[Sample]) -> list[str]:
 
 
 def _halves(found: list[Sample]) -> float:
-    """Error of probabilities that were learnt on the other half of the same drives."""
+    """Return the error of probabilities that were learnt on the other half of the same drives."""
     errors = []
     for each in found:
         middle = each.trust.size // 2

@@ -24,21 +24,21 @@ from edge_vpr_tools.experiments.trial import (
 )
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
-#: of one window, in seconds
+#: duration of one window in seconds
 WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
-#: of all windows of a match together, in seconds
+#: duration of all windows of a match together in seconds
 SPANS_S = (4.0, 8.0, 16.0)
-#: on each side of the best place, in seconds, where no second best is looked for
+#: seconds on each side of the best place in which no second best is searched
 _EXCLUSION_S = 3.0
 SIMULATED = "simulated streets"
 WALKS = "Speck walks"
 
-#: P@100R of each trial, by seconds a window and a match
+#: P@100R of each trial, by the seconds of a window and of a match
 Found = dict[tuple[float, float], list[float]]
 
 
 def variant(window_s: float, span_s: float) -> Variant:
-    """Return the paper's method with windows of this length, and as many as make up the span."""
+    """Return the paper's method with windows of this length, and sequences that fill the span."""
     length = round(span_s / window_s)
     return Variant(
         f"{length} windows of {window_s:g} s",
@@ -56,18 +56,18 @@ def run(
     on_start: Callable[[str], None],
     *figures: Path,
 ) -> str:
-    """Vary windows and sequences on simulated pairs, and on the walks where a folder is given.
+    """Vary windows and sequences on simulated pairs, and on the walks if a folder is given.
 
     Parameters
     ----------
     data : path, optional
         Folder that holds ``speck_walks``.
     seeds : int
-        Simulated pairs, and draws of pixels.
+        Number of simulated pairs, and of draws of pixels.
     on_start : callable
-        Told what begins.
+        Called with a description before each part begins.
     *figures : path
-        Where to write the figure.
+        Path of the figure.
     """
     results: dict[str, Found] = {}
     for name, seed, reference, query, truth_of in _trials(data, seeds):
@@ -111,7 +111,7 @@ def _table(found: Found) -> str:
 
 
 def draw(results: Mapping[str, Found]) -> Figure:
-    """Draw right matches against the length of a window, a panel for each pair of drives."""
+    """Draw right matches against the length of a window, with a panel for each pair."""
     with figure(4.6 * len(results) + 1.5, 4.2) as (drawing, only):
         only.remove()
         panels = drawing.subplots(1, len(results), squeeze=False)

@@ -1,4 +1,4 @@
-"""Runs side by side: sweeps, and folders of `edge-vpr match` that were evaluated."""
+"""Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edge_vpr_tools.output import results
 from edge_vpr_tools.report.style import CYCLE, figure, name_label
 from edge_vpr_tools.sweep.store import SWEEP, Store
 
-#: figures of merit by their name in a file, with the head of their column
+#: figures of merit by their name in a file, with the heading of their column
 MEASURES = {
     "precision_at_100_recall": "P@100R",
     "recall_at_99_precision": "R@99P",
@@ -37,13 +37,13 @@ class Row:
     Attributes
     ----------
     run : str
-        Name of its folder; its path where two have one name.
+        Name of the run's folder; its path if two folders have the same name.
     variant, drives : str
         Empty for a single match.
     values : mapping of str to tuple of float
-        Of `MEASURES`, one value a seed.
+        Values of `MEASURES`, one for each seed.
     failed : int
-        Seeds without a result.
+        Number of seeds without a result.
     """
 
     run: str
@@ -54,7 +54,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        """For a figure."""
+        """Name of the row in a figure."""
         return ", ".join(part for part in (self.run, self.variant, self.drives) if part)
 
     def mean(self, measure: str) -> float:
@@ -69,7 +69,7 @@ class Row:
 
 
 def rows_of(runs: Sequence[Path]) -> list[Row]:
-    """Read runs.
+    """Read the rows of runs.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
     Raises
     ------
     UsageError
-        If one is neither, or a file in it is damaged.
+        If a folder is neither, or a file in it is damaged.
     """
     found: list[Row] = []
     last = [run.resolve().name for run in runs]
@@ -99,7 +99,7 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
 
 
 def table_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return head and cells of a table: means, and their spread over seeds where there are several.
+    """Return heading and cells of a table: means, and their spread if there are several seeds.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def table_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str]]]:
 
 
 def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | float | None]]]:
-    """Return head and cells of a spreadsheet: mean and spread in columns of their own.
+    """Return heading and cells of a spreadsheet, with mean and spread in separate columns.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | floa
 
 
 def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figure:
-    """Draw a measure of each row: a dot a seed, and the mean.
+    """Draw a measure of each row: a dot for each seed, and the mean.
 
     Parameters
     ----------
     rows : sequence of Row
-        Beyond `MOST_DRAWN` the best are drawn.
+        If there are more than `MOST_DRAWN`, only the best are drawn.
     measure : str
-        Of `MEASURES`.
+        One of `MEASURES`.
     """
     known = [row for row in rows if row.values[measure]]
     shown = sorted(known, key=lambda row: -row.mean(measure))[:MOST_DRAWN]
@@ -197,7 +197,7 @@ def _of_match(run: Path, name: str) -> Row:
         evaluation = metrics["evaluation"]
         values = {name: evaluation[name] for name in list(MEASURES)[:3]}
         values["recall_at_1"] = evaluation["recall_at"]["1"]
-        if "packed_bytes_per_place" in metrics:  # not of matches event by event
+        if "packed_bytes_per_place" in metrics:  # absent for matches event by event
             values["packed_bytes_per_place"] = metrics["packed_bytes_per_place"]
             values["microseconds_per_match"] = 1e6 * metrics["matching_s"] / metrics["queries"]
         numbers = {name: (float(values[name]),) if name in values else () for name in MEASURES}

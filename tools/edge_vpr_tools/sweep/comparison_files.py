@@ -1,4 +1,4 @@
-"""A comparison as files for papers and programs."""
+"""Files of a comparison, for papers and programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAME = "compare"
 def markdown(rows: Sequence[Row]) -> str:
     """Return the table as Markdown."""
     head, lines = table_of(rows)
-    # names are out of files: a bar would end a cell, an escape sequence reach the terminal
+    # names come from files: a bar would end a cell, and an escape sequence would reach the terminal
     cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in [head, *lines]]
     cells.insert(1, ["---"] * len(head))
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
@@ -35,9 +35,9 @@ def write_comparison(
     folder : Path
     rows : sequence of Row
     formats : sequence of str
-        Of `report.formats.FORMATS`.
+        Names from `report.formats.FORMATS`.
     measure : str
-        That is drawn, of `MEASURES`.
+        Measure of the figure, one of `MEASURES`.
     """
     head, lines = spreadsheet_of(rows)
     write_spreadsheet(folder / f"{NAME}.csv", head, lines)

@@ -1,4 +1,4 @@
-"""What a sweep is of: the file ``sweep.toml``."""
+"""Plan of a sweep: the file ``sweep.toml``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOST_TRIALS = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class NamedTrial:
-    """A trial under the names of the plan."""
+    """Trial with its names in the plan."""
 
     variant: str
     drives: str
@@ -32,7 +32,7 @@ class NamedTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Variants x drives x seeds.
+    """All combinations of variants, drives and seeds.
 
     Attributes
     ----------
@@ -72,9 +72,10 @@ def read_plan(path: Path) -> Plan:
     Parameters
     ----------
     path : Path
-        TOML: ``seeds`` (a number, or a list), ``[settings]`` of all variants, ``[grid]`` with a
+        TOML: ``seeds`` (a number, or a list); ``[settings]`` of all variants; ``[grid]`` with a
         list of values for each setting, every combination of which is a variant;
-        ``[variants.NAME]`` with further ones; ``[drives.NAME]`` with the fields of `PairOfDrives`.
+        ``[variants.NAME]`` with additional variants; ``[drives.NAME]`` with the fields of
+        `PairOfDrives`.
 
     Returns
     -------
@@ -107,7 +108,7 @@ def content_hash(path: Path) -> str:
     Raises
     ------
     UsageError
-        If it cannot be read.
+        If a file cannot be read.
     """
     try:
         if not path.is_dir():
@@ -130,7 +131,7 @@ def _variants(tables: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Sett
         _MOST_TRIALS
     ):
         raise UsageError(f"{path}: the grid has more than {_MOST_TRIALS:,} variants: split it")
-    # without a grid and without variants, the settings are the only one
+    # without a grid and without variants, the settings are the only variant
     if grid or not tables["variants"]:
         for values in itertools.product(*grid.values()):
             changes = dict(zip(grid, values, strict=True))

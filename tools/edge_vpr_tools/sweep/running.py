@@ -1,4 +1,4 @@
-"""Jobs on workers that may die: each ends in one result or one failure."""
+"""Run jobs on workers that may die: each job ends in one result or one failure."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Outcome(Generic[Key, Result]):
-    """What became of a job.
+    """Result or failure of a job.
 
     Attributes
     ----------
     key : hashable
     result : object or None
-        None if it failed.
+        None if the job failed.
     error, where : str
-        One line, and the traceback; empty if it did not fail.
+        One-line error, and its traceback; empty if the job did not fail.
     """
 
     key: Key
@@ -39,16 +39,16 @@ class Outcome(Generic[Key, Result]):
 def run_all(
     jobs: Mapping[Key, Job], run: Callable[[Job], Result], workers: Workers
 ) -> Iterator[Outcome[Key, Result]]:
-    """Run jobs, in any order, and yield each as it ends.
+    """Run jobs in any order, and yield the outcome of each as it ends.
 
-    When a worker dies, all jobs that were running are suspects. They run again one at a time; the
-    one whose worker dies then has failed, and the others are done like any.
+    When a worker dies, all jobs that were running are suspects, and run again one at a time. A job
+    whose worker dies again has failed; the others end as usual.
 
     Parameters
     ----------
     jobs : mapping of key to job
     run : callable
-        A function of a module, so that other processes find it.
+        A function of a module, so that other processes can import it.
     workers : Workers
 
     Yields
@@ -58,7 +58,7 @@ def run_all(
     Raises
     ------
     EdgeVprError
-        If the cluster is gone.
+        If the cluster cannot be reached any more.
     """
     waiting, suspects = deque(jobs), deque[Key]()
     running: dict[Future[Result], Key] = {}

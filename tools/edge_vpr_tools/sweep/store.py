@@ -1,4 +1,4 @@
-"""The folder of a sweep: results and failures under their keys, and the names of the trials."""
+"""Folder of a sweep: results and failures under their keys, and the names of the trials."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _REMEDY = "remove it, and the sweep computes it again"
 
 @dataclass(frozen=True, kw_only=True)
 class ListedTrial:
-    """A trial of the sweep: its names, and the key of its result."""
+    """Trial of the sweep: its names, and the key of its result."""
 
     variant: str
     drives: str
@@ -35,22 +35,22 @@ class ListedTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRecord:
-    """The trials of a sweep: what ``sweep.json`` holds."""
+    """Content of ``sweep.json``: the trials of a sweep."""
 
     schema: int
     trials: tuple[ListedTrial, ...]
 
 
 class Store:
-    """Results that are never computed twice.
+    """Stores results, so that none is computed twice.
 
-    A result is written whole or not at all, as soon as it is known: an interrupted sweep has all
-    that was finished.
+    A result is written whole or not at all, as soon as it is known. After an interruption, the
+    folder has all finished results.
 
     Parameters
     ----------
     folder : Path
-        Made if it is not there.
+        Created if it does not exist.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -58,12 +58,12 @@ class Store:
 
     @contextmanager
     def opened(self) -> Iterator[None]:
-        """Hold the folder, so that no second sweep computes the same into it.
+        """Lock the folder, so that no second sweep computes the same results into it.
 
         Raises
         ------
         UsageError
-            If it cannot be made, is something else, or another sweep holds it.
+            If it cannot be created, is not the folder of a sweep, or another sweep has locked it.
         """
         check_parent(self.folder)
         there = self.folder.exists()
@@ -104,7 +104,7 @@ class Store:
         return self._read(SweepRecord, self.folder / SWEEP, "run edge-vpr sweep again").trials
 
     def keep_result(self, result: KeptResult) -> None:
-        """Write a result, and forget that it ever failed."""
+        """Write a result, and delete an earlier failure under its key."""
         write_json(self._path(_RESULTS, result.key), result)
         self._path(_FAILURES, result.key).unlink(missing_ok=True)
 
@@ -135,7 +135,7 @@ class Store:
         return self._read(KeptFailure, path, _REMEDY).error if path.is_file() else None
 
     def _path(self, kind: str, key: str) -> Path:
-        if not key.isalnum():  # out of a file: it must not lead elsewhere
+        if not key.isalnum():  # read from a file: it must not lead to another folder
             raise UsageError(f"{self.folder}: {key!r} is no key of a result: run the sweep again")
         return self.folder / kind / f"{key}.json"
 

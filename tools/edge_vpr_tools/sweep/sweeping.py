@@ -1,4 +1,4 @@
-"""A sweep: what is not known yet is computed and kept."""
+"""Run a sweep: compute and store the results that are not yet known."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from edge_vpr_tools.sweep.store import ListedTrial, Store
 from edge_vpr_tools.sweep.trial import KeptFailure, KeptResult, Trial, TrialResult, run_trial
 from edge_vpr_tools.sweep.workers import Workers
 
-#: called with trials that ended, trials to compute, and failures among them
+#: called with the number of ended trials, of trials to compute, and of failures among them
 Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRun:
-    """What a run of a sweep did.
+    """Counts of one run of a sweep.
 
     Attributes
     ----------
     trials : int
-        By name, all of the plan.
+        Number of trials in the plan, counted by name.
     different : int
-        Of them with different settings or inputs.
+        Number of trials with different settings or inputs.
     known : int
-        Whose result or failure was kept from before.
+        Number of trials whose result or failure was stored by an earlier run.
     computed, failed : int
     workers : int
     busy_share : float
-        Of their time, until the last trial ended, that the workers computed trials that did not
-        fail; the start of their processes counts as idle.
+        Share of the workers' time, until the last trial ended, in which they computed trials that
+        did not fail. The start of their processes counts as idle.
     """
 
     trials: int
@@ -53,20 +53,20 @@ def run_sweep(
     progress: Progress = lambda done, of, failed: None,
     run: Callable[[Trial], TrialResult] = run_trial,
 ) -> SweepRun:
-    """Compute every trial of a plan whose result is not kept yet.
+    """Compute every trial of a plan whose result is not stored yet.
 
     Parameters
     ----------
     plan : Plan
     store : Store
-        Opened.
+        Must be opened.
     workers : Workers
     retry_failed : bool
-        Compute those again that failed before.
+        Compute trials again that failed before.
     progress : callable
         See `Progress`.
     run : callable
-        From trial to result, a function of a module.
+        Maps a trial to its result; must be a function of a module.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def run_sweep(
     Raises
     ------
     EdgeVprError
-        If an input or a kept file cannot be read, or the cluster is gone.
+        If an input or a stored file cannot be read, or the cluster cannot be reached any more.
     """
     named = list(plan.trials())
     keys = [one.trial.key for one in named]

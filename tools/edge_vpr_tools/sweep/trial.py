@@ -21,27 +21,27 @@ from edge_vpr_tools.runs.mapping import map_recording
 from edge_vpr_tools.runs.matching import match_recording
 from edge_vpr_tools.runs.truth_files import load_truth
 
-#: of the key and of the result's file
+#: version of the key and of the result's file
 SCHEMA = 1
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairOfDrives:
-    """Two recordings, how they are read, and the ground truth of the second.
+    """Two recordings, the options for reading them, and the ground truth of the second.
 
     Attributes
     ----------
     reference, query : str
-        Paths.
+        Paths of the recordings.
     ground_truth : tuple of str
-        Files, as `edge-vpr evaluate --ground-truth` takes them.
+        Files, as for `edge-vpr evaluate --ground-truth`.
     tolerance, rows, frame_period, offset
-        As the flags of `evaluate` of these names.
+        As the flags of `evaluate` with these names.
     sensor, format, time_unit, topic, columns, on_fault
-        As the flags of `map` of these names, for both drives.
+        As the flags of `map` with these names, for both drives.
     start, end, start_offset : (str, str), optional
-        Seconds of the reference and of the query to read from, up to, and to count from, as the
-        flags of these names.
+        For the reference and for the query: seconds at which to start, at which to end, and from
+        which these count, as the flags with these names.
     """
 
     reference: str
@@ -63,7 +63,7 @@ class PairOfDrives:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Everything that is read."""
+        """Paths of all input files."""
         return (self.reference, self.query, *self.ground_truth)
 
     def open(self, which: int) -> Recording:
@@ -98,17 +98,17 @@ class PairOfDrives:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """All that decides a result; can be sent to another process or machine.
+    """Everything that determines a result; can be sent to another process or machine.
 
     Attributes
     ----------
     settings : mapping
-        `Settings.to_dict`, the seed among them.
+        As returned by `Settings.to_dict`, with the seed.
     drives : PairOfDrives
     inputs : tuple of str
         SHA-256 of each file of `drives.files`, in that order.
     version : str
-        Of edge-vpr.
+        Version of edge-vpr.
     """
 
     settings: Mapping[str, Any]
@@ -118,9 +118,9 @@ class Trial:
 
     @property
     def key(self) -> str:
-        """Hash by which the result is kept: of settings, contents of inputs, and version.
+        """Key of the result: a hash of settings, contents of inputs, and version.
 
-        Names of files and variants have no part in it.
+        Names of files and variants have no effect on it.
         """
         drives = asdict(self.drives)
         for name in ("reference", "query", "ground_truth"):
@@ -132,16 +132,16 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult:
-    """What a trial found.
+    """Result of a trial.
 
     Attributes
     ----------
     precision_at_100_recall, recall_at_99_precision, average_precision, recall_at_1 : float
     queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
     mapping_s, counting_s, microseconds_per_match : float
-        Times of this machine, under the load that it had.
+        Times on this machine, under its load during the trial.
     elapsed_s : float
-        Of the whole trial on its worker.
+        Time of the whole trial on its worker.
     """
 
     precision_at_100_recall: float
@@ -162,7 +162,7 @@ class TrialResult:
 
 @dataclass(frozen=True, kw_only=True)
 class KeptResult:
-    """A result as it is kept, with what it is of."""
+    """Stored result, with its trial."""
 
     key: str
     trial: Trial
@@ -172,12 +172,12 @@ class KeptResult:
 
 @dataclass(frozen=True, kw_only=True)
 class KeptFailure:
-    """A failed trial as it is kept.
+    """Stored failure of a trial.
 
     Attributes
     ----------
     error : str
-        One line.
+        One-line message.
     where : str
         Traceback; empty if the worker died.
     """
@@ -190,7 +190,7 @@ class KeptFailure:
 
 
 def run_trial(trial: Trial) -> TrialResult:
-    """Map, match and evaluate.
+    """Map, match and evaluate one trial.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def run_trial(trial: Trial) -> TrialResult:
     Raises
     ------
     EdgeVprError
-        If an input cannot be used, or this is another version of edge-vpr.
+        If an input cannot be used, or `trial` is of another version of edge-vpr.
     """
     begin = time.perf_counter()
     if trial.version != edge_vpr.__version__:

@@ -1,4 +1,4 @@
-"""Where trials run: processes of this machine, or workers of a Dask cluster; one interface."""
+"""Workers for trials, with one interface: processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _TIMEOUT_S = 20
 
 
 class Workers(ABC):
-    """Workers that take jobs.
+    """Workers that run jobs.
 
     Attributes
     ----------
     count : int
-        Jobs that they run at a time, when they were asked for.
+        Number of jobs that the workers run at a time, as known at the start.
     at_once : int
-        Jobs that are given to them at a time.
+        Number of jobs that are submitted at a time.
     """
 
     count: int
@@ -38,9 +38,9 @@ class Workers(ABC):
 
     @abstractmethod
     def died(self, error: BaseException) -> bool:
-        """Whether the error says that a worker died, not that its job failed.
+        """Return whether the error means that a worker died, and not that its job failed.
 
-        If so, workers are ready again for the next job.
+        In that case, workers are available again for the next job.
         """
 
 
@@ -51,7 +51,7 @@ class _Processes(Workers):
         self._pool = self._new()
 
     def _new(self) -> ProcessPoolExecutor:
-        # spawned: a fork would copy the threads' locks of Numba and of Dask as they happen to be
+        # spawned, since a fork would copy locks of Numba's and Dask's threads in any state
         context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self.at_once, mp_context=context)
 
@@ -61,7 +61,7 @@ class _Processes(Workers):
             self._pool, self._broken = self._new(), False
         try:
             return self._pool.submit(run, job)
-        except BrokenProcessPool:  # died while it had nothing to do
+        except BrokenProcessPool:  # a worker died while it was idle
             self._broken = True
             return self.submit(run, job)
 
@@ -76,7 +76,7 @@ class _Processes(Workers):
 class _Cluster(Workers):
     def __init__(self, client: Any) -> None:
         self._executor = client.get_executor(pure=False)
-        # some wait at the scheduler, so that no worker waits for us
+        # more jobs than workers, so that no worker waits for this process
         self.count = sum(client.ncores().values())
         self.at_once = 4 + 2 * self.count
 
@@ -85,13 +85,13 @@ class _Cluster(Workers):
         return future
 
     def died(self, error: BaseException) -> bool:
-        # the scheduler has given the job to several workers already (distributed's KilledWorker)
+        # the scheduler has already tried the job on several workers (distributed's KilledWorker)
         return False
 
 
 @contextmanager
 def processes(workers: int) -> Iterator[Workers]:
-    """Give processes of this machine; they end with the block.
+    """Provide worker processes of this machine, which end with the block.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def processes(workers: int) -> Iterator[Workers]:
     Raises
     ------
     UsageError
-        If there is to be none.
+        If the number is less than one.
     """
     if workers < 1:
         raise UsageError(f"{workers} workers: give 1 or more")
@@ -113,17 +113,17 @@ def processes(workers: int) -> Iterator[Workers]:
 
 @contextmanager
 def cluster(scheduler: str) -> Iterator[Workers]:
-    """Give the workers of a Dask cluster; they live on after the block.
+    """Provide the workers of a Dask cluster, which continue to run after the block.
 
     Parameters
     ----------
     scheduler : str
-        Its address, for example ``tcp://10.0.0.1:8786``.
+        Address of the scheduler, for example ``tcp://10.0.0.1:8786``.
 
     Raises
     ------
     UsageError
-        If it does not answer.
+        If the scheduler does not answer.
     MissingExtraError
         If distributed is not installed.
     """

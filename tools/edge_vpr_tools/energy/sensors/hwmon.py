@@ -1,4 +1,4 @@
-"""INA2xx and INA3221 power monitors, by the Linux hwmon files."""
+"""INA2xx and INA3221 power monitors, read from the hwmon files of Linux."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from edge_vpr_tools.energy.sensors.sensor import (
 
 @dataclass(frozen=True)
 class Chip:
-    """What a data sheet says of a power monitor.
+    """Data of a power monitor from its data sheet.
 
     Parameters
     ----------
     current_gain, voltage_gain : float
         Largest relative errors at 25 degrees Celsius.
     source : str
-        Of the two; what it does not say is labelled assumed.
+        Source of the two errors; errors that it does not state are labelled as assumed.
     power_step : float
-        Step of the power register in watts, times the shunt in micro-ohms; 0 if not known. By the
-        scaling of Linux, drivers/hwmon/ina2xx.c.
+        Step of the power register in watts, times the shunt in micro-ohms; 0 if not known. The
+        scaling is that of Linux, drivers/hwmon/ina2xx.c.
     """
 
     current_gain: float
@@ -41,11 +41,11 @@ class Chip:
 
     @property
     def gain_error(self) -> float:
-        """Of a power, without the shunt: at worst both errors are of one sign."""
+        """Gain error of a power without the shunt; at worst, both errors have the same sign."""
         return self.current_gain + self.voltage_gain
 
 
-#: after Texas Instruments' data sheets
+#: from Texas Instruments' data sheets
 CHIPS = {
     "ina219": Chip(0.005, 0.005, "SBOS448F, current and bus voltage, grade A", 200.0),
     "ina220": Chip(0.005, 0.005, "assumed as of INA219", 200.0),
@@ -58,25 +58,25 @@ CHIPS = {
     "ina260": Chip(0.0015, 0.001, "SBOS656C, current with its own shunt, and bus voltage"),
     "ina3221": Chip(0.0025, 0.0025, "SBOS576A, shunt and bus voltage gain error"),
 }
-#: of a usual shunt resistor, an assumption; INA260 has its own inside
+#: assumed tolerance of a usual shunt resistor; INA260 has its own inside
 SHUNT_TOLERANCE = 0.01
-#: of INA228's clock, by which it adds up energy (SLYS021A)
+#: tolerance of INA228's clock, with which it integrates energy (SLYS021A)
 _OSCILLATOR = 0.005
 _INA260_STEP_W, _INA3221_STEP_V = 0.01, 40e-6
-#: channels of INA3221 that hold the whole board, on Jetson boards
+#: channels of INA3221 that measure the whole board, on Jetson boards
 WHOLE_BOARD = ("VDD_IN", "POM_5V_IN", "VIN_SYS_5V0", "VIN")
 _PERIOD_MS = 10.0
 
 
 class _Files(Sensor):
-    """A reading of one file or the product of several."""
+    """Reading of one file, or product of the readings of several."""
 
     def __init__(self, about: About, *paths: Path, unit: float = 1.0) -> None:
         self.about, self.unit, self.paths = about, unit, paths
         self._files = [NumberFile(path) for path in paths]
 
     def read(self) -> float:
-        """Watts now; two files are read one after the other."""
+        """Return the present watts; two files are read one after the other."""
         watts = self.unit
         for file in self._files:
             watts *= file.read()
@@ -89,19 +89,19 @@ class _Files(Sensor):
 
 
 class EnergyFile(_Files):
-    """A file that counts microjoules."""
+    """File that counts microjoules."""
 
     def read(self) -> float:
-        """Joules since the driver was loaded."""
+        """Return the joules since the driver was loaded."""
         return self._files[0].read() * self.unit
 
 
 class PowerFile(_Files):
-    """A file that tells power; `unit` is that of its numbers, in watts."""
+    """File with the power; `unit` is the unit of its numbers in watts."""
 
 
 class VoltsTimesAmperes(_Files):
-    """Two files, of millivolts and milliamperes."""
+    """Two files, in millivolts and milliamperes."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class _Channel:
 
 
 def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
-    """Find power monitors, by the chip's name and not by its number."""
+    """Find power monitors by the chip's name, not by its number."""
     sensors: list[Sensor] = []
     refused = []
     for folder in sorted((root / "sys/class/hwmon").glob("hwmon*")):
@@ -165,12 +165,12 @@ def _channels(folder: Path, chip: str) -> list[_Channel]:
 
 
 def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
-    """Give a power monitor the shunt that is really there: its driver took another one.
+    """Correct a power monitor for its real shunt, if its driver assumes another one.
 
     Raises
     ------
     UsageError
-        If the sensor has none, or its driver does not tell which one it takes.
+        If the sensor has no shunt, or its driver does not state which one it assumes.
     """
     about = sensor.about
     if not isinstance(sensor, _Files) or about.shunt_mohm is None or not mohm > 0:
@@ -201,7 +201,7 @@ def _sensor(channel: _Channel) -> Sensor | None:
     volts, amperes = folder / f"in{n}_input", folder / f"curr{n}_input"
     inside = channel.chip == "ina260"
     micro = read_text(channel.shunt)
-    # an absurd shunt is not one: a division by it would be no reading
+    # an absurd shunt is ignored, since a division by it would give no reading
     micro_ohms = int(micro) if not inside and micro.isdigit() and int(micro) > 0 else None
     said = "shunt of 2 mOhm inside" if inside else "shunt unknown: confirm the driver's"
     if micro_ohms is not None:

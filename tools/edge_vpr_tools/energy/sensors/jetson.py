@@ -1,4 +1,4 @@
-"""INA3221 on Jetson boards of older JetPack, by its iio files; newer ones are in hwmon."""
+"""INA3221 on Jetson boards of older JetPack, by its iio files; newer versions use hwmon."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _RESOLUTION_W, _PERIOD_S = 0.04, 0.01
 
 
 def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
-    """Find the rails; that of the whole board first: it contains the others."""
+    """Find the rails; the first is that of the whole board, which contains the others."""
     sensors: list[Sensor] = []
     refused = []
     pattern = "sys/bus/i2c/drivers/ina3221x/*/iio[:_]device*/rail_name_*"

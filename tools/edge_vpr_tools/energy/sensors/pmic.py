@@ -1,4 +1,4 @@
-"""The power management chip of Raspberry Pi 5, by the command vcgencmd."""
+"""Power management chip of Raspberry Pi 5, read by the command vcgencmd."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from edge_vpr_tools.energy.sensors.sensor import (
 
 _LINE = re.compile(r"^\s*(\w+)_([AV]) (?:current|volt)\(\d+\)=([\d.]+)[AV]\s*$")
 _BOARD = "proc/device-tree/model"
-#: also Raspberry Pi 500
+#: includes Raspberry Pi 500
 _WITH_CHIP = ("Raspberry Pi 5", "Raspberry Pi Compute Module 5")
 
 
@@ -30,7 +30,7 @@ class Pmic(Sensor):
         name="pmic",
         kind="power",
         scope="rails behind the power chip: not USB, HATs and NVMe, which the 5 V input feeds",
-        # faster sampling slows down what is measured
+        # faster sampling would slow down the load that is measured
         period_s=0.1,
         gain_error=0.05,
         detail="5 % of gain error is an assumption: none is published",
@@ -40,7 +40,7 @@ class Pmic(Sensor):
         self._command = command
 
     def read(self) -> float:
-        """Watts now."""
+        """Return the present watts."""
         try:
             done = subprocess.run(
                 [self._command, "pmic_read_adc"],
@@ -52,7 +52,7 @@ class Pmic(Sensor):
 
 
 def parse(text: str) -> float:
-    """Watts of what ``vcgencmd pmic_read_adc`` prints.
+    """Return the watts in the output of ``vcgencmd pmic_read_adc``.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def parse(text: str) -> float:
 
 
 def vcgencmd(root: Path) -> str | None:
-    """Find the command; None if there is none."""
+    """Return the path of the command; None if it is absent."""
     if root == ROOT:
         return shutil.which("vcgencmd")
     command = root / "usr/bin/vcgencmd"
@@ -79,7 +79,7 @@ def vcgencmd(root: Path) -> str | None:
 
 
 def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
-    """Find the chip; earlier boards measure no current."""
+    """Find the chip; earlier boards do not measure current."""
     board = read_text(root / _BOARD).rstrip("\0")
     has_chip = any(name in board for name in _WITH_CHIP)
     if "Raspberry Pi" in board and not has_chip:

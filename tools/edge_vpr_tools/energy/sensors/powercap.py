@@ -1,4 +1,4 @@
-"""Intel's and AMD's running average power limit (RAPL), by the powercap files."""
+"""Running average power limit (RAPL) of Intel and AMD, read from the powercap files."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from edge_vpr_tools.energy.sensors.sensor import (
 
 
 class Package(Sensor):
-    """Energy of a processor package; the counter wraps, and is unwrapped here.
+    """Energy of a processor package; wraps of the counter are removed.
 
-    It must be read more often than it wraps, which takes minutes.
+    It must be read more often than the counter wraps, which takes minutes.
     """
 
     def __init__(self, about: About, folder: Path) -> None:
@@ -30,7 +30,7 @@ class Package(Sensor):
         self._total = 0.0
 
     def read(self) -> float:
-        """Joules since the sensor was opened."""
+        """Return the joules since the sensor was opened."""
         now = self._counter.read()
         step = now - self._last
         if step < 0:
@@ -49,10 +49,10 @@ class Package(Sensor):
 
 
 def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
-    """Find the packages; their parts are in them."""
+    """Find the packages; their energy includes that of their parts."""
     sensors: list[Sensor] = []
     refused = []
-    # a zone within a zone has two colons
+    # a zone within another zone has two colons
     for folder in sorted((root / "sys/class/powercap").glob("*-rapl:*")):
         if folder.name.count(":") != 1:
             continue
@@ -63,7 +63,7 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
             scope="platform" if name == "psys" else "processor package only, no board around it",
             period_s=1e-3,
             resolution=61e-6,
-            # a model of the processor's own on some generations: no bound is published
+            # on some generations, this is a model of the processor itself without a published bound
             gain_error=0.05,
             detail="5 % of gain error is an assumption: none is published",
         )

@@ -14,17 +14,17 @@ Finder = Callable[[Path], tuple[list[Sensor], list[Missing]]]
 
 
 def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
-    """Look for every sensor that this machine has.
+    """Find all sensors of this machine.
 
     Parameters
     ----------
     root : path
-        Where the file system begins; another one for tests.
+        Root of the file system; replaced in tests.
 
     Returns
     -------
     sensors : list of Sensor
-        The best one first: whole board before parts of it.
+        The best one first: sensors of the whole board precede those of parts of it.
     missing : list of Missing
     """
     finders: tuple[Finder, ...] = (hwmon.find, jetson.find, pmic.find, powercap.find)
@@ -43,22 +43,22 @@ def choose_sensor(
     meter_port: str | None = None,
     shunt_mohm: float | None = None,
 ) -> tuple[Sensor | None, list[Missing]]:
-    """Open the meter at a port, else the sensor of a name, else the best one there is.
+    """Open the meter at a port, else the sensor of a name, else the best sensor of the machine.
 
     Parameters
     ----------
     root : path
-        Where the file system begins; another one for tests.
+        Root of the file system; replaced in tests.
     name, meter_port : str, optional
     shunt_mohm : float, optional
-        The shunt that the monitor really has.
+        Real shunt of the monitor.
 
     Returns
     -------
     sensor : Sensor or None
-        To be closed.
+        Must be closed by the caller.
     missing : list of Missing
-        Why there is none.
+        Reasons why there is no sensor.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What every power sensor says of itself, and where to look for one."""
+"""Interface and description of power sensors."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from edge_vpr.errors import EdgeVprError
 
 Kind = Literal["energy", "power"]
 ROOT = Path("/")
-#: no board of this kind takes more; a reading beyond it is a fault of the sensor
+#: no board of this kind uses more; a higher reading is a fault of the sensor
 MAX_WATTS = 10_000.0
 
 
 class SensorError(EdgeVprError):
-    """A sensor cannot be read, or reads what cannot be."""
+    """A sensor cannot be read, or returns an impossible reading."""
 
 
 @dataclass(frozen=True)
@@ -30,21 +30,21 @@ class About:
     Attributes
     ----------
     name : str
-        By which the user chooses it.
+        Name by which the user chooses the sensor.
     kind : {"energy", "power"}
-        Counts joules, or tells watts.
+        Whether it counts joules or returns watts.
     scope : str
-        What is in the reading, and what is not.
+        Parts of the machine that the reading includes, and those that it does not.
     period_s : float
-        Between two native readings; faster sampling gives duplicates.
+        Time between two native readings; faster sampling gives duplicates.
     resolution : float
-        Step of a reading, in joules or watts; 0 where it is not known.
+        Step of a reading, in joules or watts; 0 if it is not known.
     gain_error : float
         Largest relative error of the scale, shunt included.
     detail : str
-        Where the gain error is from, and what the user has to confirm.
+        Source of the gain error, and what the user has to confirm.
     shunt_mohm : float, optional
-        The shunt that the reading was computed with, where that is told.
+        Shunt with which the reading was computed, if it is known.
     """
 
     name: str
@@ -58,37 +58,37 @@ class About:
 
 
 class Sensor(ABC):
-    """A source of power or energy readings."""
+    """Source of power or energy readings."""
 
     about: About
 
     @abstractmethod
     def read(self) -> float:
-        """Joules since some moment, or watts now.
+        """Return the joules since a fixed time, or the present watts.
 
         Raises
         ------
         SensorError
-            If it vanished, refuses, or reads what cannot be.
+            If it has disappeared, refuses, or returns an impossible reading.
         """
 
     def sample(self) -> tuple[float, float]:
-        """Read, and tell of what moment of the monotonic clock it is.
+        """Return the time of a reading on the monotonic clock, and the reading.
 
-        The same moment twice is the same reading.
+        Equal times mean the same reading.
         """
         before = time.monotonic()
         value = self.read()
-        # of some moment between the two
+        # the reading was taken between these two times
         return (before + time.monotonic()) / 2, value
 
     def close(self) -> None:  # noqa: B027, most sensors hold nothing
-        """Give back what it holds; again is harmless."""
+        """Release all resources; may be called again."""
 
 
 @dataclass(frozen=True)
 class Missing:
-    """A kind of sensor that is not there: why, and what would help."""
+    """Kind of sensor that is absent: why, and what would help."""
 
     kind: str
     reason: str
@@ -99,7 +99,7 @@ class Missing:
 
 
 class NumberFile:
-    """One number in a file of sysfs, opened once and read from its beginning again and again.
+    """One number in a file of sysfs, which is opened once and read repeatedly from its beginning.
 
     Parameters
     ----------
@@ -110,19 +110,19 @@ class NumberFile:
         self._path, self._descriptor = path, -1
 
     def read(self) -> float:
-        """Read it anew.
+        """Read the current number.
 
         Raises
         ------
         SensorError
-            If the file vanished, may not be read, or holds no number.
+            If the file has disappeared, may not be read, or holds no number.
         """
         path = self._path
         try:
             if self._descriptor < 0:
                 self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
             number = float(os.pread(self._descriptor, 64, 0))
-            # a file that is only left to us is not the sensor's any more
+            # a deleted file that is still open does not belong to the sensor any more
             if os.fstat(self._descriptor).st_nlink == 0:
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
         except PermissionError as error:
@@ -138,14 +138,14 @@ class NumberFile:
         return number
 
     def close(self) -> None:
-        """Close; a later read opens it again."""
+        """Close the file; a later read opens it again."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
 
 def read_text(path: Path) -> str:
-    """Text of a small file; empty if it cannot be read."""
+    """Return the text of a small file; empty if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
@@ -153,12 +153,12 @@ def read_text(path: Path) -> str:
 
 
 def plausible(watts: float, name: str) -> float:
-    """Give the power back if it can be.
+    """Return the power if it is plausible.
 
     Raises
     ------
     SensorError
-        If it is negative by more than noise, or beyond what any board takes.
+        If it is negative by more than noise, or higher than any board uses.
     """
     if not -1.0 <= watts <= MAX_WATTS:
         raise SensorError(

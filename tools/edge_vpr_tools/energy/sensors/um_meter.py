@@ -1,8 +1,8 @@
 """RDTech's USB power meters UM24C, UM25C and UM34C, by their serial line (Bluetooth or USB).
 
-The host sends one byte, the meter answers with 130. The layout was found by their users: see
-sigrok.org/wiki/RDTech_UM_series, libsigrok's src/hardware/rdtech-um and rfinnie/rdserialtool, which
-agree. Nothing was tried on a meter.
+The host sends one byte, and the meter answers with 130. The layout was found by users; the sources
+sigrok.org/wiki/RDTech_UM_series, libsigrok's src/hardware/rdtech-um and rfinnie/rdserialtool agree.
+This module was not tested with a meter.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ FRAME_BYTES = 130
 _ASK = b"\xf0"
 # model, volts and amperes in steps of the model, milliwatts
 _HEAD = struct.Struct(">HHHI")
-#: it measures about twice a second
+#: the meter measures about twice a second
 _PERIOD_S = 0.5
-#: how long an answer may take, and how long none may come
+#: longest time of an answer, and longest time without any answer
 _ANSWER_S, _PATIENCE_S = 0.4, 3.0
-#: no accuracy was found in a primary source
+#: assumed, since no accuracy was found in a primary source
 _GAIN_ERROR = 0.01
 
 
 @dataclass(frozen=True)
 class Model:
-    """One of the meters.
+    """Model of the meters.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ class Model:
     volts, amperes : float
         Steps of its numbers.
     end : bytes
-        Last bytes of a frame; empty where there is a checksum, which is not needed: `decode` holds
-        power against volts times amperes.
+        Last bytes of a frame; empty if there is a checksum instead. The checksum is not needed,
+        since `decode` compares power with volts times amperes.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Model:
     end: bytes
 
 
-#: by the first two bytes of a frame
+#: models by the first two bytes of a frame
 MODELS = {
     0x0963: Model("UM24C", 1e-2, 1e-3, b"\xff\xf1"),
     0x09C9: Model("UM25C", 1e-3, 1e-4, b"\xff\xf1"),
@@ -58,12 +58,12 @@ _HEADS = tuple(number.to_bytes(2, "big") for number in MODELS)
 
 
 def decode(frame: bytes) -> tuple[Model, float]:
-    """Tell model and watts of a frame.
+    """Return the model and the watts of a frame.
 
     Parameters
     ----------
     frame : bytes
-        130 of them.
+        130 bytes.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def decode(frame: bytes) -> tuple[Model, float]:
     Raises
     ------
     SensorError
-        If it is no frame: of another length, model or end, or its power is not the product.
+        If the frame has another length, model or end, or its power is not the product.
     """
     if len(frame) != FRAME_BYTES:
         raise SensorError(f"{len(frame)} bytes of {FRAME_BYTES}")
@@ -85,14 +85,14 @@ def decode(frame: bytes) -> tuple[Model, float]:
     if not frame.endswith(model.end):
         raise SensorError(f"a frame that ends with {frame[-2:].hex()}")
     watts = volts * model.volts * amperes * model.amperes
-    # far wider than any rounding: it is there to tell noise on the line
+    # far wider than any rounding error, to detect noise on the line
     if abs(watts - milliwatts * 1e-3) > 0.1 + 0.1 * watts:
         raise SensorError(f"{watts:g} W by volts and amperes, and {milliwatts * 1e-3:g} W told")
     return model, watts
 
 
 class UmMeter(Sensor):
-    """A meter that a thread of its own asks, so that reading it never waits.
+    """Meter that is read by a thread of its own, so that a reading never waits.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class UmMeter(Sensor):
     Raises
     ------
     SensorError
-        If nothing can be opened, or no reading comes within seconds.
+        If the port cannot be opened, or no reading arrives within seconds.
     """
 
     def __init__(self, address: str) -> None:
@@ -139,11 +139,11 @@ class UmMeter(Sensor):
         )
 
     def read(self) -> float:
-        """Watts of the latest reading."""
+        """Return the watts of the latest reading."""
         return self.sample()[1]
 
     def sample(self) -> tuple[float, float]:
-        """See `Sensor.sample`: the moment between question and answer."""
+        """See `Sensor.sample`: the time is halfway between request and answer."""
         latest = self._latest
         assert latest is not None
         if self._lost:
@@ -157,7 +157,7 @@ class UmMeter(Sensor):
         return latest
 
     def close(self) -> None:
-        """Stop asking, and close the port."""
+        """Stop reading, and close the port."""
         self._stop.set()
         self._thread.join(2 * _PATIENCE_S)
         self._link.close()
@@ -165,7 +165,7 @@ class UmMeter(Sensor):
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                self._link.read(0.0)  # a late answer is not that to the next question
+                self._link.read(0.0)  # a late answer must not be taken for that to the next request
                 asked = time.monotonic()
                 self._link.write(_ASK, 1.0)
                 self._take_answer(asked)
@@ -193,7 +193,7 @@ class UmMeter(Sensor):
 
 
 def from_head(data: bytes) -> bytes:
-    """Leave out what cannot be the beginning of a frame."""
+    """Remove bytes that cannot be the beginning of a frame."""
     for i in range(len(data)):
         if data[i : i + 2] in _HEADS or (
             i == len(data) - 1 and any(head[:1] == data[i:] for head in _HEADS)
