@@ -108,7 +108,7 @@ RUNS = [
      0),
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
      "--exclusion 1", 0),
-    (f"{STREAM} --map {{f}}/filter_map.npz --once --odometry udp://127.0.0.1:0 --busy-wait", 0),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once --odometry udp://127.0.0.1:0", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
     (f"{STREAM} --map {{f}}/map.npz --once --serve 0", 0),
     # a broker that is not there: the run goes on; 2: the library is an extra

@@ -115,7 +115,6 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     words = ["stream", "--port", address, "--protocol", host, "--map", drive / "map.npz", "--once"]
     words += ["--every", "event", "--log", log, "--record", raw, "--record", events]
     words += ["--on-overload", "wait", "--baud", "12000000"]
-    words += ["--busy-wait"] if protocol in ("edvs", "evt2") else []
     assert main([str(word) for word in words]) == 0
     thread.join(timeout=5)
     assert not thread.is_alive()

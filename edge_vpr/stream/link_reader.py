@@ -67,9 +67,6 @@ class LinkReader:
         is live.
     buffer_bytes : int
     max_lag_s : float
-    busy_wait : bool
-        Ask the link again and again while its caller waits, instead of sleeping until bytes come:
-        waking up takes longer than their match.
 
     Attributes
     ----------
@@ -91,12 +88,10 @@ class LinkReader:
         drop: bool | None = None,
         buffer_bytes: int = BUFFER_BYTES,
         max_lag_s: float = MAX_LAG_S,
-        busy_wait: bool = False,
     ) -> None:
         self._open, self._setup, self._teardown = open_link, setup, teardown
         self._retry, self._drop = retry, drop
         self._most, self._max_lag_s = buffer_bytes, max_lag_s
-        self._busy_wait = busy_wait
         self._chunks: deque[Chunk] = deque()
         self._held = 0
         self._changed = threading.Condition()
@@ -143,19 +138,13 @@ class LinkReader:
             if not self._lent or self._chunks:
                 return None
             try:
-                data = self._read_awake(timeout) if self._busy_wait else self._link.read(timeout)
+                data = self._link.read(timeout)
                 return self._chunk(self._link, data) if data else None
             except Exception as error:
                 # the thread has to open the link again, or has to end
                 self._failure, self._lent = error, False
                 self._awake.set()
                 return None
-
-    def _read_awake(self, timeout: float) -> bytes:
-        end = time.monotonic() + timeout
-        while not (data := self._link.read(0)) and time.monotonic() < end:
-            pass
-        return data
 
     def _read_by_thread(self, timeout: float) -> Chunk | None:
         with self._changed:

@@ -269,6 +269,9 @@ module vpr_bench;
                 if (has_second)
                     $fwrite(out, "match,%0d,%0d,%0d,%0d,%0d,%0d,%0d", window, best, best_sum,
                             second, second_sum, ties, accepted);
+                else if (second !== 0 || second_sum !== 0)
+                    // equal to no record: the fields of a second best that there is not are 0
+                    $fwrite(out, "match,%0d,-2,-2,-2,-2,-2,-2", window);
                 else
                     $fwrite(out, "match,%0d,%0d,%0d,-1,-1,%0d,%0d", window, best, best_sum, ties,
                             accepted);

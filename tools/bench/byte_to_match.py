@@ -129,21 +129,18 @@ line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 settings = termios.tcgetattr(line)
 settings[4:6] = [termios.B115200] * 2  # so that the other side sees that it is open
 termios.tcsetattr(line, termios.TCSANOW, settings)
-wait = 0 if "busy" in sys.argv else None
 while True:
-    if select.select([line], [], [], wait)[0]:
-        os.write(1, os.read(line, 4096))
+    select.select([line], [], [])
+    os.write(1, os.read(line, 4096))
 """
 
 
-def echo(number: int, how: list[str]) -> npt.NDArray[np.float64]:
+def echo(number: int) -> npt.NDArray[np.float64]:
     """Measure what a pseudo-terminal, a pipe and the system take, without any work in between.
 
     Parameters
     ----------
     number : int
-    how : list of str
-        ``busy``: the program in between does not sleep.
 
     Returns
     -------
@@ -152,7 +149,7 @@ def echo(number: int, how: list[str]) -> npt.NDArray[np.float64]:
     """
     link, taken = VirtualLink(), np.empty(number)
     line = link.fileno()
-    command = [sys.executable, "-c", _ECHO, link.address, *how]
+    command = [sys.executable, "-c", _ECHO, link.address]
     with subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0) as process:
         assert process.stdout is not None
         while not link.opened():
@@ -185,13 +182,10 @@ def main() -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=[2_000, 100_000])
     parser.add_argument("--burst-filter", default="causal", choices=("exact", "causal"))
     args = parser.parse_args()
-    busy = ("--busy-wait",)
-    tell("an echo of the bytes, asleep in between", echo(args.matches, []))
-    tell("an echo of the bytes, busy", echo(args.matches, ["busy"]))
+    tell("an echo of the bytes", echo(args.matches))
     for rate in args.rates:
-        for how, more in (("", ()), (" --busy-wait", busy)):
-            taken = byte_to_match(rate, args.matches, args.burst_filter, more)
-            tell(f"{rate:,.0f} events/s, {args.burst_filter}{how}", taken)
+        taken = byte_to_match(rate, args.matches, args.burst_filter)
+        tell(f"{rate:,.0f} events/s, {args.burst_filter}", taken)
 
 
 if __name__ == "__main__":

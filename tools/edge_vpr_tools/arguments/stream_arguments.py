@@ -46,12 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --on-overload drop: drop all waiting bytes as soon as the oldest of them have "
         "waited longer than this",
     )  # fmt: skip
-    line.add_argument(
-        "--busy-wait",
-        action="store_true",
-        help="use a whole core to wait for bytes, instead of sleeping until they arrive; each "
-        "match then comes earlier by the time of waking up",
-    )
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
     places.add_argument(

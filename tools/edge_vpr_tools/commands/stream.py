@@ -62,7 +62,7 @@ def _line(args: argparse.Namespace, reference: ReferenceMap | None) -> Line:
         port=args.port, protocol=args.protocol, sensor=sensor, baud=args.baud,
         flow_control=args.flow_control, once=args.once,
         drop=None if args.on_overload is None else args.on_overload == "drop",
-        max_lag_s=duration_us(args.max_lag) / 1e6, busy_wait=args.busy_wait,
+        max_lag_s=duration_us(args.max_lag) / 1e6,
     )  # fmt: skip
 
 

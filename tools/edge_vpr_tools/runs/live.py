@@ -55,8 +55,6 @@ class Line:
     drop : bool or None
         See `LinkReader`.
     max_lag_s : float
-    busy_wait : bool
-        See `LinkReader`.
     """
 
     port: str
@@ -67,7 +65,6 @@ class Line:
     once: bool = False
     drop: bool | None = None
     max_lag_s: float = MAX_LAG_S
-    busy_wait: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +146,6 @@ def follow_line(
             retry=not line.once,
             drop=line.drop,
             max_lag_s=line.max_lag_s,
-            busy_wait=line.busy_wait,
         )
         stack.callback(reader.stop)
         odometer = None
