@@ -49,11 +49,9 @@ class CountFrames:
         Position of each pixel of a frame. Whole frames are row by row; None if the file has
         ``counts`` without ``pixel_x`` and ``pixel_y``.
     period : Fraction or None
-        Duration of a frame in seconds, if the file (``window_s``) or the folder (``metadata.json``)
-        states it.
+        Seconds per frame, if the file (``window_s``) or the folder (``metadata.json``) states them.
     start_us : int
-        Time at which the first frame begins, on the clock of the folder's ``metadata.json``; 0
-        without it.
+        Begin of the first frame on the clock of the folder's ``metadata.json``; 0 without it.
     n_frames, n_pixels : int
         Number F of frames, and number J of pixels.
     """
