@@ -62,9 +62,8 @@ class LinkReader:
     retry : bool
         Open a live link again when it is lost; else, and for files and pipes, that is the end.
     drop : bool or None
-        When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it,
-        so that what follows is of one piece again; else let the link wait. None: drop if the link
-        is live.
+        When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
+        that no bytes are missing within what follows; else let the link wait. None: drop if live.
     buffer_bytes : int
     max_lag_s : float
 
