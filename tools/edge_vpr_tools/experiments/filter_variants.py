@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from edge_vpr.settings.choices import Score
 from edge_vpr.simulate import QUERY, Drive, Light
@@ -36,14 +36,37 @@ SWEEPS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "bits of a code": {str(bits): {"counter_bits": bits} for bits in (2, 3, 4, 5)},
 }
 
-#: drives of the street: as in the demo, in two other lights, and with stops
-STREETS: Mapping[str, Drive] = {
-    "street": QUERY,
-    "street, low sun": replace(
-        QUERY, light=Light(sun=0.2, ambient=0.15, azimuth_deg=110.0, elevation_deg=15.0, glare=0.06)
+
+class Second(NamedTuple):
+    """A second drive along the street.
+
+    Attributes
+    ----------
+    drive : Drive
+    contrast : float
+        Thresholds of the camera, as a multiple of those in the reference drive.
+    """
+
+    drive: Drive
+    contrast: float = 1.0
+
+
+#: as in the demo, in two other lights, with stops, and with a camera that fires sooner or later
+STREETS: Mapping[str, Second] = {
+    "street": Second(QUERY),
+    "street, low sun": Second(
+        replace(
+            QUERY,
+            light=Light(sun=0.2, ambient=0.15, azimuth_deg=110.0, elevation_deg=15.0, glare=0.06),
+        )
     ),
-    "street, noon": replace(
-        QUERY, light=Light(sun=0.9, ambient=0.2, azimuth_deg=-160.0, elevation_deg=70.0, glare=0.0)
+    "street, noon": Second(
+        replace(
+            QUERY,
+            light=Light(sun=0.9, ambient=0.2, azimuth_deg=-160.0, elevation_deg=70.0, glare=0.0),
+        )
     ),
-    "street, 3 stops": replace(QUERY, stops=3, stop_s=10.0),
+    "street, 3 stops": Second(replace(QUERY, stops=3, stop_s=10.0)),
+    "street, thresholds x 1.3": Second(QUERY, 1.3),
+    "street, thresholds x 0.75": Second(QUERY, 0.75),
 }

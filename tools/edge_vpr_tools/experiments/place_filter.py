@@ -131,10 +131,15 @@ def _street(seed: int, on_start: Callable[[str], None]) -> Iterator[tuple[str, C
     reference.keep()
     rng = np.random.default_rng((seed, _WHEELS))
     meter = wheel_odometry(reference.track, rng)
-    for name, drive in STREETS.items():
+    for name, (drive, contrast) in STREETS.items():
         on_start(f"{name} {seed}")
+        camera = replace(
+            query.camera,
+            contrast_on=contrast * query.camera.contrast_on,
+            contrast_off=contrast * query.camera.contrast_off,
+        )
         other = SimulatedRecording(
-            query.world, query.camera, drive, seed=query.seed, device=query.device
+            query.world, camera, drive, seed=query.seed, device=query.device
         ).keep()
         wheel = wheel_odometry(other.track, rng)
         for pixels in (25, 150):
