@@ -16,9 +16,10 @@ if TYPE_CHECKING:
     from edge_vpr.descriptors.bursts import BurstFilter
     from edge_vpr.descriptors.counters import count_events, count_until
     from edge_vpr.descriptors.descriptor_stream import DescriptorStream
+    from edge_vpr.descriptors.descriptors import Descriptors
     from edge_vpr.descriptors.hot_pixels import find_hot_pixels, load_hot_pixels
     from edge_vpr.descriptors.pixels import PixelMap, select_pixels
-    from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime
+    from edge_vpr.descriptors.windows import FixedCount, FixedTime
     from edge_vpr.errors import EdgeVprError
     from edge_vpr.evaluation.ground_truth import GroundTruth
     from edge_vpr.evaluation.metrics import Evaluation, PrecisionRecall, evaluate, precision_recall
@@ -69,7 +70,8 @@ _HOME = {
     "settings": ("PRESETS", "Settings", "resolve_settings"),
     "datasets.count_pixels": ("CountPixels",),
     "descriptors.descriptor_stream": ("DescriptorStream",),
-    "descriptors.windows": ("Descriptors", "FixedCount", "FixedTime"),
+    "descriptors.descriptors": ("Descriptors",),
+    "descriptors.windows": ("FixedCount", "FixedTime"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.descriptors.codes import codes_of
-from edge_vpr.descriptors.descriptor_checks import check_descriptors
+from edge_vpr.descriptors.descriptors import Descriptors, check_descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError
 from edge_vpr.odometry import MOST_MM
 from edge_vpr.route import Route

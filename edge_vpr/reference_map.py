@@ -12,10 +12,10 @@ import numpy.typing as npt
 from edge_vpr.archive import damaged, read_archive, write_archive
 from edge_vpr.confidence import Confidence, Judge, default_confidence
 from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.descriptors import Descriptors, narrow
 from edge_vpr.descriptors.own_mean import encode_own, encode_running
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Sensor
 from edge_vpr.map_checks import check_map
 from edge_vpr.odometry import MOST_MM

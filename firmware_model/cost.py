@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from firmware_model.design import Design
+from firmware_model.widths import formats_of, widths_of
 
 
 class Memory(NamedTuple):
@@ -38,7 +39,7 @@ def memories(design: Design) -> dict[str, Memory]:
         distances of the last L windows, or the filter's metrics and, if kept, distances; the delay
         line of the search.
     """
-    bits = {name: form.width for name, form in design.formats.items()}
+    bits = widths_of(design)
     lanes = design.lanes * bits["code"]
     if design.filters:
         kept = {"metric": Memory(design.places, bits["metric"])}
@@ -116,7 +117,7 @@ def filter_cycles(design: Design) -> FilterCycles:
     A restoring divider takes at most a cycle for each bit of the quotient: for the mean and the
     spread as many as the sum of all distances has bits, for the reciprocal 17.
     """
-    form = design.formats
+    form = formats_of(design)
     total, compare = form["distance_total"].width, design.places * design.words
     advance = design.places if design.keep_distances else compare
     return FilterCycles(compare, total, advance, total + form["reciprocal"].width)

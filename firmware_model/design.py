@@ -19,10 +19,8 @@ from firmware_model.design_ranges import (
     check_parameters,
 )
 from firmware_model.errors import DesignError
-from firmware_model.widths import formats_of
 from fixedpoint.codes import CounterCode
 from fixedpoint.errors import FixedPointError
-from fixedpoint.formats import UnsignedFormat
 from fixedpoint.own_mean import OwnMeanCode
 
 #: sequence length if 0 is given
@@ -244,11 +242,6 @@ class Design(DesignFile):
     def words(self) -> int:
         """Memory words of a descriptor, with P codes in each; the last one is filled with zeros."""
         return -(-self.slots // self.lanes)
-
-    @property
-    def formats(self) -> dict[str, UnsignedFormat]:
-        """Format of every quantity by its name, see `firmware_model.widths`."""
-        return formats_of(self)
 
 
 def _power_of_two(least: int) -> int:

@@ -6,7 +6,7 @@ import numbers
 from typing import Any, Literal, get_args
 
 from firmware_model.errors import DesignError
-from firmware_model.widths import FRACTION_BITS, METRIC_TOP, TRUST_TOP
+from firmware_model.largest_values import FRACTION_BITS, METRIC_TOP, TRUST_TOP
 from fixedpoint.codes import CodeKind
 
 DeviceCode = Literal[CodeKind, "own-mean"]

@@ -8,8 +8,9 @@ from enum import IntEnum
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
+from firmware_model.largest_values import FRACTION_BITS
 from firmware_model.memories import Memories
-from firmware_model.widths import FRACTION_BITS
+from firmware_model.widths import formats_of
 
 MAGIC, VERSION = 0x49525056, 2
 HEADER_WORDS = 36
@@ -174,7 +175,7 @@ def ram_bytes(design: Design) -> int:
 
 def check_limits(design: Design) -> None:
     """Raise DesignError if the numbers of the design exceed limits of the reference firmware."""
-    formats = design.formats
+    formats = formats_of(design)
     distance = design.slots * design.code_max
     product = distance * design.length * (design.ratio[1] if design.accept == "ratio" else 1)
     for what, value, bits in (

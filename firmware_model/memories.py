@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
-from firmware_model.widths import ACTIVITY_BITS, EVENTS_TOP
+from firmware_model.largest_values import ACTIVITY_BITS, EVENTS_TOP
 
 Pixel = tuple[int, int]
 Codes = tuple[int, ...]

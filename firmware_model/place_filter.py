@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterable
 
 from firmware_model.comparator import MatchResult, SearchModel
 from firmware_model.design import Design
-from firmware_model.running import moved
-from firmware_model.widths import (
+from firmware_model.largest_values import (
     EVIDENCE_TOP,
     FRACTION_BITS,
     METRIC_TOP,
     RECIPROCAL_BITS,
     TRUST_BITS,
 )
+from firmware_model.running import moved
 
 #: prices of a step of 0, 1 and 2 places in a pause
 PAUSE_STEPS = (0, 0, 1)

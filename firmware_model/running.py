@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from firmware_model.design import Design
-from firmware_model.widths import ACTIVITY_BITS, EVENTS_TOP
+from firmware_model.largest_values import ACTIVITY_BITS, EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 #: a window is a pause if it has no events, or less than 1/16 of the usual number

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from firmware_model.design import Design
+from firmware_model.largest_values import (
+    ACTIVITY_BITS,
+    EVENTS_TOP,
+    EVIDENCE_TOP,
+    FRACTION_BITS,
+    METRIC_TOP,
+    RECIPROCAL_BITS,
+    TRUST_TOP,
+)
 from fixedpoint.formats import UnsignedFormat
 from fixedpoint.own_mean import MEAN_BITS
-
-if TYPE_CHECKING:
-    from firmware_model.design import Design
-
-#: fraction bits of the filter's metrics, evidence and prices
-FRACTION_BITS = 2
-#: largest metric and largest evidence
-METRIC_TOP, EVIDENCE_TOP = (1 << 10) - 1, (1 << 8) - 1
-#: fraction bits of the reciprocal of the spread, which is at most 1
-RECIPROCAL_BITS = 16
-#: fraction bits of the trust, and its largest value
-TRUST_BITS = 4
-TRUST_TOP = METRIC_TOP << TRUST_BITS
-#: fraction bits of the usual number of events in a window
-ACTIVITY_BITS = 8
-#: largest number of events of a window; larger ones saturate
-EVENTS_TOP = (1 << 23) - 1
 
 
 def formats_of(design: Design) -> dict[str, UnsignedFormat]:
@@ -80,3 +71,8 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
             "trust": holding(TRUST_TOP),
         }
     return found
+
+
+def widths_of(design: Design) -> dict[str, int]:
+    """Return the number of bits of every quantity by its name."""
+    return {name: form.width for name, form in formats_of(design).items()}

@@ -12,8 +12,8 @@ from streams import descriptors, random_events
 from edge_vpr.archive import read_archive
 from edge_vpr.confidence import default_confidence
 from edge_vpr.descriptors.codes import codes_of
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import TIME_LIMIT_US, Sensor, make_events
 from edge_vpr.matching.drive_matching import match_descriptors

@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 from streams import random_events
 
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap

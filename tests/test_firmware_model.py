@@ -40,6 +40,7 @@ from firmware_model.vectors.random_designs import (
     random_design,
     random_memories,
 )
+from firmware_model.widths import formats_of
 from fixedpoint.codes import CounterCode, PixelCodes
 from fixedpoint.own_mean import OwnMeanCode
 
@@ -122,7 +123,7 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         done = trace(memories, wrapped(events, design), start)
         assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
         assert done.matches == matches, seed
-        form = design.formats
+        form = formats_of(design)
         assert all(0 <= match.sum <= form["sum"].highest for match in done.matches)
         assert all(
             0 <= match.trust <= form["trust"].highest for match in done.matches if design.filters
@@ -160,7 +161,7 @@ def test_the_model_equals_the_pipeline_on_random_designs_and_streams():
         done = trace(memories, wrapped(events, design), start)
         assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
         assert done.matches == matches, seed
-        formats = design.formats
+        formats = formats_of(design)
         assert all(0 <= event.counted <= formats["count"].highest for event in done.events)
         assert all(0 <= max(window.codes) <= formats["code"].highest for window in done.windows)
         assert all(0 <= match.sum <= formats["sequence"].highest for match in done.matches)
@@ -281,7 +282,7 @@ def test_cycles_agree_with_the_measured_core():
 def test_widths_hold_the_largest_values_and_no_more():
     """Widths of 150 pixels as worked out by hand: SAD 12, 14, 16 bits; 15, 17, 19 over L = 10."""
     for bits, distance, sequence in ((4, 12, 15), (6, 14, 17), (8, 16, 19)):
-        formats = Design(
+        design = Design(
             width=346,
             height=260,
             pixels=150,
@@ -289,7 +290,8 @@ def test_widths_hold_the_largest_values_and_no_more():
             length=10,
             code="linear",
             code_bits=bits,
-        ).formats
+        )
+        formats = formats_of(design)
         assert (formats["distance"].width, formats["sequence"].width) == (distance, sequence)
     assert formats["place"].width == 10 and formats["owner"].highest >= 260
 

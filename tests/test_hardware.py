@@ -42,6 +42,7 @@ from firmware_model.vectors import (
 )
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.random_designs import random_adaptive_design, random_design
+from firmware_model.widths import formats_of
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
 DESIGN = Design(
@@ -157,7 +158,7 @@ def filter_cycles(design):
     kept = 2 * design.places - 4
     passes = distances + (kept if design.keep_distances else distances + design.words)
     around = 29 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
-    return design.slots + passes + design.formats["distance_total"].width + around
+    return design.slots + passes + formats_of(design)["distance_total"].width + around
 
 
 @needs_iverilog
@@ -325,7 +326,7 @@ def test_the_package_has_every_parameter_of_the_core_with_the_models_widths():
     same = {"sequence": "sum", "metric": "sum", "prediction": "sum", "price": "sum"}
     for design in (DESIGN, ADAPTIVE):
         found = parameters(design)
-        for name, form in design.formats.items():
+        for name, form in formats_of(design).items():
             width = found[f"{same.get(name, name).upper()}_BITS"][1]
             assert width == form.width or (name == "price" and width >= form.width)
     text = package(replace(DESIGN, tau_us=5_000_000_000, timestamp_bits=40))

@@ -15,9 +15,10 @@ from edge_vpr_tools.energy.show import compare
 from streams import random_events
 
 from edge_vpr.archive import MEMORY_BYTES, read_archive, write_archive
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime
+from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.errors import LONGEST_MESSAGE, EventError, MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.matching.drive_matching import match_descriptors

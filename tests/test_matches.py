@@ -19,6 +19,7 @@ from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching import drive_matching
 from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.matching.matches import CANDIDATES, Matches
+from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.settings import Settings
 
 
@@ -95,7 +96,7 @@ def test_the_table_says_per_query_what_the_arrays_say(tmp_path):
     found = match_descriptors(
         descriptors(rng.integers(0, 9, (30, 5))), descriptors(rng.integers(0, 9, (9, 5))), settings
     )
-    found.save_csv(tmp_path / "matches.csv")
+    write_csv(tmp_path / "matches.csv", found)
     with (tmp_path / "matches.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["place"]) for row in rows] == found.place.tolist()

@@ -66,7 +66,10 @@ def test_a_stage_imports_only_the_stages_before_it():
 
 
 def test_no_circle_of_imports():
-    """What a module imports when it is loaded never leads back to it."""
+    """What a module imports, also in a function or for its types alone, never leads back to it.
+
+    A package's names that are loaded when they are first used do not count.
+    """
     roots = {"edge_vpr": ROOT, "firmware_model": ROOT, "fixedpoint": ROOT}
     roots["edge_vpr_tools"] = ROOT / "tools"
     files = {}
@@ -81,7 +84,9 @@ def test_no_circle_of_imports():
 
 
 def _loads(path, files):
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    if path.name == "__init__.py" and "def __getattr__" in path.read_text(encoding="utf-8"):
+        return
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and not node.level:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"

@@ -26,6 +26,7 @@ from streams import Drive, random_events
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import cleaned, map_traverse
@@ -844,7 +845,7 @@ def test_json_rows_have_the_position_of_a_map_with_a_track(sent, drive, tmp_path
     matches = Matches.of_rows(
         offline(tmp_path, MatchSchedule(interval_us=100_000), of=drive), reference.settings, 29
     )
-    matches.save_csv(tmp_path / "matches.csv", route)
+    write_csv(tmp_path / "matches.csv", matches, route)
     with (tmp_path / "matches.csv").open() as file:
         expected = list(csv.DictReader(file))
     assert len(found) == len(expected) > 10

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.baselines.baseline import Described, Images
-from edge_vpr.descriptors.windows import narrow
+from edge_vpr.descriptors.descriptors import narrow
 from edge_vpr.matching.distances import distance_matrix
 
 #: side of the image whose patches are normalised, and of a patch (Milford and Wyeth, 2012)

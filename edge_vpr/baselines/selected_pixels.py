@@ -6,10 +6,11 @@ import numpy as np
 
 from edge_vpr.baselines.baseline import Described, Images
 from edge_vpr.baselines.dense import AbsoluteDifferences
+from edge_vpr.descriptors.descriptors import narrow
 from edge_vpr.descriptors.informative_pixels import informative_pixels, shortlist
 from edge_vpr.descriptors.pixels import PixelMap, select_pixels
 from edge_vpr.descriptors.saliency import SaliencyPass
-from edge_vpr.descriptors.windows import WindowCounts, narrow
+from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.settings import PRESETS, Settings

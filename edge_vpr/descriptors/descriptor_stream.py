@@ -7,15 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from edge_vpr.descriptors.counters import count_events, count_frame, count_until
+from edge_vpr.descriptors.descriptors import Descriptors, collect
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import (
-    MAX_WINDOWS,
-    Descriptors,
-    FixedTime,
-    Window,
-    WindowCounts,
-    collect,
-)
+from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pauses import find_pauses
-from edge_vpr.descriptors.windows import Descriptors
 from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
 
 

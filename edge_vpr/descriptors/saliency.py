@@ -7,8 +7,9 @@ import tempfile
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.descriptors import Descriptors, collect, narrow
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
+from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 

@@ -12,7 +12,7 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.intensity.frames import IntensityFrame, to_grey
 from edge_vpr.recordings.count_images import MOST_PIXELS
-from edge_vpr.recordings.hdf5 import checked_dataset, load_h5py, open_hdf5
+from edge_vpr.recordings.hdf5_files import checked_dataset, load_h5py, open_hdf5
 
 _TIMES = "_ts"
 

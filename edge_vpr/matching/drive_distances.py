@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive_matching import check_counts, check_no_ways, filter_of

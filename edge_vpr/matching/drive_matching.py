@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Confidence, Judge, default_confidence
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pauses import mean_activity
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.filtered_drive import filter_drive

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.candidates import CANDIDATES, nearest_places
 from edge_vpr.matching.distances import ReferenceIndex

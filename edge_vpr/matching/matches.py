@@ -14,9 +14,7 @@ from edge_vpr.array_checks import check_array, check_range, whole_number
 from edge_vpr.errors import MapError, MissingExtraError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.candidates import CANDIDATES
-from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.matching.runner_up import ratio_to_second
-from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 if TYPE_CHECKING:
@@ -195,10 +193,6 @@ class Matches:
         time_s = self.time_us / 1e6
         columns = {n: time_s if n == "time_s" else getattr(self, n) for n in _TABLE}
         return pandas.DataFrame(columns)
-
-    def save_csv(self, path: str | Path, route: Route | None = None) -> None:
-        """Write as CSV, see `matches_csv.write_csv`."""
-        write_csv(path, self, route)
 
 
 _COLUMNS = (

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edge_vpr.archive import replacing
-
-if TYPE_CHECKING:
-    from edge_vpr.matching.matches import Matches
-    from edge_vpr.route import Route
+from edge_vpr.matching.matches import Matches
+from edge_vpr.route import Route
 
 COLUMNS = (
     *("query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust"),

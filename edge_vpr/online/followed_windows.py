@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.descriptors.windows import Window, narrow
+from edge_vpr.descriptors.descriptors import narrow
+from edge_vpr.descriptors.windows import Window
 from edge_vpr.errors import EdgeVprError, MapError
 from edge_vpr.online.state import grown, recount
 from edge_vpr.online.state_distances import start, with_distances

@@ -9,8 +9,8 @@ import numpy as np
 
 from edge_vpr.archive import Arrays
 from edge_vpr.confidence import Confidence
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

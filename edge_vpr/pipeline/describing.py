@@ -10,16 +10,9 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
+from edge_vpr.descriptors.descriptors import Descriptors, collect, narrow
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import (
-    Descriptors,
-    FixedCount,
-    FixedTime,
-    Window,
-    WindowCounts,
-    collect,
-    narrow,
-)
+from edge_vpr.descriptors.windows import FixedCount, FixedTime, Window, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.pipeline.cleaned_events import Removed, event_windows
 from edge_vpr.pipeline.sources import EventSource, WindowSource, check_counted, check_sensor

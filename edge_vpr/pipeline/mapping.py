@@ -9,13 +9,14 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
+from edge_vpr.descriptors.descriptors import narrow
 from edge_vpr.descriptors.hot_pixels import find_hot_pixels
 from edge_vpr.descriptors.informative_pixels import informative_pixels, shortlist
 from edge_vpr.descriptors.own_mean import drive_mean
 from edge_vpr.descriptors.pauses import find_pauses, mean_activity
 from edge_vpr.descriptors.pixels import PixelMap, select_pixels
 from edge_vpr.descriptors.saliency import SaliencyPass
-from edge_vpr.descriptors.windows import FixedTime, narrow
+from edge_vpr.descriptors.windows import FixedTime
 from edge_vpr.errors import UsageError
 from edge_vpr.pipeline.cleaned_events import Removed, event_windows
 from edge_vpr.pipeline.describing import count_windows, too_short

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.matching.drive_distances import drive_distances
 from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.matching.matches import Matches

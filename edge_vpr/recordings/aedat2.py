@@ -23,8 +23,9 @@ import numpy as np
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.clock import Unwrapper
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 
 _EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
 

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.recordings.aedat4_file import Aedat4File, field_at, root_table
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 
 _EVENT = np.dtype(
     {

@@ -13,9 +13,10 @@ import numpy as np
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.clock import Unwrapper
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.prophesee import header_lines, read_header
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 
 _EVENT = np.dtype([("t", "<u4"), ("pixel", "<u4")])
 _KINDS = (0, 12)  # Event2d of version 2, EventCD

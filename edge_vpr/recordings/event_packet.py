@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.recordings.clock import Unwrapper
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt import Decoder
 from edge_vpr.recordings.libcaer_cmp import LibcaerCmpDecoder
-from edge_vpr.recordings.source import Columns
 
 
 class Cursor:

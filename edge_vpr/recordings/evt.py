@@ -18,10 +18,11 @@ import numpy.typing as npt
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.evt_words import evt2_event_words, evt2_time_words
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt_kernels import STATE, decode_evt2, decode_evt3, decode_evt21
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.prophesee import header_lines, read_header
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 
 Words = npt.NDArray[Any]
 

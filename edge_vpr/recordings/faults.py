@@ -9,7 +9,7 @@ import numpy as np
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 
 _REMEDY = "read with --on-fault drop (on_fault='drop') to leave {them} out and count {them}"
 

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 
 _PHASE_BITS = 16
 _GOLDEN = 40503  # 2**16 over the golden ratio, made odd

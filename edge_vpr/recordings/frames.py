@@ -17,6 +17,7 @@ import numpy.typing as npt
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import LONGEST_SIDE, Sensor
 from edge_vpr.recordings.array_stream import ArrayStream
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.count_arrays import (
     both_polarities,
     check_frame_shape,
@@ -31,7 +32,7 @@ from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.frame_expansion import Counts, Placed, expand, join
 from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.npz import Archive
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 
 _BLOCK_BYTES = 1 << 20
 

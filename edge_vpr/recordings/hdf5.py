@@ -6,49 +6,19 @@ the sensor where none is stated, and takes three times as long.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Sensor
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.hdf5_chunks import CheckedDataset
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.hdf5_files import checked_dataset, load_h5py, open_hdf5
+from edge_vpr.recordings.hdf5_writing import START, Hdf5Sink
+from edge_vpr.recordings.source import ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
-
-#: Attribute in which our writer stores the start.
-START = "edge_vpr_start_us"
-#: Most bytes of one expanded chunk; several are kept, so that no chunk is read twice.
-_LARGEST_CHUNK = 1 << 25
-#: Largest ratio of a column's stated size to its size in the file: Deflate reaches 1,032.
-_MOST_EXPANSION = 1_100
-
-
-def load_h5py() -> Any:
-    """Import h5py, or raise an error that names the extra with it."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingExtraError("an HDF5 file", "h5py", "hdf5") from error
-    return h5py
-
-
-def open_hdf5(path: Path) -> Any:
-    """Open a file for reading.
-
-    Raises
-    ------
-    RecordingError
-        If it is damaged.
-    """
-    try:
-        return load_h5py().File(path, "r", rdcc_nbytes=_LARGEST_CHUNK, locking=False)
-    except OSError as error:
-        raise RecordingError(
-            f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
-        ) from error
 
 
 class Hdf5Source(Source):
@@ -175,41 +145,6 @@ class Hdf5Source(Source):
         return {name: block[field] for name, field in self._fields.items()}
 
 
-def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
-    """Refuse data outside the file, and stated sizes that are impossible for the file's size.
-
-    Returns
-    -------
-    CheckedDataset
-        Reader of the dataset.
-
-    Raises
-    ------
-    RecordingError
-    """
-    name = f"{path}: {dataset.name}"
-    if dataset.external or dataset.is_virtual:
-        raise RecordingError(
-            f"{name} lies in other files, which are not read: copy it into one file"
-        )
-    pipeline = dataset.id.get_create_plist()
-    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
-    chunk = math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize
-    if chunk > _LARGEST_CHUNK or len(set(filters)) < len(filters):
-        raise RecordingError(
-            f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
-            f"the most is {_LARGEST_CHUNK:,} bytes, and each filter once; write it again"
-        )
-    claimed = dataset.size * dataset.dtype.itemsize
-    held = min(dataset.id.get_storage_size(), path.stat().st_size)
-    if claimed > (held * _MOST_EXPANSION if dataset.chunks and filters else held):
-        raise RecordingError(
-            f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
-            "not closed when it was written, or is damaged; copy or record it again"
-        )
-    return CheckedDataset(dataset, name)
-
-
 def _sensor(file: Any, place: Any) -> Sensor | None:
     """Read the size of the sensor from ``geometry``, or from ``width`` and ``height``."""
     for item in (place, place.parent, file):
@@ -227,8 +162,6 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
     return Hdf5Source(path, options)
 
 
-def open_sink(path: Path, sensor: Sensor, start_us: int) -> Any:
-    """Open a file for writing; see :class:`edge_vpr.recordings.hdf5_writing.Hdf5Sink`."""
-    from edge_vpr.recordings.hdf5_writing import Hdf5Sink
-
+def open_sink(path: Path, sensor: Sensor, start_us: int) -> Hdf5Sink:
+    """Open a file for writing."""
     return Hdf5Sink(path, sensor, start_us)

@@ -17,7 +17,10 @@ from typing import Any
 import numpy as np
 
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.hdf5 import START, load_h5py
+from edge_vpr.recordings.hdf5_files import load_h5py
+
+#: Attribute with the time t = 0 on the file's own clock, in microseconds.
+START = "edge_vpr_start_us"
 
 _CHUNK_ROWS = 1 << 14
 _ROW = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])

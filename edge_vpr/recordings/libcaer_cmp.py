@@ -23,7 +23,7 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.errors import RecordingError
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 
 _EVENTS_A_WORD = 8
 #: column, row and polarity carry over from packet to packet

@@ -12,8 +12,9 @@ import numpy as np
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.array_stream import ArrayStream
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 #: Text that this package writes behind the last row, where NumPy does not read.

@@ -16,9 +16,10 @@ from edge_vpr.archive import kind_of
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.array_stream import ArrayStream
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.npy import NpySink, array_chunks, column_names
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 #: Version of the layout ``events``, ``sensor`` (width, height), ``start_us``, ``schema``.

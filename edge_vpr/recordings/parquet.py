@@ -8,9 +8,10 @@ from typing import Any
 
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.parquet_pages import read_column_chunks, read_pages
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 _SENSOR, _START = b"edge_vpr.sensor", b"edge_vpr.start_us"

@@ -9,6 +9,7 @@ from typing import Any
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.event_packet import (
     Cursor,
     PacketDecoder,
@@ -17,7 +18,7 @@ from edge_vpr.recordings.event_packet import (
 )
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.rosbag_file import Bag
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 
 #: Message types with one structure for each event, and those with a camera's own words.
 _ARRAYS = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")

@@ -7,33 +7,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import LONGEST_SIDE, Sensor
-
-if TYPE_CHECKING:
-    from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.columns import Columns
+from edge_vpr.recordings.faults import FaultLog
 
 #: Approximate events of one chunk: 64 Ki events are 850 kB, which stay in a core's second-level
 #: cache.
 CHUNK_EVENTS = 1 << 16
-
-
-class Columns(NamedTuple):
-    """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
-
-    Times are whole microseconds of the file's own clock without wraps. They may run backwards, and
-    coordinates may lie off the sensor (or be negative): :mod:`edge_vpr.recordings.faults` handles
-    such events. A column may be a view into a buffer that the next chunk overwrites.
-    """
-
-    t: npt.NDArray[Any]
-    x: npt.NDArray[Any]
-    y: npt.NDArray[Any]
-    p: npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

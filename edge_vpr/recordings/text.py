@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.source import Columns, ReadOptions, Source
+from edge_vpr.recordings.source import ReadOptions, Source
 from edge_vpr.recordings.table import match_columns
 from edge_vpr.recordings.text_kernel import BLANK, FRACTION, GOOD, STRANGE, parse_lines
 

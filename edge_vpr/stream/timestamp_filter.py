@@ -16,7 +16,7 @@ from numba import njit
 
 from edge_vpr.boxed import Box, Boxed
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.health import Health
 
 #: A step forward of up to this is accepted at once.

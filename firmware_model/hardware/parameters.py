@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 from firmware_model.design import Design
-from firmware_model.widths import FRACTION_BITS
+from firmware_model.largest_values import FRACTION_BITS
+from firmware_model.widths import widths_of
 
 #: name of the generated package, and of its file
 PACKAGE = "vpr_design"
@@ -33,7 +34,7 @@ def tables(design: Design) -> tuple[str, ...]:
 
 def match_bits(design: Design) -> int:
     """Return the number of bits of a match's word, as in ``expected_matches.mem``."""
-    bits = {name: form.width for name, form in design.formats.items()}
+    bits = widths_of(design)
     # window, place, sum, has_second, second, second_sum, ties, accepted, trust
     return 32 + 3 * bits["place"] + 2 * bits["sum"] + 2 + bits.get("trust", 0)
 
@@ -50,7 +51,7 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
     dict of str to (str, int)
         SystemVerilog type and value by name, in the order of the core's declaration.
     """
-    bits = {name: form.width for name, form in design.formats.items()}
+    bits = widths_of(design)
     return {
         "HEIGHT": ("int", design.height),
         "PIXELS": ("int", design.pixels),

@@ -13,12 +13,13 @@ from firmware_model.vectors import formats
 from firmware_model.vectors.case import Case, in_order, records
 from firmware_model.vectors.formats import Packing, Table
 from firmware_model.vectors.memory_words import descriptor_words, memory_words
+from firmware_model.widths import widths_of
 
 
 def word_tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
     """Return everything that is written as words, and the fields of these words."""
     design = case.design
-    bits = {name: form.width for name, form in design.formats.items()}
+    bits = widths_of(design)
     time_bits = 32 if design.timestamp_bits <= 32 else 64
     event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
     seen = (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"]))

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from firmware_model.design import Design
+from firmware_model.largest_values import ACTIVITY_BITS, EVENTS_TOP
 from firmware_model.memories import Memories
 from firmware_model.running import ActivityModel
 from firmware_model.vectors.case import Case
@@ -17,7 +18,6 @@ from firmware_model.vectors.event_corners import adaptive_event_cases
 from firmware_model.vectors.evidence_corners import evidence_cases
 from firmware_model.vectors.ram_corners import ram_cases
 from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows
-from firmware_model.widths import ACTIVITY_BITS, EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
 
 

@@ -6,16 +6,16 @@ from collections import Counter
 
 from firmware_model.comparator import MatchResult
 from firmware_model.descriptor import WindowResult
-from firmware_model.machine import Machine
-from firmware_model.place_filter import PAUSE_STEPS, evidence, reciprocal_of_spread
-from firmware_model.running import PAUSE_SHIFT
-from firmware_model.widths import (
+from firmware_model.largest_values import (
     ACTIVITY_BITS,
     EVIDENCE_TOP,
     FRACTION_BITS,
     METRIC_TOP,
     RECIPROCAL_BITS,
 )
+from firmware_model.machine import Machine
+from firmware_model.place_filter import PAUSE_STEPS, evidence, reciprocal_of_spread
+from firmware_model.running import PAUSE_SHIFT
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 #: name of each corner, and what is counted as one occurrence of it

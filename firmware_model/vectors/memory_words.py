@@ -7,6 +7,7 @@ from itertools import chain
 from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.formats import Packing, Table
+from firmware_model.widths import widths_of
 
 #: names of the memories, which are also the names of their files
 MEMORIES = ("displacement", "lookup", "codes", "code_tables", "places")
@@ -25,7 +26,7 @@ def memory_words(memories: Memories) -> dict[str, tuple[Packing, Table]]:
         By the names of `MEMORIES`, in that order.
     """
     design, lookup = memories.design, memories.lookup()
-    bits = {name: form.width for name, form in design.formats.items()}
+    bits = widths_of(design)
     entry = Packing((("slot", bits["slot"]), ("owner", bits["owner"])))
     entries = zip(lookup.slot, lookup.owner, strict=True)
     words = {

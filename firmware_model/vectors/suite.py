@@ -34,6 +34,7 @@ from firmware_model.vectors.manifest import (
 )
 from firmware_model.vectors.memory_words import MEMORIES
 from firmware_model.vectors.random_cases import random_cases
+from firmware_model.widths import widths_of
 
 Suites = Mapping[str, Sequence[Case]]
 
@@ -166,7 +167,7 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         windows=len(done.windows),
         matches=len(done.matches),
         design=case.design,
-        widths={name: form.width for name, form in case.design.formats.items()},
+        widths=widths_of(case.design),
         reference_firmware=firmware,
         words={name: packing.places() for name, (packing, _) in packed.items()},
         coverage=reached,

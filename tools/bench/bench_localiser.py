@@ -10,8 +10,8 @@ from numba import njit
 from table import OURS
 
 from edge_vpr.descriptors.counters import count_events
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.nearest import best_match

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

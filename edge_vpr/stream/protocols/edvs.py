@@ -14,7 +14,7 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.edvs_formats import BITS, STEPS, detect, layout_of
 from edge_vpr.stream.protocols.edvs_steps import StepDecoder, encode_steps
 from edge_vpr.stream.protocols.layout import LayoutDecoder, LayoutEncoder

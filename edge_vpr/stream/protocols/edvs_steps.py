@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.layout import NOTICE_WORDS
 from edge_vpr.stream.protocols.protocol import Decoder
 from edge_vpr.stream.protocols.words import SEARCH_WORDS

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.cobs import Bytes, unstuff
 from edge_vpr.stream.protocols.crc32 import crc32
 from edge_vpr.stream.protocols.evpr_frames import CHECK, HEADER, MAX_STUFFED, VERSION

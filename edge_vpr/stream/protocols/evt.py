@@ -12,8 +12,8 @@ from numba import njit
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.evt_words import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt import Decoder as WordsDecoder
-from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
 from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 from edge_vpr.stream.timestamp_filter import Clock

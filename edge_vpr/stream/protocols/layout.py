@@ -11,7 +11,7 @@ from numba import njit
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.protocol import Encoder, synthetic_events
 from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder, word_at
 from edge_vpr.stream.timestamp_filter import STEP_US, Clock, no_columns

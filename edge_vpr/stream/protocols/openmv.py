@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.openmv_device import CameraEncoder, PushingEncoder
 from edge_vpr.stream.protocols.openmv_host import POLL_S, Session
 from edge_vpr.stream.protocols.openmv_listening import ListeningDecoder, PacketDecoder

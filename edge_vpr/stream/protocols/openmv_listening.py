@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.health import BOUND
 from edge_vpr.stream.protocols.openmv_device import PushingEncoder
 from edge_vpr.stream.protocols.openmv_packets import (

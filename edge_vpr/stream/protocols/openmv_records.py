@@ -10,8 +10,8 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt import Decoder as WordsDecoder
-from edge_vpr.recordings.source import Columns
 from edge_vpr.stream.health import Health
 from edge_vpr.stream.protocols.evt import Evt2Encoder, Evt3Encoder, Evt21Encoder
 from edge_vpr.stream.protocols.protocol import Encoder

@@ -10,7 +10,7 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events, make_events
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.health import UNKNOWN, Health
 from edge_vpr.stream.timestamp_filter import Clock, TimestampFilter
 

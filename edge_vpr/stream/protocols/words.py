@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from edge_vpr.events import Sensor
-from edge_vpr.recordings.source import Columns
+from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.protocol import Decoder
 from edge_vpr.stream.timestamp_filter import Clock
 

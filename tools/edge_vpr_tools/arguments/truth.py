@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from edge_vpr.archive import read_archive
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.errors import GroundTruthError, MapError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.matching.matches import Matches

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
+from edge_vpr.descriptors.descriptors import collect
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import FixedTime, collect
+from edge_vpr.descriptors.windows import FixedTime
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr_tools.energy.intervals import Estimate, interval_of_times

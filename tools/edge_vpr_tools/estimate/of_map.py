@@ -6,8 +6,8 @@ from typing import Literal, TypedDict
 
 import numpy as np
 
+from edge_vpr.descriptors.descriptors import narrow
 from edge_vpr.descriptors.pauses import mean_activity
-from edge_vpr.descriptors.windows import narrow
 from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.design import Design

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from edge_vpr import __version__
 from edge_vpr.confidence import DEFAULT_TABLE, SMOOTHED_TABLE, Confidence
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.rejection import judge_rejection
 from edge_vpr.evaluation.truth_from_tracks import from_tracks

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.matching.matches import Matches

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from edge_vpr.baselines import compare, open_baseline
 from edge_vpr.baselines.selected_pixels import SelectedPixels
+from edge_vpr.descriptors.descriptors import Descriptors, narrow
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import Matches

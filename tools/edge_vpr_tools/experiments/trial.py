@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.baselines import map_all_pixels
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.events import Events, Sensor

@@ -14,7 +14,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from edge_vpr.archive import write_archive
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.matches_csv import write_csv
 from edge_vpr.pipeline import Removed
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.output import results
@@ -44,7 +45,7 @@ def write_match_folder(
     """
     reference.save(folder / results.MAP)
     matches.save(folder / results.MATCHES)
-    matches.save_csv(folder / results.MATCHES_CSV, reference.route)
+    write_csv(folder / results.MATCHES_CSV, matches, reference.route)
     if queries is not None:
         write_archive(folder / results.QUERIES, results.QUERIES_KIND, queries.to_arrays(), {})
     left_out = removed_record(removed, int(reference.hot.sum()))

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.odometry import Odometry
 from edge_vpr.pipeline import EventSource, Removed, WindowSource, describe_query, match_query
