@@ -15,7 +15,7 @@ from edge_vpr_tools.experiments import (
     rivals,
     window_length,
 )
-from edge_vpr_tools.experiments.codes_frontier import Pair
+from edge_vpr_tools.experiments.drive_pairs import Pair
 from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
 
 from edge_vpr.baselines import baseline_names
@@ -109,7 +109,7 @@ def test_an_image_is_shifted_and_what_leaves_is_lost():
 def test_the_mount_shift_is_undone_and_drawn(monkeypatch, tmp_path):
     reference, query = (ShiftedWindows(images, TAU) for images in drives())
     pair = Pair("drives", reference, query, SETTINGS, truth_of)
-    monkeypatch.setattr(mount_shift.codes_frontier, "pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(mount_shift, "pairs", lambda data: iter([pair]))
     monkeypatch.setattr(mount_shift, "SHIFTS", (0, 4))
     text = mount_shift.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000

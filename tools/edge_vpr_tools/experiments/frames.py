@@ -21,12 +21,12 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import simulate_pair
 from edge_vpr_tools.experiments.counted_pairs import (
     LENGTH_M,
-    SIMULATED,
     CountedDrive,
     CountedPair,
     count_simulated,
 )
 from edge_vpr_tools.experiments.frame_drives import FRAMES, FramedPair, framed_pairs
+from edge_vpr_tools.experiments.simulated import SIMULATED
 from edge_vpr_tools.experiments.systems import Result, Results, draw_curves, systems_table
 from edge_vpr_tools.report.style import CYCLE, save
 

@@ -18,15 +18,18 @@ from matplotlib.figure import Figure
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.pipeline import EventSource, WindowSource, map_traverse, match_traverse, register
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr_tools.experiments import codes_frontier
+from edge_vpr_tools.experiments import SOURCES, brisbane
+from edge_vpr_tools.experiments.drive_pairs import check_data, pairs, without_pairs
 from edge_vpr_tools.experiments.trial import Summary, TruthOf, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
-FOLDER = codes_frontier.FOLDER
+__all__ = ["check_data", "run"]
+
 #: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)
 _CODED = {"counter_code": "log"}
@@ -152,12 +155,13 @@ def score(
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Shift the queries of the Speck's drives, and return Markdown tables.
+    """Shift the queries of every pair of drives, and return Markdown tables.
 
     Parameters
     ----------
     data : path
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the drives; see `drive_pairs.pairs`. The published counts of Brisbane, which are
+        no images, are left out.
     seeds : int
         Number of draws of pixels.
     on_start : callable
@@ -166,9 +170,9 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
         Path of the figure.
     """
     parts, drawn = [], {}
-    for pair in codes_frontier.pairs(data):
-        if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
-            continue  # images of only a few locations cannot be shifted
+    for pair in pairs(data):
+        if not pair.has_images:
+            continue  # a few locations cannot be shifted
         on_start(pair.name)
         window_us = pair.settings.tau_us
         images = [counted_images(drive, window_us) for drive in (pair.reference, pair.query)]
@@ -182,6 +186,9 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
         header = ("way", *(f"({shift}, {shift})" for shift in SHIFTS))
         parts.append(markdown_table(header, rows) + "\n")
         parts.append(f"{_off(estimates)}\n")
+    if not drawn:
+        images = (folder for folder in SOURCES if folder != brisbane.FOLDER)
+        raise UsageError(f"no drive with counts at every pixel: {without_pairs(data, [*images])}")
     if figures:
         save(draw(drawn), *figures)
     return "\n".join(parts)

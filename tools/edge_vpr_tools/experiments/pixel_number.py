@@ -20,7 +20,8 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import coded_map, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, absent_data, draws
+from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, draws
+from edge_vpr_tools.experiments.drive_pairs import absent_data
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 
@@ -117,7 +118,7 @@ def run(
     Parameters
     ----------
     data : path, optional
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the recorded drives; see `counted_pairs.recorded_pairs`.
     seeds : int
         Number of simulated pairs, and of draws of pixels.
     on_start : callable

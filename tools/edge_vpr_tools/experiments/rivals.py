@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from edge_vpr.baselines import baseline_names, compare, open_baseline
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr_tools.experiments.counted_pairs import CountedPair, absent_data, draws
+from edge_vpr_tools.experiments.counted_pairs import CountedPair, draws
+from edge_vpr_tools.experiments.drive_pairs import absent_data
 from edge_vpr_tools.experiments.systems import (
     Result,
     Results,
@@ -56,7 +57,7 @@ def run(
     Parameters
     ----------
     data : path, optional
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the recorded drives; see `counted_pairs.recorded_pairs`.
     seeds : int
         Number of simulated pairs, and of draws of pixels.
     on_start : callable
