@@ -10,7 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edge_vpr.datasets.catalogue import BRISBANE_BAGS_PAGE, BRISBANE_PAGE, QCR_PAGE
+from edge_vpr.datasets.catalogue import (
+    BRISBANE_BAGS_PAGE,
+    BRISBANE_PAGE,
+    QCR_PAGE,
+    BrisbaneTraverse,
+)
 from edge_vpr.datasets.published_drives import found_traverses, published_pairs
 from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.errors import UsageError
@@ -175,7 +180,8 @@ def check_logs(data: Path) -> None:
     """
     for traverses in found_traverses(data).values():
         for traverse, path in traverses:
-            traverse.track(path.parent)
+            if isinstance(traverse, BrisbaneTraverse):
+                traverse.track(path.parent)
 
 
 def without_pairs(data: Path | None, folders: Collection[str] = tuple(SOURCES)) -> str:
@@ -250,12 +256,14 @@ def _walks(folder: Path) -> Iterator[Pair]:
 
 def _brisbane(folder: Path) -> Iterator[Pair]:
     names = ("sunset2", "sunset1")
-    drives = [PublishedWindows(folder / f"{name}.npz") for name in names]
+    reference, query = (PublishedWindows(folder / f"{name}.npz") for name in names)
     tracks = Tracks(*(load_nmea(folder / f"{name}.nmea") for name in names))
     truth_of = truth_of_tracks(tracks, brisbane.TOLERANCE_M)
     drawn = brisbane.SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
-    yield Pair("Brisbane", *drives, drawn, truth_of, tracks=tracks)
-    yield Pair("Brisbane", *drives, brisbane.SETTINGS, truth_of, drawn=False, tracks=tracks)
+    yield Pair("Brisbane", reference, query, drawn, truth_of, tracks=tracks)
+    yield Pair(
+        "Brisbane", reference, query, brisbane.SETTINGS, truth_of, drawn=False, tracks=tracks
+    )
 
 
 _STAND_INS = {_INDOOR: _indoor, speck_walks.FOLDER: _walks, brisbane.FOLDER: _brisbane}

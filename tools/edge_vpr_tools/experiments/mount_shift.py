@@ -187,8 +187,8 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
         parts.append(markdown_table(header, rows) + "\n")
         parts.append(f"{_off(estimates)}\n")
     if not drawn:
-        images = (folder for folder in SOURCES if folder != brisbane.FOLDER)
-        raise UsageError(f"no drive with counts at every pixel: {without_pairs(data, [*images])}")
+        folders = [folder for folder in SOURCES if folder != brisbane.FOLDER]
+        raise UsageError(f"no drive with counts at every pixel: {without_pairs(data, folders)}")
     if figures:
         save(draw(drawn), *figures)
     return "\n".join(parts)

@@ -229,7 +229,7 @@ def with_odometry(drives: Mapping[str, Sequence[Counted]]) -> str:
             for row in rows:
                 found = [
                     trial.evaluated(VARIANTS[variant], None, trial.odometry if used else None)
-                    for trial in pairs[row[0]]
+                    for trial in drives[row[0]]
                 ]
                 row.append(
                     f"{Summary([f.precision_at_100_recall for f in found])} / "
@@ -256,7 +256,7 @@ def draw(drives: Mapping[str, Sequence[Counted]]) -> Figure:
         only.remove()
         panels = drawing.subplots(1, len(SWEEPS), sharey=True)
         for axes, (title, values) in zip(panels, SWEEPS.items(), strict=True):
-            for i, (name, trials) in enumerate(pairs.items()):
+            for i, (name, trials) in enumerate(drives.items()):
                 right = [
                     np.mean(
                         [
