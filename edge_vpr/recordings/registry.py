@@ -46,6 +46,7 @@ FORMATS: dict[str, Format] = {
         Format("evt3", "Prophesee RAW EVT 3.0", "evt"),
         Format("dat", "Prophesee DAT", "dat", (".dat",), True),
         Format("aedat4", "iniVation AEDAT 4", "aedat4", (".aedat4",)),
+        Format("aedat3", "cAER AEDAT 3.1", "aedat3"),
         Format("aedat2", "jAER AEDAT 2", "aedat2", (".aedat", ".aedat2")),
         Format("hdf5", "HDF5 (Metavision, DSEC)", "hdf5", (".h5", ".hdf5"), True),
         Format("rosbag1", "ROS 1 bag", "rosbag", (".bag",)),
@@ -182,6 +183,7 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
         (b"SQLite format 3\0", "rosbag2"),
         (b"\x89MCAP0\r\n", "rosbag2"),
         (b"#!AER-DAT4", "aedat4"),
+        (b"#!AER-DAT3.1", "aedat3"),
         (b"#!AER-DAT2", "aedat2"),
         (b"Event Stream", "es"),
     ):
@@ -194,7 +196,7 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
     if head.startswith(b"#!AER-DAT"):
         version = head[9:12].decode("ascii", "replace").strip()
         raise RecordingError(
-            f"{path} is AEDAT {version}, and only 2 and 4 are read: convert it with DV or jAER"
+            f"{path} is AEDAT {version}, and only 2, 3.1 and 4 are read: convert it with DV or jAER"
         )
     return None
 

@@ -27,6 +27,8 @@ from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
 LENGTH_M = 450.0
 #: speeds of the query as multiples of the reference's
 SPEEDS = (0.5, 1.0, 1.7, 2.0, 4.0)
+#: ticks of the figure, in shares of the reference's duration
+DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)
 VARIANTS = tuple(
     Variant(f"{pixels} pixels, fixed {name}", {"pixels": pixels, "window": window})
     for pixels in (25, 150)
@@ -164,7 +166,7 @@ def draw(found: Mapping[str, Row]) -> Figure:
     groups = list(dict.fromkeys(row.group for row in found.values()))
     with figure(4.2 * len(groups) + 1.5, 7.0) as (drawing, only):
         only.remove()
-        panels = drawing.subplots(2, len(groups), squeeze=False, sharex="col")
+        panels = drawing.subplots(2, len(groups), squeeze=False, sharex=True)
         for column, group in enumerate(groups):
             rows = sorted(
                 (row for row in found.values() if row.group == group),
@@ -180,12 +182,12 @@ def draw(found: Mapping[str, Row]) -> Figure:
                            marker="o", ms=3.5)  # fmt: skip
             below.axhline(1.0, color="gray", lw=0.8, linestyle=":")
             above.set(title=group, ylim=(0, 1.03))
-            below.set(xlabel="duration of the query / of the reference", xscale="log")
-            below.set_xticks(across, [f"{share:.2f}" for share in across])
+            below.set(xlabel="duration of the query / of the reference", ylim=(0, None))
+            below.set(xscale="log", xlim=(0.2, 5.0))
+            below.set_xticks(DURATIONS, [f"{share:g}" for share in DURATIONS])
             below.minorticks_off()
-            below.set_ylim(bottom=0)
         panels[0, 0].set_ylabel("P@100R")
-        panels[1, 0].set_ylabel("events of the query / of the reference")
+        panels[1, 0].set_ylabel("events, share of the reference's")
         handles, labels = panels[0, 0].get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside lower center", ncols=2)
     return drawing
