@@ -43,7 +43,7 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "array_checks", "plain_values", "whole_files"),
+    *("errors", "array_checks", "plain_values", "whole_files", "plugins"),
     *("events", "evt_words", "archive", "settings", "boxed"),
     *("confidence", "route", "odometry", "recordings", "descriptors", "map_checks"),
     "reference_map",

@@ -18,7 +18,7 @@ from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import coded_map, describe, map_traverse
 from edge_vpr_tools.experiments.drive_pairs import Pair, check_data, pairs
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 from fixedpoint.codes import packed_bytes
 
 __all__ = ["check_data", "run"]
@@ -132,17 +132,15 @@ def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
         for axes, (pair, scores) in zip(panels.T.flat, found.items(), strict=False):
             for i, name in enumerate(CODES):
                 values = [scores[name, bits] for bits in BITS]
-                axes.errorbar(
+                mean_line(
+                    axes,
                     # shifted a little, so that the spreads can be distinguished
                     [packed_bytes(pixels[pair], bits) * 1.015 ** (i - 2.5) for bits in BITS],
-                    [np.mean(v) for v in values],
-                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    values,
                     color=CYCLE[i],
                     linestyle=DASHES[i % len(DASHES)],
                     lw=1.6,
                     elinewidth=0.8,
-                    marker="o",
-                    ms=3.5,
                     label=name,
                 )
             raw = float(np.mean(scores[RAW]))

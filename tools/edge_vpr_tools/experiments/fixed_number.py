@@ -22,7 +22,7 @@ from edge_vpr.simulate import REFERENCE, simulate_pair
 from edge_vpr_tools.experiments.drive_pairs import absent_events, event_pairs
 from edge_vpr_tools.experiments.simulated import SIMULATED, truth_of_pair
 from edge_vpr_tools.experiments.trial import Summary, TruthOf, Variant, markdown_table, run_trial
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 
 LENGTH_M = 450.0
 #: speeds of the query as multiples of the reference's
@@ -176,10 +176,9 @@ def draw(found: Mapping[str, Row]) -> Figure:
             above, below = panels[:, column]
             for i, variant in enumerate(VARIANTS):
                 values = [row.right[variant.name] for row in rows]
-                above.errorbar(across, *_spread(values), color=CYCLE[i], linestyle=DASHES[i],
-                               marker="o", ms=3.5, label=variant.name)  # fmt: skip
-            below.errorbar(across, *_spread([row.events for row in rows]), color="gray",
-                           marker="o", ms=3.5)  # fmt: skip
+                look = {"color": CYCLE[i], "linestyle": DASHES[i]}
+                mean_line(above, across, values, label=variant.name, **look)
+            mean_line(below, across, [row.events for row in rows], color="gray")
             below.axhline(1.0, color="gray", lw=0.8, linestyle=":")
             above.set(title=group, ylim=(0, 1.03))
             below.set(xlabel="duration of the query / of the reference", ylim=(0, None))
@@ -191,11 +190,3 @@ def draw(found: Mapping[str, Row]) -> Figure:
         handles, labels = panels[0, 0].get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside lower center", ncols=2)
     return drawing
-
-
-def _spread(values: list[list[float]]) -> tuple[list[float], list[float]]:
-    """Return the mean and the sample's standard deviation of each list."""
-    return (
-        [float(np.mean(v)) for v in values],
-        [float(np.std(v, ddof=1)) if len(v) > 1 else 0.0 for v in values],
-    )

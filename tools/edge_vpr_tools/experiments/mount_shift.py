@@ -26,7 +26,7 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.experiments import SOURCES, brisbane
 from edge_vpr_tools.experiments.drive_pairs import check_data, pairs, without_pairs
 from edge_vpr_tools.experiments.trial import Summary, TruthOf, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 
 __all__ = ["check_data", "run"]
 
@@ -212,14 +212,12 @@ def draw(found: dict[str, Scores]) -> Figure:
         for axes, (pair, scores) in zip(panels.flat, found.items(), strict=False):
             for i, way in enumerate(WAYS):
                 values = [scores[way.name, shift] for shift in SHIFTS]
-                axes.errorbar(
+                mean_line(
+                    axes,
                     SHIFTS,
-                    [np.mean(v) for v in values],
-                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    values,
                     color=CYCLE[i // 2],
                     linestyle="-" if way.registered else DASHES[1],
-                    marker="o",
-                    ms=3.5,
                     label=way.name,
                 )
             axes.set(title=pair, xlabel="shift, pixels", ylabel="P@100R", ylim=(0, 1.02))

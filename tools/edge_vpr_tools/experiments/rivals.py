@@ -11,14 +11,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from edge_vpr.baselines import baseline_names, compare, open_baseline
-from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.baselines import baseline_names, open_baseline
 from edge_vpr_tools.experiments.counted_pairs import CountedPair, draws
 from edge_vpr_tools.experiments.drive_pairs import absent_data
 from edge_vpr_tools.experiments.systems import (
     Result,
     Results,
+    compare_systems,
     draw_curves,
     draw_memory,
     systems_table,
@@ -31,18 +30,7 @@ DRAWN = ("paper", "seed-code")
 
 def compare_all(pair: CountedPair, seed: int, names: Sequence[str]) -> dict[str, Result]:
     """Match a pair with every baseline of these names that can be used on its sensor."""
-    truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
-    found = {}
-    for name in names:
-        try:
-            compared = compare(
-                open_baseline(name, seed), pair.reference.images, pair.query.images,
-                pair.query.centre_us, pair.settings,
-            )  # fmt: skip
-        except UsageError:  # the released code's 100 pixels do not fit every sensor
-            continue
-        found[name] = compared, evaluate(compared.matches, truth)
-    return found
+    return compare_systems(pair, ((name, open_baseline(name, seed)) for name in names))
 
 
 def run(

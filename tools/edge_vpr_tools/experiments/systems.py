@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from edge_vpr.baselines import Compared
+from edge_vpr.baselines import Baseline, Compared, compare
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.mean_curve import mean_precision
-from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.evaluation.metrics import Evaluation, evaluate
+from edge_vpr_tools.experiments.counted_pairs import CountedPair
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, name_label
 
@@ -26,6 +28,35 @@ _HEADER = (
     "system", "P@100R", "R@99P", "bytes a place", "operations a match", "describing",
     "matching a query",
 )  # fmt: skip
+
+
+def compare_systems(
+    pair: CountedPair, systems: Iterable[tuple[str, Baseline]]
+) -> dict[str, Result]:
+    """Match a pair with every system that can be used on its sensor.
+
+    Parameters
+    ----------
+    pair : CountedPair
+    systems : iterable of (name, Baseline)
+
+    Returns
+    -------
+    dict of name to (Compared, Evaluation)
+        Without the systems that do not fit: pixels with large surrounds do not fit every sensor.
+    """
+    reference, query = pair.reference, pair.query
+    truth = pair.truth_of(reference.centre_us, query.centre_us)
+    found = {}
+    for name, system in systems:
+        try:
+            compared = compare(
+                system, reference.images, query.images, query.centre_us, pair.settings
+            )
+        except UsageError:
+            continue
+        found[name] = compared, evaluate(compared.matches, truth)
+    return found
 
 
 def systems_table(results: Results, titles: Mapping[str, str]) -> str:

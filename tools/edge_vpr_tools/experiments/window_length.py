@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr.pipeline import EventSource
@@ -22,7 +21,7 @@ from edge_vpr_tools.experiments.trial import (
     markdown_table,
     match_trial,
 )
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 
 #: duration of one window in seconds
 WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -129,14 +128,12 @@ def draw(results: Mapping[str, Found]) -> Figure:
         for axes, (name, found) in zip(panels.flat, results.items(), strict=True):
             for i, span in enumerate(SPANS_S):
                 values = [found[window, span] for window in WINDOWS_S]
-                axes.errorbar(
+                mean_line(
+                    axes,
                     WINDOWS_S,
-                    [np.mean(v) for v in values],
-                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    values,
                     color=CYCLE[i],
                     linestyle=DASHES[i],
-                    marker="o",
-                    ms=3.5,
                     label=f"{span:g} s a match",
                 )
             axes.set_xscale("log")
