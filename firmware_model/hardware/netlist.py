@@ -60,13 +60,17 @@ def netlist_memories(design: Design) -> list[Memory]:
     return sorted([*memories, *registers])
 
 
-def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
+def packed_cells(
+    design: Design, board: Board, written: Path | None = None
+) -> dict[str, tuple[int, int]]:
     """Count the cells of a board design, packed but not placed, and the cells of the FPGA.
 
     Parameters
     ----------
     design : Design
     board : Board
+    written : path, optional
+        JSON file of the packed netlist to be written.
 
     Returns
     -------
@@ -82,4 +86,4 @@ def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
         folder = Path(name)
         write_tables(design, folder)
         synthesize(folder, board)
-        return pack(folder, board)
+        return pack(folder, board, written)
