@@ -13,6 +13,8 @@ from edge_vpr.events import Sensor
 from edge_vpr.recordings.array_stream import ArrayStream
 from edge_vpr.recordings.faults import check_policy
 from edge_vpr.recordings.guard import foreign_errors
+from edge_vpr.recordings.npz import Archive
+from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.recording import Recording
 from edge_vpr.recordings.source import CHUNK_EVENTS, ReadOptions, Source
 
@@ -190,8 +192,6 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
         if head.startswith(magic):
             return name
     if head.startswith(b"% "):
-        from edge_vpr.recordings.prophesee import encoding_of
-
         return encoding_of(head)
     if head.startswith(b"#!AER-DAT"):
         version = head[9:12].decode("ascii", "replace").strip()
@@ -210,8 +210,6 @@ def _dimensions(head: bytes, path: Path) -> int:
 
 
 def _sniff_zip(path: Path) -> str:
-    from edge_vpr.recordings.npz import Archive
-
     with Archive(path) as archive:
         members = set(archive.names)
     if "events" in members or {"t", "x", "y"} <= members:
