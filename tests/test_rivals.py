@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from edge_vpr_tools.experiments import (
+    agreement,
     counted_pairs,
     event_speed,
     mount_shift,
@@ -114,6 +115,10 @@ def test_the_mount_shift_is_undone_and_drawn(monkeypatch, tmp_path):
     text = mount_shift.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
     assert "| counts, registered | 1.000 | 1.000 |" in text
+    # the places of the drives are patterns of 4 x 4 pixels: a shift by 4 shows other pixels
+    every = next(line for line in text.splitlines() if line.startswith("| all pixels, counts"))
+    same, moved = (float(cell) for cell in every.split("|")[2:4])
+    assert same == 1 > moved and "| all pixels, 3-bit logarithms | 1.000 |" in text
     assert "off by at most" in text
 
 
@@ -129,6 +134,33 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
     released = next(line for line in text.splitlines() if line.startswith("| mean"))
     assert released.endswith("| - |")  # 150 circles of 7 pixels do not fit
     assert "| variance |" in text and "| all pixels |  | 1.000 |" in text
+
+
+def test_few_pixels_are_compared_with_all(monkeypatch, tmp_path):
+    pair = counted_pairs.count_pair(
+        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
+    )
+    monkeypatch.setattr(agreement, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(agreement, "NUMBERS", (25, 150))
+    monkeypatch.setattr(agreement, "street", partial(agreement.street, length_m=40, sensor="tiny"))
+    text = agreement.run(tmp_path, 2, lambda name: None, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    streets, recorded = text.split("drives:")
+    assert "| distances, by variance |" in streets
+    # the pixels stand for blocks of 4 x 4, so that every match is the same
+    assert "| same place, by variance | 1.000 ± 0.000 | 1.000 ± 0.000 |" in recorded
+
+
+def test_all_pixels_agree_with_themselves_and_not_with_noise():
+    images, _ = drives(12)
+    rng = np.random.default_rng(1)
+    noise = rng.permutation(images.ravel()).reshape(images.shape)
+    every = images.mean(axis=(1, 2))
+    assert agreement.correlation(every, 3 * every + 1) == pytest.approx(1)
+    assert agreement.correlation(every, -every) == pytest.approx(-1)
+    assert agreement.correlation(every, np.ones(12)) == 0
+    found = agreement.correlation(images.astype(float), noise.astype(float))
+    assert found == pytest.approx(np.corrcoef(images.ravel(), noise.ravel())[0, 1])
 
 
 def test_what_fires_by_the_clock_makes_fewer_events_in_a_faster_drive():

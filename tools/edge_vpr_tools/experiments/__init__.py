@@ -13,6 +13,7 @@ EXPERIMENTS = {
     "rivals": "rivals",
     "frames": "frames",
     "pixel-number": "pixel_number",
+    "agreement": "agreement",
     "event-speed": "event_speed",
     "burst-filters": "burst_filters",
     "window-length": "window_length",

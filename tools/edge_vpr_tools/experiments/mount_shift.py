@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from edge_vpr.baselines import map_all_pixels
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
@@ -24,7 +25,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.pipeline import EventSource, WindowSource, map_traverse, match_traverse, register
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.experiments import SOURCES, brisbane
-from edge_vpr_tools.experiments.drive_pairs import check_data, pairs, without_pairs
+from edge_vpr_tools.experiments.drive_pairs import PAPER, check_data, pairs, without_pairs
 from edge_vpr_tools.experiments.trial import Summary, TruthOf, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 
@@ -41,11 +42,23 @@ _DEFAULT = {
 
 @dataclass(frozen=True)
 class Way:
-    """Way to match a shifted drive."""
+    """Way to match a shifted drive.
+
+    Parameters
+    ----------
+    name : str
+    changes : dict
+        Settings that differ from the pair's.
+    registered : bool
+        Register the query with the map.
+    all_pixels : bool
+        Use every pixel instead of a selection.
+    """
 
     name: str
     changes: dict[str, Any]
     registered: bool = False
+    all_pixels: bool = False
 
 
 WAYS = (
@@ -55,6 +68,11 @@ WAYS = (
     Way("3-bit logarithms, registered", _CODED, True),
     Way("place filter (default)", _DEFAULT),
     Way("place filter, registered", _DEFAULT, True),
+)
+#: ways that draw no pixels, and are therefore matched once, beside the largest number of pixels
+EVERY = (
+    Way("all pixels, counts", {}, all_pixels=True),
+    Way("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
 )
 
 
@@ -131,16 +149,18 @@ def score(
     Returns
     -------
     scores : dict of (way, shift) to list of float
-        P@100R of each draw.
+        P@100R of each draw; of all pixels, one.
     estimates : list of (shift, dx, dy)
         Estimated shifts, with the default's map.
     """
-    scores: Scores = {(way.name, shift): [] for way in WAYS for shift in SHIFTS}
+    scores: Scores = {}
     estimates = []
     for seed in range(seeds):
-        for way in WAYS:
+        for way in (*WAYS, *(EVERY if seed == 0 and settings.pixels == PAPER.pixels else ())):
             chosen = settings.replaced({"seed": seed, **way.changes}, way.name)
             mapped = map_traverse(reference, chosen)
+            if way.all_pixels:
+                mapped = map_all_pixels(reference, chosen, mapped.hot)
             for shift in SHIFTS:
                 query, used = ShiftedWindows(images, reference.window_us, shift, shift), mapped
                 if way.registered:
@@ -150,7 +170,8 @@ def score(
                         estimates.append((shift, found.dx, found.dy))
                 matches, queries = match_traverse(used, query)
                 truth = truth_of(used.places.centre_us, queries.centre_us)
-                scores[way.name, shift].append(evaluate(matches, truth).precision_at_100_recall)
+                right = evaluate(matches, truth).precision_at_100_recall
+                scores.setdefault((way.name, shift), []).append(right)
     return scores, estimates
 
 
@@ -180,7 +201,8 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
         scores, estimates = score(reference, images[1], pair.truth_of, pair.settings, seeds)
         drawn[pair.name] = scores
         rows = [
-            [way.name, *(str(Summary(scores[way.name, shift])) for shift in SHIFTS)] for way in WAYS
+            [way.name, *(str(Summary(scores[way.name, shift])) for shift in SHIFTS)]
+            for way in _matched(scores)
         ]
         parts.append(f"{pair.name}, P@100R at each shift:\n")
         header = ("way", *(f"({shift}, {shift})" for shift in SHIFTS))
@@ -192,6 +214,11 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
     if figures:
         save(draw(drawn), *figures)
     return "\n".join(parts)
+
+
+def _matched(scores: Scores) -> list[Way]:
+    """Return the ways that were matched, in the order of the table."""
+    return [way for way in (*WAYS, *EVERY) if (way.name, SHIFTS[0]) in scores]
 
 
 def _off(estimates: Sequence[tuple[int, int, int]]) -> str:
@@ -210,17 +237,18 @@ def draw(found: dict[str, Scores]) -> Figure:
         only.remove()
         panels = drawing.subplots(rows, 2, squeeze=False)
         for axes, (pair, scores) in zip(panels.flat, found.items(), strict=False):
-            for i, way in enumerate(WAYS):
+            for i, way in enumerate(_matched(scores)):
                 values = [scores[way.name, shift] for shift in SHIFTS]
                 mean_line(
                     axes,
                     SHIFTS,
                     values,
-                    color=CYCLE[i // 2],
-                    linestyle="-" if way.registered else DASHES[1],
+                    color="gray" if way.all_pixels else CYCLE[i // 2],
+                    linestyle="-" if way.registered else DASHES[1 + (way is EVERY[-1])],
                     label=way.name,
                 )
             axes.set(title=pair, xlabel="shift, pixels", ylabel="P@100R", ylim=(0, 1.02))
-        handles, labels = panels[0, 0].get_legend_handles_labels()
+        most = max(panels.flat, key=lambda axes: len(axes.get_legend_handles_labels()[1]))
+        handles, labels = most.get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside lower center", ncols=3)
     return drawing
