@@ -53,7 +53,7 @@ def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_pa
     started = []
     figures = (tmp_path / "figure.png", tmp_path / "figure.pdf")
     text = rivals.run(tmp_path, 2, started.append, *figures, baselines=["all-pixels@1,3"])
-    for figure in ("figure.png", "figure_curves.png"):
+    for figure in ("figure.png", "figure_time.png", "figure_curves.png"):
         assert (tmp_path / figure).stat().st_size > 10_000
     assert (tmp_path / "figure_curves.pdf").is_file()
     assert started[0] == "street 1 of 2" and len(started) == 4

@@ -20,6 +20,7 @@ from edge_vpr_tools.experiments.systems import (
     compare_systems,
     draw_curves,
     draw_memory,
+    draw_time,
     systems_table,
 )
 from edge_vpr_tools.report.style import save
@@ -51,8 +52,9 @@ def run(
     on_start : callable
         Called with a description before each part begins.
     *figures : path
-        Path of the figure of right matches against memory. The curves of precision and recall are
-        written beside it, with ``_curves`` in their names.
+        Path of the figure of right matches against memory. The same against the time of a query,
+        and the curves of precision and recall, are written beside it, with ``_time`` and
+        ``_curves`` in their names.
     baselines : sequence of str
         Baselines in addition to `baseline_names`; see `edge_vpr.baselines.open_baseline`.
     """
@@ -65,6 +67,7 @@ def run(
             results.setdefault(name, []).append(result)
     if figures:
         save(draw(found, titles), *figures)
+        save(draw_time(found, titles), *(p.with_stem(f"{p.stem}_time") for p in figures))
         save(draw_curves(found, titles), *(p.with_stem(f"{p.stem}_curves") for p in figures))
     tables = "\n\n".join(
         f"{pair}:\n\n{systems_table(results, titles)}" for pair, results in found.items()
