@@ -168,6 +168,7 @@ def test_a_lone_traverse_is_no_pair_and_what_to_download_is_said(downloads, tmp_
     with pytest.raises(UsageError, match=says):
         drive_pairs.check_data(tmp_path)
     assert "only Brisbane sunset1" in drive_pairs.absent_data(tmp_path, [])
+    drive_pairs.check_logs(tmp_path)  # of one traverse, no log is needed
     assert "speck_indoor" not in drive_pairs.absent_events(tmp_path, [])
 
 

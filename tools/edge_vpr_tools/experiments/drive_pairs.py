@@ -171,7 +171,7 @@ def check_data(data: Path | None) -> None:
 
 
 def check_logs(data: Path) -> None:
-    """Check that the GPS log of every published traverse in a folder is there.
+    """Check that the GPS log of every published traverse of a pair in a folder is there.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def check_logs(data: Path) -> None:
     """
     for traverses in found_traverses(data).values():
         for traverse, path in traverses:
-            if isinstance(traverse, BrisbaneTraverse):
+            if len(traverses) > 1 and isinstance(traverse, BrisbaneTraverse):
                 traverse.track(path.parent)
 
 
