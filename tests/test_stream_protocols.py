@@ -192,7 +192,7 @@ def test_events_so_rare_that_their_times_say_nothing_are_not_taken_for_a_lost_pl
 )  # fmt: skip
 @pytest.mark.parametrize("device", ["edvs:format=E1", "edvs:format=E3", "edvs:format=E4,sync=0"])
 def test_noise_that_looks_like_a_format_does_not_settle_it_for_good(device, noise):
-    events = dense(4_000 if PLAIN else 20_000)
+    events = dense(20_000)
     sent = encoded(device, events)
     decoder = open_decoder("edvs", SENSOR)
     stated = decoder.resync_bytes
