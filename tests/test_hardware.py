@@ -607,6 +607,25 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
 
 
 @needs_iverilog
+def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
+    """With the events at once behind a reset, and without stalls, it disturbs the first match."""
+    cases = random_cases(mutants.QUICK, np.random.default_rng(1), 1, mutants.QUICK_EVENTS)
+    folder, case = tmp_path / "v", f"quick/{cases[0].name}"
+    write_suites(folder, mutants.QUICK, {"quick": cases}, 1, rtl=True)
+    source = (folder / "rtl" / "vpr_distance.sv").read_text(encoding="ascii")
+    broken = re.sub(r"(distance_valid +<= )1'b0;", r"\1 1'b1;", source)
+    outcomes = []
+    for text in (source, broken):
+        (folder / "rtl" / "vpr_distance.sv").write_text(text, encoding="ascii")
+        program = tmp_path / "core.vvp"
+        simulation.compile_bench(folder / case / f"{PACKAGE}.sv", program, folder / "rtl")
+        options = {"seed": 1, "stall": 0, "resets": mutants.QUICK_RESETS}
+        outcomes.append(returned(folder, case, program, **options))
+    assert outcomes[0] == ""
+    assert "m_match is undefined" in outcomes[1]
+
+
+@needs_iverilog
 def test_a_core_that_stands_still_is_a_fault_after_so_many_clocks(tmp_path):
     """However busy the computer is: a slow simulation of a sound core is none."""
     folder = write_vectors(tmp_path / "v", DESIGN, 3, "random", slice(1))
