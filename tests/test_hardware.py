@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -658,7 +659,28 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
 def test_the_replay_command_makes_its_own_cases(capsys, words, cases):
     """One of many events, or the random cases of random designs."""
     assert replay.main([*words, "--stall", "10"]) == 0
-    assert re.match(rf"{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out)
+    assert re.search(
+        rf"^{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out, re.M
+    )
+
+
+def test_the_replay_command_goes_on_behind_the_first_designs(capsys, monkeypatch):
+    """The others are those that the whole run draws."""
+    held = []
+
+    def hold_suites(design, suites, **given):
+        held.append((design, given["seed"]))
+        return replay.Outcome(Counter(event=5), [], len(suites))
+
+    monkeypatch.setattr(replay, "hold_suites", hold_suites)
+    assert replay.main(["--designs", "3", "--suite", "random"]) == 0
+    whole = held[:]
+    assert replay.main(["--designs", "3", "--suite", "random", "--skip", "1"]) == 0
+    assert held[3:] == whole[1:]
+    assert (
+        "design 3: 0 of 1 cases differ\n2 cases, 0 differ; equal: 10 event"
+        in capsys.readouterr().out
+    )
 
 
 def test_the_replay_command_takes_one_source_of_cases(capsys):

@@ -37,7 +37,7 @@ _SEQUENCES = Design(
 _FILTER = replace(_SEQUENCES, matching="filter", length=1, code="own-mean")
 #: the third has so few bits that codes saturate at both ends, for the cases of own means
 DESIGNS = (_SEQUENCES, _FILTER, replace(_FILTER, code_bits=2))
-#: an event a window, and sums of so many terms that one begun by a reset would end in a match; it is
+#: an event a window, and sums of so many terms that one begun by a reset would end in a match;
 #: replayed without stalls, and with so many resets that some keep the places
 QUICK = Design(
     width=1,
