@@ -34,10 +34,10 @@ def memories(design: Design) -> dict[str, Memory]:
     Returns
     -------
     dict of str to Memory
-        Row displacements and look-up; counters; code tables, and which each counter uses; running
-        means, and those that they begin with; the descriptor that is compared; the places; the
-        distances of the last L windows, or the filter's metrics and, if kept, distances; the delay
-        line of the search.
+        Row displacements and look-up, with its delay line of pixels; counters; code tables, and
+        which each counter uses; running means, and those that they begin with; the descriptor that
+        is compared; the places; the distances of the last L windows, or the filter's metrics and,
+        if kept, distances; the delay line of the search.
     """
     bits = widths_of(design)
     lanes = design.lanes * bits["code"]
@@ -53,6 +53,8 @@ def memories(design: Design) -> dict[str, Memory]:
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
+        # while its entry is read: row of a pixel, whether it is off the sensor, its polarity
+        "pixel_delay": Memory(2, bits["row"] + 2),
         "counts": Memory(design.slots, bits["count"]),
         "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["entry"]),
         # a single table needs no number

@@ -311,7 +311,7 @@ def test_every_pixel_is_counted_as_a_design_is():
     assert counts.window_work(every) == counts.window_work(device)
     assert set(counts.event_work(every, selected=True).traffic) == {"counts"}
     sized = memories(device)
-    look_up = sum(sized[name].bits for name in ("displacement", "lookup"))
+    look_up = sum(sized[name].bits for name in ("displacement", "lookup", "pixel_delay"))
     packed = sum(memory.bits for memory in sized.values()) - look_up
     assert counts.sizes(every).packed_bytes == -(-packed // 8)
     # more than a device may have

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -625,6 +626,25 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
 
 
 @needs_iverilog
+def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
+    """With the events at once behind a reset, and without stalls, it disturbs the first match."""
+    cases = random_cases(mutants.QUICK, np.random.default_rng(1), 1, mutants.QUICK_EVENTS)
+    folder, case = tmp_path / "v", f"quick/{cases[0].name}"
+    write_suites(folder, mutants.QUICK, {"quick": cases}, 1, rtl=True)
+    source = (folder / "rtl" / "vpr_distance.sv").read_text(encoding="ascii")
+    broken = re.sub(r"(distance_valid +<= )1'b0;", r"\1 1'b1;", source)
+    outcomes = []
+    for text in (source, broken):
+        (folder / "rtl" / "vpr_distance.sv").write_text(text, encoding="ascii")
+        program = tmp_path / "core.vvp"
+        simulation.compile_bench(folder / case / f"{PACKAGE}.sv", program, folder / "rtl")
+        options = {"seed": 1, "stall": 0, "resets": mutants.QUICK_RESETS}
+        outcomes.append(returned(folder, case, program, **options))
+    assert outcomes[0] == ""
+    assert "m_match is undefined" in outcomes[1]
+
+
+@needs_iverilog
 def test_a_core_that_stands_still_is_a_fault_after_so_many_clocks(tmp_path):
     """However busy the computer is: a slow simulation of a sound core is none."""
     folder = write_vectors(tmp_path / "v", DESIGN, 3, "random", slice(1))
@@ -657,7 +677,28 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
 def test_the_replay_command_makes_its_own_cases(capsys, words, cases):
     """One of many events, or the random cases of random designs."""
     assert replay.main([*words, "--stall", "10"]) == 0
-    assert re.match(rf"{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out)
+    assert re.search(
+        rf"^{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out, re.M
+    )
+
+
+def test_the_replay_command_goes_on_behind_the_first_designs(capsys, monkeypatch):
+    """The others are those that the whole run draws."""
+    held = []
+
+    def hold_suites(design, suites, **given):
+        held.append((design, given["seed"]))
+        return replay.Outcome(Counter(event=5), [], len(suites))
+
+    monkeypatch.setattr(replay, "hold_suites", hold_suites)
+    assert replay.main(["--designs", "3", "--suite", "random"]) == 0
+    whole = held[:]
+    assert replay.main(["--designs", "3", "--suite", "random", "--skip", "1"]) == 0
+    assert held[3:] == whole[1:]
+    assert (
+        "design 3: 0 of 1 cases differ\n2 cases, 0 differ; equal: 10 event"
+        in capsys.readouterr().out
+    )
 
 
 def test_the_replay_command_takes_one_source_of_cases(capsys):

@@ -10,7 +10,7 @@ import pytest
 from edge_vpr_tools.experiments import (
     brisbane,
     calibration,
-    codes_frontier,
+    drive_pairs,
     speck_walks,
     trust,
 )
@@ -148,9 +148,7 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
 def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(
     shared_data, smooth, right, precision, recall
 ):
-    pair = next(
-        pair for pair in codes_frontier.pairs(shared_data) if pair.name == "Brisbane, 49 px"
-    )
+    pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == "Brisbane, 49 px")
     (case,) = trust.cases(pair, 1)
     case = calibration.with_settings(case, smooth=smooth)
     matches = case.match()

@@ -14,9 +14,6 @@ from firmware_model.hardware.formal import run_yosys
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.report import pack, synthesize, write_tables
 
-#: part of the names of the tables with events that are inside the look-up
-_UNDER_WAY = "pixel_lookup.pixels."
-
 
 def netlist_memories(design: Design) -> list[Memory]:
     """Read the memories of a core from its netlist, before they are mapped to those of an FPGA.
@@ -28,7 +25,7 @@ def netlist_memories(design: Design) -> list[Memory]:
     Returns
     -------
     list of Memory
-        Sorted; registers of the look-up that are stored in a block are not included.
+        Sorted by depth and width.
 
     Raises
     ------
@@ -51,8 +48,8 @@ def netlist_memories(design: Design) -> list[Memory]:
         core = json.loads(found.read_text(encoding="utf-8"))["modules"]["vpr_device"]
     memories = [
         Memory(*(int(cell["parameters"][size], 2) for size in ("SIZE", "WIDTH")))
-        for name, cell in core["cells"].items()
-        if cell["type"].startswith("$mem") and _UNDER_WAY not in name
+        for cell in core["cells"].values()
+        if cell["type"].startswith("$mem")
     ]
     # the delay line of an exclusion of 0 is a register
     registers = [
@@ -63,13 +60,17 @@ def netlist_memories(design: Design) -> list[Memory]:
     return sorted([*memories, *registers])
 
 
-def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
+def packed_cells(
+    design: Design, board: Board, written: Path | None = None
+) -> dict[str, tuple[int, int]]:
     """Count the cells of a board design, packed but not placed, and the cells of the FPGA.
 
     Parameters
     ----------
     design : Design
     board : Board
+    written : path, optional
+        JSON file of the packed netlist to be written.
 
     Returns
     -------
@@ -85,4 +86,4 @@ def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
         folder = Path(name)
         write_tables(design, folder)
         synthesize(folder, board)
-        return pack(folder, board)
+        return pack(folder, board, written)

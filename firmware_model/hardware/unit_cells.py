@@ -20,7 +20,8 @@ from pathlib import Path
 from firmware_model.design import Design
 from firmware_model.errors import ToolError
 from firmware_model.hardware.boards import ICEBREAKER
-from firmware_model.hardware.report import KINDS, pack, synthesize, write_tables
+from firmware_model.hardware.netlist import packed_cells
+from firmware_model.hardware.report import KINDS
 
 #: names for cells of the top itself, and for cells of carry chains without a unit
 TOP, CARRIES = "window's number, busy, board", "ends of carries"
@@ -55,11 +56,9 @@ def unit_cells(design: Design) -> Counter[str]:
         If a tool is missing, or refuses the design.
     """
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        write_tables(design, folder)
-        synthesize(folder, ICEBREAKER)
-        pack(folder, ICEBREAKER, folder / "packed.json")
-        (packed,) = json.loads((folder / "packed.json").read_text("utf-8"))["modules"].values()
+        written = Path(name) / "packed.json"
+        packed_cells(design, ICEBREAKER, written)
+        (packed,) = json.loads(written.read_text(encoding="utf-8"))["modules"].values()
     return Counter(
         unit_of(cell) for cell, found in packed["cells"].items() if found["type"] == "ICESTORM_LC"
     )

@@ -16,7 +16,7 @@ from fixedpoint.codes import packed_bytes
 
 Shapes = Sequence[tuple[int, int]]
 #: memories that tell which pixels are selected
-_LOOKUP = ("displacement", "lookup")
+_LOOKUP = ("displacement", "lookup", "pixel_delay")
 
 
 class EveryPixel(Design):
