@@ -745,6 +745,7 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
         (tmp_path / name).write_text(TOOL.format(log=log), "ascii")
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.chdir(tmp_path)
     DESIGN.save(tmp_path / "d.toml")
     command = ["--design", str(tmp_path / "d.toml"), "--board", "icebreaker"]
     command += ["--keep", str(tmp_path / "rows.json"), "--seeds"]
