@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -197,7 +198,11 @@ def test_an_event_is_taken_in_each_clock(tmp_path, polarity):
 )
 def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
     """Every match of a case, where nothing waits."""
-    folder = write_vectors(tmp_path / "v", design, 1, "random", slice(1))
+    case = standard_suites(design, 1, "random")["random"][0]
+    short = replace(case, events=case.events[:600])
+    assert len(short.trace().matches) > 5
+    folder = tmp_path / "v"
+    write_suites(folder, design, {"random": [short]}, 1, rtl=True)
     ((_, done),) = simulation.replay_vectors(folder, tmp_path)
     assert verify(folder, done.records).differences == []
     assert done.least_cycles == core_cycles(design)
@@ -275,20 +280,17 @@ FAULTS = {
 }
 
 
-def returned(folder, case, program, **options):
+def returned(folder, case, program, results, **options):
     try:
-        done = simulation.replay(program, folder / case, case, folder / "results.csv", **options)
+        done = simulation.replay(program, folder / case, case, results, **options)
     except (ToolError, VectorError) as error:
         return str(error)
     return "".join(verify(folder, done.records).differences)
 
 
-@needs_iverilog
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_of_the_core_is_found(tmp_path, fault):
-    """By one case or another of the suite, under stalls and resets."""
-    name, old, new = FAULTS[fault]
-    folder = tmp_path / "v"
+@pytest.fixture(scope="module")
+def finding(tmp_path_factory):
+    """Vectors of the cases that find the faults, and their names, the shortest first."""
     chosen = {
         "events_by_time",
         "tie_of_two",
@@ -296,19 +298,33 @@ def test_a_fault_of_the_core_is_found(tmp_path, fault):
         "all_places_equal",
         "ratio_at_threshold",
     }
-    cases = [
-        case for case in standard_suites(DESIGN, 3, "corners")["corners"] if case.name in chosen
-    ]
+    suite = standard_suites(DESIGN, 3, "corners")["corners"]
+    cases = [case for case in suite if case.name in chosen]
+    folder = tmp_path_factory.mktemp("finding") / "v"
     write_suites(folder, DESIGN, {"corners": cases}, 3, rtl=True)
+    cases.sort(key=lambda case: len(case.events))
+    return folder, [f"corners/{case.name}" for case in cases]
+
+
+@needs_iverilog
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_of_the_core_is_found(finding, tmp_path, fault):
+    """By one case or another of the suite, under stalls and resets."""
+    name, old, new = FAULTS[fault]
+    folder, cases = finding
     source = (folder / "rtl" / name).read_text(encoding="ascii")
     assert source.count(old) == 1
-    (folder / "rtl" / name).write_text(source.replace(old, new), encoding="ascii")
+    shutil.copytree(folder / "rtl", tmp_path / "rtl")
+    (tmp_path / "rtl" / name).write_text(source.replace(old, new), encoding="ascii")
+    programs: dict[str, Path] = {}
     found = []
     for case in cases:
-        program = tmp_path / "core.vvp"
-        place = f"corners/{case.name}"
-        simulation.compile_bench(folder / place / f"{PACKAGE}.sv", program, folder / "rtl")
-        found.append(returned(folder, place, program, seed=2, stall=40, resets=1))
+        package = folder / case / f"{PACKAGE}.sv"
+        program = programs.setdefault(package.read_text("ascii"), tmp_path / f"{len(programs)}.vvp")
+        if not program.exists():
+            simulation.compile_bench(package, program, tmp_path / "rtl")
+        results = tmp_path / "results.csv"
+        found.append(returned(folder, case, program, results, seed=2, stall=40, resets=1))
         if found[-1]:
             return
     pytest.fail(f"no case found it: {found}")
@@ -458,8 +474,10 @@ def test_a_cell_belongs_to_the_unit_that_its_name_begins_with(cell, unit):
 @needs("yosys", "nextpnr-ice40")
 def test_the_cells_of_all_units_are_those_of_the_report():
     """Each is counted once; the table has the sum."""
-    found = unit_cells.unit_cells(DESIGN)
-    packed = netlist.packed_cells(DESIGN, boards.ICEBREAKER)
+    small = replace(DESIGN, pixels=4, places=6, lanes=1)
+    found = unit_cells.unit_cells(small)
+    assert {"search", "counters", "accept", "spi"} < set(found)
+    packed = netlist.packed_cells(small, boards.ICEBREAKER)
     assert found.total() == packed["logic cells"][0]
     assert f"| all | {found.total():,} |" in unit_cells.to_markdown({"small": found})
 
@@ -494,7 +512,8 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
 @pytest.mark.parametrize(("suite", "name"), [("corners", "tie_of_three"), ("filter", "own_means")])
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, usual events, places and events as bytes in, status and matches out."""
-    cases = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
+    (whole,) = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
+    cases = [replace(whole, events=whole.events[:250])]
     write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
     case = tmp_path / "v" / suite / name
     files = [case / f"{PACKAGE}.sv"]
@@ -512,7 +531,7 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     )
     verdict = verify(tmp_path / "v", read_results(tmp_path / "results.csv"), kinds=("match",))
     assert (verdict.differences, done.stdout) == ([], "")
-    assert verdict.compared["match"] == len(cases[0].trace().matches) > 0
+    assert verdict.compared["match"] == len(cases[0].trace().matches) >= 3
 
 
 @needs_iverilog
@@ -607,6 +626,25 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
 
 
 @needs_iverilog
+def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
+    """With the events at once behind a reset, and without stalls, it disturbs the first match."""
+    cases = random_cases(mutants.QUICK, np.random.default_rng(1), 1, mutants.QUICK_EVENTS)
+    folder, case = tmp_path / "v", f"quick/{cases[0].name}"
+    write_suites(folder, mutants.QUICK, {"quick": cases}, 1, rtl=True)
+    source = (folder / "rtl" / "vpr_distance.sv").read_text(encoding="ascii")
+    broken = re.sub(r"(distance_valid +<= )1'b0;", r"\1 1'b1;", source)
+    outcomes = []
+    for text in (source, broken):
+        (folder / "rtl" / "vpr_distance.sv").write_text(text, encoding="ascii")
+        program = tmp_path / "core.vvp"
+        simulation.compile_bench(folder / case / f"{PACKAGE}.sv", program, folder / "rtl")
+        options = {"seed": 1, "stall": 0, "resets": mutants.QUICK_RESETS}
+        outcomes.append(returned(folder, case, program, **options))
+    assert outcomes[0] == ""
+    assert "m_match is undefined" in outcomes[1]
+
+
+@needs_iverilog
 def test_a_core_that_stands_still_is_a_fault_after_so_many_clocks(tmp_path):
     """However busy the computer is: a slow simulation of a sound core is none."""
     folder = write_vectors(tmp_path / "v", DESIGN, 3, "random", slice(1))
@@ -639,7 +677,28 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
 def test_the_replay_command_makes_its_own_cases(capsys, words, cases):
     """One of many events, or the random cases of random designs."""
     assert replay.main([*words, "--stall", "10"]) == 0
-    assert re.match(rf"{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out)
+    assert re.search(
+        rf"^{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out, re.M
+    )
+
+
+def test_the_replay_command_goes_on_behind_the_first_designs(capsys, monkeypatch):
+    """The others are those that the whole run draws."""
+    held = []
+
+    def hold_suites(design, suites, **given):
+        held.append((design, given["seed"]))
+        return replay.Outcome(Counter(event=5), [], len(suites))
+
+    monkeypatch.setattr(replay, "hold_suites", hold_suites)
+    assert replay.main(["--designs", "3", "--suite", "random"]) == 0
+    whole = held[:]
+    assert replay.main(["--designs", "3", "--suite", "random", "--skip", "1"]) == 0
+    assert held[3:] == whole[1:]
+    assert (
+        "design 3: 0 of 1 cases differ\n2 cases, 0 differ; equal: 10 event"
+        in capsys.readouterr().out
+    )
 
 
 def test_the_replay_command_takes_one_source_of_cases(capsys):
@@ -686,6 +745,7 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
         (tmp_path / name).write_text(TOOL.format(log=log), "ascii")
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.chdir(tmp_path)
     DESIGN.save(tmp_path / "d.toml")
     command = ["--design", str(tmp_path / "d.toml"), "--board", "icebreaker"]
     command += ["--keep", str(tmp_path / "rows.json"), "--seeds"]

@@ -1,8 +1,8 @@
 """Generated faults of the core: ``python -m firmware_model.hardware.mutants``.
 
 Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
-a design with sequences, and of one with the place filter and own-mean codes, are replayed with
-stalls and a reset until a case finds the mutant. The command lists the mutants that no case finds.
+designs with sequences, and of some with the place filter and own-mean codes, are replayed with
+stalls and resets until a case finds the mutant. The command lists the mutants that no case finds.
 It needs Icarus Verilog.
 """
 
@@ -24,6 +24,7 @@ from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation, sources
 from firmware_model.hardware.parameters import PACKAGE
+from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import verify
 
@@ -36,6 +37,20 @@ _SEQUENCES = Design(
 _FILTER = replace(_SEQUENCES, matching="filter", length=1, code="own-mean")
 #: the third has so few bits that codes saturate at both ends, for the cases of own means
 DESIGNS = (_SEQUENCES, _FILTER, replace(_FILTER, code_bits=2))
+#: an event a window, and sums of so many terms that one begun by a reset would end in a match;
+#: replayed without stalls, and with so many resets that some keep the places
+QUICK = Design(
+    width=1,
+    height=1,
+    pixels=1,
+    places=19,
+    length=16,
+    full_scales=(3,),
+    window="count",
+    window_events=1,
+    lanes=1,
+)
+QUICK_EVENTS, QUICK_RESETS = 150, 6
 #: cases that find most mutants come first
 FIRST = (
     *("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time"),
@@ -119,7 +134,7 @@ def all_mutants() -> list[Mutant]:
 
 
 class Bench:
-    """Vectors of `DESIGNS` in a folder, with which mutants of the sources are tested.
+    """Vectors of `DESIGNS` and `QUICK` in a folder, with which mutants of the sources are tested.
 
     Parameters
     ----------
@@ -159,6 +174,11 @@ class Bench:
             write_suites(vectors, design, suites, seed, rtl=True)
             names = (f"{suite}/{case.name}" for suite, cases in suites.items() for case in cases)
             self.cases += [(vectors, name) for name in names]
+        self._quick = folder / "quick"
+        quick = random_cases(QUICK, np.random.default_rng(seed), 1, QUICK_EVENTS)
+        if only is None or quick[0].name in only:
+            write_suites(self._quick, QUICK, {"quick": quick}, seed, rtl=True)
+            self.cases.append((self._quick, f"quick/{quick[0].name}"))
         self.cases.sort(key=lambda case: case[1].partition("/")[2] not in FIRST)
 
     def found_by(self, mutant: Mutant | None) -> str | None:
@@ -192,8 +212,8 @@ class Bench:
                 name,
                 self._work / "results.csv",
                 seed=self._seed,
-                stall=30,
-                resets=1,
+                stall=0 if vectors == self._quick else 30,
+                resets=QUICK_RESETS if vectors == self._quick else 1,
                 seconds=LIMIT,
             )
             return not verify(vectors, done.records).differences

@@ -11,7 +11,7 @@ import argparse
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,6 +47,14 @@ class Outcome(NamedTuple):
     differences: list[str]
     cases: int
 
+    def with_more(self, other: Outcome) -> Outcome:
+        """Return the sum of this and another outcome."""
+        return Outcome(
+            self.equal + other.equal,
+            self.differences + other.differences,
+            self.cases + other.cases,
+        )
+
 
 def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
     """Replay all cases of a folder of vectors, and compare the results.
@@ -73,8 +81,8 @@ def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
 
 
 def hold_random_designs(
-    number: int, *, seed: int, stall: int, resets: int, only: str | None = None
-) -> Outcome:
+    number: int, *, seed: int, stall: int, resets: int, only: str | None = None, skip: int = 0
+) -> Iterator[Outcome]:
     """Replay the cases of random designs.
 
     Parameters
@@ -87,23 +95,23 @@ def hold_random_designs(
         Same as for `hold`.
     only : str, optional
         Name of a suite; by default all suites.
+    skip : int
+        Number of designs that are drawn but not replayed, to continue a run that was ended.
 
-    Returns
-    -------
+    Yields
+    ------
     Outcome
-        Sum of all designs.
+        Of each design that is replayed.
     """
     rng = np.random.default_rng(seed)
-    total = Outcome(Counter(), [], 0)
     for at in range(number):
         # every other design has the place filter, own-mean codes, or both
         design = random_adaptive_design(rng) if at % 2 else random_design(rng)
+        if at < skip:
+            continue
         suites = standard_suites(design, seed + at, only)
         outcome = hold_suites(design, suites, seed=seed + at, stall=stall, resets=resets)
-        total.equal.update(outcome.equal)
-        total.differences.extend(f"{line} ({design})" for line in outcome.differences)
-        total = total._replace(cases=total.cases + outcome.cases)
-    return total
+        yield outcome._replace(differences=[f"{it} ({design})" for it in outcome.differences])
 
 
 def hold_suites(design: Design, suites: Suites, *, seed: int, stall: int, resets: int) -> Outcome:
@@ -136,6 +144,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("vectors", nargs="?", type=Path, help="folder of vectors")
     parser.add_argument("--designs", type=int, default=0, metavar="N", help="random designs")
+    parser.add_argument("--skip", type=int, default=0, metavar="N", help="of those, the first N")
     parser.add_argument("--suite", metavar="NAME", help="of the random designs, one alone")
     parser.add_argument("--events", type=int, default=0, metavar="N", help="one long case")
     parser.add_argument("--seed", type=int, default=1)
@@ -149,7 +158,13 @@ def main(words: Sequence[str] | None = None) -> int:
         if args.vectors is not None:
             outcome = hold(args.vectors, **given)
         elif args.designs:
-            outcome = hold_random_designs(args.designs, only=args.suite, **given)
+            outcome = Outcome(Counter(), [], 0)
+            found = hold_random_designs(args.designs, only=args.suite, skip=args.skip, **given)
+            for at, one in enumerate(found, args.skip + 1):
+                outcome = outcome.with_more(one)
+                print(
+                    f"design {at}: {len(one.differences)} of {one.cases} cases differ", flush=True
+                )
         else:
             outcome = hold_many_events(args.events, **given)
     except (ToolError, VectorError) as error:

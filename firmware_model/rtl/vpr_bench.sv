@@ -75,7 +75,7 @@ module vpr_bench;
 
     integer events_file, places_file, scanned, out;
     integer events_given, idle_clocks, stuck_clocks, restart_at;
-    logic   event_there, place_there, running;
+    logic   event_there, place_there, loaded, running;
 
     task automatic restart;
         begin
@@ -107,7 +107,12 @@ module vpr_bench;
             start_activity = 'x;
             running = 1'b1;
             next_event;
-            next_place;
+            // places stay, and need not come again
+            if (loaded && chance(50)) place_there = 1'b0;
+            else begin
+                loaded = 1'b0;
+                next_place;
+            end
         end
     endtask
 
@@ -156,6 +161,7 @@ module vpr_bench;
         out = 0;
         restart_at = 0;
         running = 1'b0;
+        loaded = 1'b0;
         repeat (2) @(negedge clk);
         restart;
         restart_at = 20 + $unsigned($random(seed)) % 400;
@@ -165,7 +171,10 @@ module vpr_bench;
                 events_given = events_given + 1;
                 next_event;
             end
-            if (place_taken) next_place;
+            if (place_taken) begin
+                next_place;
+                loaded = !place_there;
+            end
             // the places first: a match with part of a map has no meaning
             if (event_there && !place_there && !s_event_tvalid && !chance(stall)) begin
                 s_event_tvalid = 1'b1;
