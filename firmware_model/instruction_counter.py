@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import carray, cfunc, types
+from numba import carray, cfunc, types  # type: ignore[attr-defined]
 
 from firmware_model.errors import ToolError
 
@@ -78,8 +78,8 @@ def _callback() -> Any:
     from unicorn.unicorn_py3.unicorn import uclib
 
     prototype = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
-    read = prototype(ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p).value)
-    counts = types.CPointer(types.int64)
+    read = prototype(ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p).value or 0)
+    counts = types.CPointer(types.int64)  # type: ignore[no-untyped-call]
 
     @cfunc(types.void(types.voidptr, types.uint64, types.uint32, counts))
     def step(uc: Any, _address: Any, _size: Any, shared: Any) -> None:

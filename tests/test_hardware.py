@@ -476,7 +476,7 @@ def test_the_cells_of_all_units_are_those_of_the_report():
     """Each is counted once; the table has the sum."""
     small = replace(DESIGN, pixels=4, places=6, lanes=1)
     found = unit_cells.unit_cells(small)
-    assert {"search", "counters", "accept", "spi"} < set(found)
+    assert {"search", "sequence_sums", "events: counters", "accept", "spi"} < set(found)
     packed = netlist.packed_cells(small, boards.ICEBREAKER)
     assert found.total() == packed["logic cells"][0]
     assert f"| all | {found.total():,} |" in unit_cells.to_markdown({"small": found})
