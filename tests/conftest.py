@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import pty
 from pathlib import Path
 
 import pytest
+import serial
 from hypothesis import HealthCheck, settings
 
 # A kernel's first call compiles it: no test of a property is about time.
@@ -33,3 +36,18 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"real data is not at {SHARED_DATA}")
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def any_baud() -> None:
+    """Skip where serial ports take the usual rates only, as on a processor that qemu emulates."""
+    master, port = pty.openpty()
+    try:
+        serial.Serial(os.ttyname(port), 12_000_000).close()
+    except ValueError as error:
+        if not isinstance(error.__context__, OSError) or error.__context__.errno != errno.ENOSYS:
+            raise
+        pytest.skip(f"no system call for other than the usual baud rates: {error}")
+    finally:
+        os.close(master)
+        os.close(port)

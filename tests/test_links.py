@@ -282,7 +282,7 @@ def test_a_link_that_cannot_be_opened_is_one_line(tmp_path):
         open_link("tcp://somewhere")
 
 
-def test_a_serial_port_is_read_in_whole_pieces_and_ends_when_its_other_side_does():
+def test_a_serial_port_is_read_in_whole_pieces_and_ends_when_its_other_side_does(any_baud):
     device = open_device_link("virtual")
     host = open_link(device.address, baud=12_000_000)
     assert isinstance(host, SerialLink)

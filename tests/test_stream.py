@@ -109,7 +109,9 @@ def rows_of(path, kind):
         ("tcp://127.0.0.1:0", "evt2"),
     ],
 )
-def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp_path):
+def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp_path, request):
+    if port == "virtual":
+        request.getfixturevalue("any_baud")
     bridge, address, thread = bridge_thread(port, protocol, drive)
     host = protocol.partition(":")[0]
     log, raw, events = tmp_path / "run.jsonl", tmp_path / "raw.bin", tmp_path / "events.npz"
@@ -636,7 +638,7 @@ def sent_all(link, data):
         assert time.monotonic() < end
 
 
-def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(drive, tmp_path):
+def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(drive, tmp_path, any_baud):
     events = np.concatenate(list(open_recording(drive / "query.npz")))
     before, meanwhile, after = np.split(events, [15_000, 25_000])
 
