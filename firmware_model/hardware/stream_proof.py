@@ -171,7 +171,7 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
         "settled;",
     ),
     "the last sum of a window is not recognised": (
-        core_claim("PATIENCE", _BY_TIME),
+        core_claim("PATIENCE", _BY_COUNT),
         "vpr_sequence.sv",
         "sum_last = place == PLACE_BITS'(PLACES - 1);",
         "sum_last = 1'b0;",
