@@ -69,7 +69,7 @@ def build(
     target : Target
         For the host, a program; for the others, an image of all functions.
     folder : path
-        Where the result and the compiler's cache go.
+        Where the result goes, and the compiler's cache unless ``ZIG_LOCAL_CACHE_DIR`` is set.
     sources : path
         Folder of the C files.
     files : sequence of str
@@ -116,7 +116,7 @@ def build(
         *options,
     ]
     command += [str(sources / file) for file in files] + ["-o", str(out)]
-    environment = os.environ | {"ZIG_LOCAL_CACHE_DIR": str(folder / "zig")}
+    environment = {"ZIG_LOCAL_CACHE_DIR": str(folder / "zig")} | os.environ
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     if done.returncode:
         raise ToolError(f"the firmware does not compile for {target.name}: {done.stderr.strip()}")

@@ -70,6 +70,7 @@ class DescriptorModel:
         self.design = memories.design
         self.memories = memories
         self.lookup = memories.lookup()
+        self._count_max = self.design.count_max
         self._period = 1 << self.design.timestamp_bits
         self.counts = [0] * self.design.slots
         self.start = start % self._period
@@ -115,7 +116,7 @@ class DescriptorModel:
                 yield from self._end_window()
         slot = self.slot(event)
         if slot is not None:
-            self.counts[slot] = min(self.counts[slot] + 1, design.count_max)
+            self.counts[slot] = min(self.counts[slot] + 1, self._count_max)
             self.counted += 1
         count = 0 if slot is None else self.counts[slot]
         self.events += 1

@@ -209,7 +209,7 @@ class Design(DesignFile):
         """Number of counters, and of codes in a descriptor: J, or 2 J with separate polarities."""
         return self.pixels * (2 if self.polarity else 1)
 
-    @property
+    @cached_property
     def count_max(self) -> int:
         """Count at which a counter saturates."""
         return max(self.full_scales)

@@ -13,6 +13,7 @@ from typing import Any
 
 from firmware_model.build import Target
 from firmware_model.errors import ToolError
+from firmware_model.instruction_counter import InstructionCounter
 
 # addresses of data, outside those of the firmware, in the regions that Cortex-M uses for memory and
 # not for devices
@@ -20,6 +21,7 @@ _STACK = 0x2000_0000
 _STACK_BYTES = 0x1_0000
 _RETURN = 0x3000_0000
 _HEAP = 0x6000_0000
+_OUT = 0x9000_0000
 _PAGE = 0x1_0000
 
 #: largest number of words of results
@@ -81,7 +83,9 @@ class Emulator:
         for start, size in ((_STACK, _STACK_BYTES), (_RETURN, _PAGE)):
             self._uc.mem_map(start, size)
         self._free = self._mapped = _HEAP
+        self._written: int | None = None
         self.instructions = self.stack = 0
+        self._counted: InstructionCounter | None = None
         self.patience_s = 120.0
 
     def _load(self, address: int, size: int, data: bytes) -> None:
@@ -119,7 +123,7 @@ class Emulator:
         function : str
         *arguments : int
         count : bool
-            Count `instructions` and `stack`; much slower.
+            Count `instructions` and `stack`. From the first counted call on, all calls are slower.
 
         Returns
         -------
@@ -137,29 +141,23 @@ class Emulator:
             raise ToolError(f"the firmware has no function {function}")
         address = self.symbols[function][0]
         stack = self._pass(arguments)
-        hook = None
-        if count:
-            self.instructions = self.stack = 0
-            # code that was translated without counting would not be counted later
-            self._uc.ctl_flush_tb()
-            hook = self._uc.hook_add(unicorn.UC_HOOK_CODE, self._step, stack)
+        if count and self._counted is None:
+            self._counted = InstructionCounter(self._uc, self._special()[0])
+        if self._counted is not None:
+            self._counted.restart(stack)
         try:
             self._uc.emu_start(address, _RETURN, timeout=int(self.patience_s * 1e6))
         except unicorn.UcError as error:  # type: ignore[attr-defined]
             raise ToolError(f"{function} on {self.target.name}: {error}") from error
-        finally:
-            if hook is not None:
-                self._uc.hook_del(hook)
         if self._uc.reg_read(self._counter()) & ~1 != _RETURN:
             raise ToolError(
                 f"{function} on {self.target.name} has not returned after {self.patience_s} s: it "
                 "loops for ever, or patience_s is too little"
             )
+        if count and self._counted is not None:
+            self.instructions = self._counted.instructions
+            self.stack = stack - self._counted.lowest
         return int(self._uc.reg_read(self._registers()[0])) & 0xFFFF_FFFF
-
-    def _step(self, uc: Any, _address: int, _size: int, stack: int) -> None:
-        self.instructions += 1
-        self.stack = max(self.stack, stack - uc.reg_read(self._special()[0]))
 
     def _registers(self) -> list[int]:
         from unicorn import arm64_const, arm_const
@@ -199,7 +197,13 @@ class Emulator:
         return stack
 
     def replay(
-        self, image: bytes, events: bytes, start: int, ram_bytes: int, batch: int = 1
+        self,
+        image: bytes,
+        events: bytes,
+        start: int,
+        ram_bytes: int,
+        batch: int = 1,
+        out_words: int = OUT_WORDS,
     ) -> bytes:
         """Run a case, as ``c/replay.c`` does.
 
@@ -214,6 +218,8 @@ class Emulator:
         ram_bytes : int
         batch : int
             Events that are handed over at a time; their records are written only one by one.
+        out_words : int
+            Words of results, at most `OUT_WORDS`; if they do not suffice, the run ends as refused.
 
         Returns
         -------
@@ -229,12 +235,26 @@ class Emulator:
         # not zeros, to detect reads of memory that the firmware has not written
         ram = self.put(b"\xa5" * ram_bytes)
         image_at, events_at = self.put(image), self.put(events)
-        out = self.put(bytes(OUT_WORDS * 4))
         stimulus = (image_at, len(image), events_at, len(events) // 8, batch, start)
-        words = self.call("vpr_replay", *stimulus, ram, ram_bytes, out, OUT_WORDS)
+        self._clear_results()
+        words = self.call("vpr_replay", *stimulus, ram, ram_bytes, _OUT, out_words)
+        self._written = words * 4 if words <= OUT_WORDS else None
         if words == 0:
-            raise ToolError(f"the firmware on {self.target.name} refuses the image or the RAM")
-        return self.get(out, words * 4)
+            raise ToolError(
+                f"the firmware on {self.target.name} refuses the image or the RAM, or has more "
+                f"results than {out_words} words"
+            )
+        return self.get(_OUT, words * 4)
+
+    def _clear_results(self) -> None:
+        """Clear what the last replay has written: all, if it did not say how much."""
+        if self._written is None:
+            if any(low == _OUT for low, _, _ in self._uc.mem_regions()):
+                self._uc.mem_unmap(_OUT, OUT_WORDS * 4)
+            self._uc.mem_map(_OUT, OUT_WORDS * 4)
+        else:
+            self._uc.mem_write(_OUT, bytes(self._written))
+        self._written = None
 
 
 def _processor(unicorn: Any, target: Target) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,14 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 settings.load_profile("edge-vpr")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let all workers and runs share what Zig has compiled, which it finds by its content."""
+    if config.pluginmanager.hasplugin("cacheprovider"):
+        cache = config.cache.mkdir("zig")  # type: ignore[union-attr]
+        os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", str(cache))
+
 
 SHARED_DATA = Path(__file__).parents[1].parent / "shared" / "data"
 

@@ -22,6 +22,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -80,9 +81,7 @@ def run(inputs: int, seed: int, *, tell: bool = False) -> Result:
         for kind, paths in files.items():
             for path in paths:  # kernels are compiled before the children inherit them
                 assert outcome(kind, path), f"an original {kind} is refused: {path}"
-        for variant in VARIANTS:
-            for largest in (3, 300, 70_000, 2**31 - 1):  # counts of each width
-                check_loaded_map(map_of(variant, np.random.default_rng(1), largest))
+        _compile_kernels()
         result = Result(Counter(), Counter(), [], 0)
         first = told = 0
         while first < inputs:
@@ -100,6 +99,14 @@ def run(inputs: int, seed: int, *, tell: bool = False) -> Result:
                 else:
                     (result.accepted if what == "accepted" else result.refused)[rest] += 1
         return result
+
+
+@cache
+def _compile_kernels() -> None:
+    """Compile the kernels of all maps, once in this process, for the children to inherit."""
+    for variant in VARIANTS:
+        for largest in (3, 300, 70_000, 2**31 - 1):  # counts of each width
+            check_loaded_map(map_of(variant, np.random.default_rng(1), largest))
 
 
 def _child(

@@ -76,6 +76,8 @@ def write_seeds(folder: Path) -> None:
     (folder / "davis.aedat").write_bytes(files.aedat2("DAVIS240C", davis))
     dvs = [(c << 8 | b << 1 | d, a) for a, b, c, d in rows]
     (folder / "dvs128.aedat").write_bytes(files.aedat2("DVS128", dvs))
+    packets = [files.aedat3_polarity(rows[i : i + 100]) for i in range(0, n, 100)]
+    (folder / "caer.aedat").write_bytes(files.aedat3(*packets))
     for kind, name in ((0, "plain"), (1, "lz4"), (3, "zstd")):
         packets = [files.aedat4_packet(0, rows[i : i + 100], kind) for i in range(0, n, 100)]
         data = files.aedat4_header((0, "events", *SENSOR), compression=kind) + b"".join(packets)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 
 Event = tuple[int, int, int, bool]
@@ -110,6 +111,7 @@ def hot_pixels(totals: Matrix, factor: int) -> list[Pixel]:
     return found
 
 
+@cache  # powers of a thousand digits
 def counter_code(kind: str, bits: int, full_scale: int, count: int) -> int:
     """Code of a count, the nearest, from the middle up; compared in integers alone."""
     top, c = min(2**bits - 1, full_scale), min(count, full_scale)
@@ -298,6 +300,7 @@ def online_match(
     return best + length - 1, sums[best], second + length - 1, sums[second]
 
 
+@cache
 def log_level(count: int) -> int:
     """``round(256 log2(1 + count))``, decided in integers: 2**(2r-1) <= (1+count)**512."""
     level = round(256 * math.log2(1 + count))

@@ -97,6 +97,51 @@ def aedat2(chip: str, addresses: list[tuple[int, int]]) -> bytes:
     return header + b"".join(struct.pack(">II", address, t) for address, t in addresses)
 
 
+def aedat2_sample(x: int, up: int, kind: int, value: int) -> int:
+    """Address of a sample of a DAVIS; `up`: row from below, `kind`: 0 for reset, 1 for signal."""
+    return 1 << 31 | up << 22 | x << 12 | kind << 10 | value
+
+
+def aedat3(*packets: bytes, sources: str = "#Source 0: DAVIS240C", form: str = "RAW") -> bytes:
+    """AEDAT 3.1 file of finished packets."""
+    lines = ("#!AER-DAT3.1", f"#Format: {form}", sources, "#Start-Time: 2016-06-07", "#!END-HEADER")
+    return "".join(f"{line}\r\n" for line in lines).encode() + b"".join(packets)
+
+
+def aedat3_packet(
+    kind: int, events: list[bytes], time_at: int, wraps: int = 0, source: int = 0
+) -> bytes:
+    """Packet of events of one size."""
+    n, size = len(events), len(events[0]) if events else 8
+    return struct.pack("<hhiiiiii", kind, source, size, time_at, wraps, n, n, n) + b"".join(events)
+
+
+def aedat3_polarity(
+    events: list[Event], wraps: int = 0, valid: bool = True, source: int = 0
+) -> bytes:
+    """Packet of polarity events; times without their wraps."""
+    words = [struct.pack("<Ii", x << 17 | y << 2 | p << 1 | valid, t) for t, x, y, p in events]
+    return aedat3_packet(1, words, 4, wraps, source)
+
+
+def aedat3_frame(
+    exposure: tuple[int, int],
+    pixels: np.ndarray,
+    *,
+    position: tuple[int, int] = (0, 0),
+    roi: int = 0,
+    valid: bool = True,
+    spare: int = 0,
+) -> bytes:
+    """Frame event of 16-bit pixels, grey or RGB(A), with room for more pixels behind them."""
+    height, width = pixels.shape[:2]
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    begin, end = exposure
+    info = roi << 8 | channels << 1 | valid
+    head = struct.pack("<I8i", info, begin - 9, end + 9, begin, end, width, height, *position)
+    return head + pixels.astype("<u2").tobytes() + bytes(2 * spare)
+
+
 def event_array(events: list[Event], width: int, height: int, ros: int) -> bytes:
     """`dvs_msgs/EventArray`, serialised; the events' times are microseconds since 1970."""
     out = bytearray()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from edge_vpr_tools.experiments import codes_frontier
-from edge_vpr_tools.experiments.codes_frontier import BITS, CODES, RAW, draw, pairs, score
+from edge_vpr_tools.experiments.codes_frontier import BITS, CODES, RAW, draw, score
+from edge_vpr_tools.experiments.drive_pairs import pairs, without_pairs
 
 from edge_vpr.errors import UsageError
+from edge_vpr.settings import PRESETS
 
 VARIANTS = {
     RAW: {"counter_code": "linear", "counter_bits": 8},
@@ -71,15 +73,20 @@ def test_the_figure_and_the_tables_show_every_code_and_pair(monkeypatch, tmp_pat
 class _Named:
     def __init__(self, name):
         self.name = name
-        self.settings = codes_frontier.PRESETS["tiny"]
+        self.settings = PRESETS["tiny"]
 
 
 PAIRS = [_Named(f"pair {i}") for i in range(6)]
 
 
 def test_pairs_are_those_whose_folders_are_there(tmp_path):
-    with pytest.raises(UsageError, match="none of the folders brisbane_sparse49: event"):
+    with pytest.raises(
+        UsageError, match=r"holds no pair: name a folder .* brisbane_sparse49: event"
+    ):
         list(pairs(tmp_path))
+    with pytest.raises(UsageError, match="no folder was given with --data: name a folder"):
+        list(pairs(None))
+    assert without_pairs(None, ["speck_walks"]).count("speck_") == 1
     assert list(pairs(tmp_path, needed=False)) == []
     (tmp_path / "speck_indoor").mkdir()
     for name in ("reference", "query"):

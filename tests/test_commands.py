@@ -9,7 +9,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES, event_speed, rivals
+from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY, event_speed, rivals
 from edge_vpr_tools.report.style import figure, save
 from streams import random_events
 
@@ -249,9 +249,16 @@ def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
     folder = getattr(
         import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}"), "FOLDER", None
     )
+    arguments = ("experiment", name, "--data", tmp_path)
     if folder is not None:
-        arguments = ("experiment", name, "--data", tmp_path)
         refused(capsys, *arguments, code=2, says=SOURCES[folder])
+    elif name in STREETS_ONLY:
+        others = f"or compare recorded drives by {STREETS_ONLY[name]}"
+        refused(capsys, *arguments, code=2, says=others)
+    elif hasattr(import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}"), "check_data"):
+        refused(capsys, *arguments, code=2, says="https://zenodo.org/records/10494919")
+    arguments = ("experiment", name, "--data", tmp_path / "none")
+    refused(capsys, *arguments, code=2, says="none is not a folder: name the one that holds")
 
 
 def test_experiments_are_put_into_one_page(capsys, tmp_path, monkeypatch):

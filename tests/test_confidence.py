@@ -274,4 +274,4 @@ def test_the_experiment_of_trust_draws_its_figure(tmp_path, capsys):
     """The documented command is not refused for its --figure, but for the missing data."""
     figure = str(tmp_path / "reliability.png")
     assert main(["experiment", "trust", "--data", str(tmp_path), "--figure", figure]) == 2
-    assert "reads the folder speck_indoor" in capsys.readouterr().err
+    assert "holds no pair: name a folder with two traverses" in capsys.readouterr().err

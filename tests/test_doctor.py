@@ -49,6 +49,16 @@ def test_an_extra_whose_library_is_missing_is_absent_and_told_with_its_command(m
     assert sum(finding.state == "absent" for finding in found.values()) == 1
 
 
+def test_an_extra_without_wheels_for_this_processor_is_not_offered(monkeypatch):
+    requiring(monkeypatch, 'edge-vpr-no-such-library; extra == "tonic"')
+    monkeypatch.setattr(packages.platform, "machine", lambda: "aarch64")
+    (found,) = (each for each in packages.check_extras() if each.state == "absent")
+    assert "expelliarmus, which has no wheel for aarch64" in found.text and not found.remedy
+    monkeypatch.setattr(packages.platform, "machine", lambda: "x86_64")
+    (found,) = (each for each in packages.check_extras() if each.state == "absent")
+    assert "[tonic]" in found.remedy
+
+
 def test_every_extra_that_is_checked_is_one_of_the_project():
     needed = [Requirement(text) for text in packages.distribution("edge-vpr").requires or ()]
     for extra in packages.EXTRAS:
@@ -103,6 +113,7 @@ _ONE_KERNEL = "def plus_one(x):\n    return x + 1\n"
 
 def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernels, "_sources", lambda: [tmp_path / "one_kernel.py"])
     assert only(kernels.check_kernels()).state == "absent"
     (tmp_path / "one_kernel.py").write_text(_ONE_KERNEL)
     program = "import numba, one_kernel; numba.njit(cache=True)(one_kernel.plus_one)(1)"
@@ -118,6 +129,34 @@ def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
     for index in tmp_path.rglob("*.nbi"):
         index.write_bytes(index.read_bytes()[:-5])
     assert only(kernels.check_kernels()).state == "absent"
+
+
+def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_path, monkeypatch):
+    source = tmp_path / "one_kernel.py"
+    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernels, "_sources", lambda: [source])
+    source.write_text(_ONE_KERNEL)
+    program = "import numba, one_kernel; numba.njit(cache=True)(one_kernel.plus_one)(1)"
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    keep = [sys.executable, "-c", program]
+    subprocess.run(keep, env={**os.environ, **environment}, check=True)
+    assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
+
+    source.write_text(_ONE_KERNEL.replace("x + 1", "x + 2"))  # Numba compiles it again
+    finding = only(kernels.check_kernels())
+    assert finding.state == "absent" and "doctor --compile" in finding.remedy
+    assert finding.text.startswith(f"0 kept in {tmp_path}, 1 of an older source")
+    source.write_text("\n" + source.read_text())  # at another line it has an index of its own
+    subprocess.run(keep, env={**os.environ, **environment}, check=True)
+    assert only(kernels.check_kernels()).text.startswith(f"1 kept in {tmp_path}, 1 of an older")
+
+    monkeypatch.setattr(kernels, "PRESETS", [])
+    monkeypatch.setattr(kernels, "PROTOCOLS", [])
+    kernels.compile_kernels()
+    assert only(kernels.check_kernels()) == Finding(
+        "compiled kernels", "good", f"1 kept in {tmp_path}"
+    )
+    assert len(list(tmp_path.rglob("*.nb?"))) == 2  # one index and its kernel
 
 
 def test_something_wrong_is_marked_and_ends_with_an_error(monkeypatch, capsys):

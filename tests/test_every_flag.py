@@ -253,7 +253,7 @@ def folder(tmp_path_factory):
     Design(width=16, height=12, pixels=3, places=4, length=2).save(folder / "design.toml")
     (folder / "none.csv").write_text("event,0,0,0\n")
     (folder / "meter.csv").write_text("time_s,power_w\n0,1\n1,2\n2,1\n")
-    (folder / codes_frontier.FOLDER).mkdir()
+    (folder / "speck_indoor").mkdir()
     monitor = folder / "board/sys/class/hwmon/hwmon2"
     monitor.mkdir(parents=True)
     for name, text in {"name": "ina226", "power1_input": 2_000_000, "shunt_resistor": 10_000,

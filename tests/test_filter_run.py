@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import config
 from streams import Drive, as_tuples, cut_up, descriptors, random_events
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
 
@@ -24,6 +25,8 @@ from edge_vpr.pipeline import coded_map, describe_query, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
+#: in plain Python, which takes a hundred times as long, the same properties with fewer draws
+EXAMPLES = 10 if config.DISABLE_JIT else 40
 CODES = [
     {},
     {"counter_code": "log", "counter_bits": 3, "counter_full_scale": 7},
@@ -143,7 +146,7 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
     back=st.sampled_from([(), (1,), (0, 2)]),
     pieces=st.integers(1, 5),
 )
-@settings(max_examples=40)
+@settings(max_examples=EXAMPLES)
 def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, pieces):
     rng = np.random.default_rng(seed)
     reference = random_map(
@@ -189,7 +192,7 @@ def with_ways(rng, reference):
     code=st.sampled_from(CODES),
     pieces=st.integers(1, 5),
 )
-@settings(max_examples=40)
+@settings(max_examples=EXAMPLES)
 def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
     seed, window, code, pieces
 ):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import recording_files as files
-from edge_vpr_tools.experiments import counted_pairs, frame_drives, frames
+from edge_vpr_tools.experiments import counted_pairs, drive_pairs, frame_drives, frames
+from edge_vpr_tools.experiments.simulated import SIMULATED
 from test_datasets import brisbane, write_bag, write_log, write_parquet
 from test_intensity import IMAGE, ros_image
 from test_intensity import write_bag as write_messages
@@ -16,7 +17,7 @@ from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.settings import PRESETS
 
 SECOND = 1_000_000
-STREETS = counted_pairs.SIMULATED
+STREETS = SIMULATED
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
 
 
@@ -193,6 +194,6 @@ def test_a_folder_without_drives_says_where_they_come_from(tmp_path, monkeypatch
     assert "https://zenodo.org/records/4302805" in text
     assert "no folder was given with --data" in frames.run(None, 1, nothing)
     assert list(counted_pairs.recorded_pairs(tmp_path)) == []
-    text = counted_pairs.absent_data(tmp_path, [STREETS])
+    text = drive_pairs.absent_data(tmp_path, [STREETS])
     assert "zenodo.org/records/10494919" in text and "speck_walks: two walks" in text
-    assert counted_pairs.absent_data(tmp_path, [STREETS, "Speck walks"]) == ""
+    assert drive_pairs.absent_data(tmp_path, [STREETS, "Speck walks"]) == ""

@@ -86,11 +86,10 @@ def test_the_same_seed_makes_the_same_bytes(vectors, tmp_path):
 def test_the_corner_suite_reaches_every_corner(window, polarity):
     """Whatever windows and polarity a design has, as counted in the model's states."""
     design = replace(DESIGN, window=window, polarity=polarity, window_events=30)
-    cases = corner_cases(design)
-    reached = {corner for case in cases for corner, n in coverage(case).items() if n}
-    assert reached == set(CORNERS)
+    reached = [{corner for corner, n in coverage(c).items() if n} for c in corner_cases(design)]
+    assert set().union(*reached) == set(CORNERS)
     # and no case could stand for all the others
-    assert max(sum(map(bool, coverage(case).values())) for case in cases) < len(CORNERS) - 5
+    assert max(map(len, reached)) < len(CORNERS) - 5
 
 
 @pytest.mark.parametrize("places", [1, 4])

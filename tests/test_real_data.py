@@ -10,7 +10,7 @@ import pytest
 from edge_vpr_tools.experiments import (
     brisbane,
     calibration,
-    codes_frontier,
+    drive_pairs,
     speck_walks,
     trust,
 )
@@ -40,9 +40,9 @@ def walks(shared_data):
     ]
 
 
-def figures_of_the_oracle(places, queries, truth, length, offset):
-    """P@100R, R@99P and Recall@N by the oracle, from counts and the ground truth."""
-    sums = naive.sequence_sums(naive.distance_matrix(places, queries), length)
+def figures_of_the_oracle(distances, truth, length, offset):
+    """P@100R, R@99P and Recall@N by the oracle, from its distances and the ground truth."""
+    sums = naive.sequence_sums(distances, length)
     columns = [j for j in range(len(sums[0])) if truth.known[j + offset]]
     best = [naive.best_and_second([row[j] for row in sums], 3)[0] for j in columns]
     right = [
@@ -72,8 +72,9 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
         shares.append(trial.evaluation.precision_at_100_recall)
         if seed == 0:
             expected = figures_of_the_oracle(
-                trial.reference.places.counts.tolist(),
-                trial.queries.counts.tolist(),
+                naive.distance_matrix(
+                    trial.reference.places.counts.tolist(), trial.queries.counts.tolist()
+                ),
                 trial.truth,
                 settings.sequence_length,
                 settings.sequence_length // 2,
@@ -95,10 +96,9 @@ def test_the_table_of_the_brisbane_drives_is_the_oracles(shared_data):
     centres = [1_000_000 * np.arange(len(c)) + 500_000 for c in counts]
     tracks = [load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
     truth = from_tracks(*tracks, *centres, 70.0)
+    distances = naive.distance_matrix(counts[0].tolist(), counts[1].tolist())
     for length in (1, 20):
-        expected = figures_of_the_oracle(
-            counts[0].tolist(), counts[1].tolist(), truth, length, length // 2
-        )
+        expected = figures_of_the_oracle(distances, truth, length, length // 2)
         figures = found[length]
         assert expected == (
             figures.precision_at_100_recall,
@@ -148,9 +148,7 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
 def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(
     shared_data, smooth, right, precision, recall
 ):
-    pair = next(
-        pair for pair in codes_frontier.pairs(shared_data) if pair.name == "Brisbane, 49 px"
-    )
+    pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == "Brisbane, 49 px")
     (case,) = trust.cases(pair, 1)
     case = calibration.with_settings(case, smooth=smooth)
     matches = case.match()

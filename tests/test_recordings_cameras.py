@@ -308,6 +308,62 @@ def test_aedat2_of_a_dvs128_is_read_beyond_the_wrap_as_jaer_turns_it(tmp_path):
     assert recording.sensor == Sensor(128, 128)
 
 
+def test_aedat3_is_read_beyond_the_wraps_of_its_packets_without_invalid_events(tmp_path):
+    """Column 0, row 0 is the upper left pixel, as in libcaer."""
+    path = tmp_path / "a.aedat"
+    frame = files.aedat3_frame((1, 2), np.zeros((2, 3)))
+    path.write_bytes(
+        files.aedat3(
+            files.aedat3_packet(0, [struct.pack("<Ii", 1, 0)], 4),  # a special event
+            files.aedat3_polarity([(2**31 - 5, 10, 20, True), (2**31 - 4, 239, 179, False)]),
+            files.aedat3_packet(2, [frame], 16),
+            files.aedat3_polarity([(2, 0, 0, False)], wraps=1, valid=False),
+            files.aedat3_polarity([(3, 0, 0, True)], wraps=1),
+        )
+    )
+    events, recording = absolute(path)
+    assert recording.format == "aedat3" and recording.sensor == Sensor(240, 180)
+    assert events.tolist() == [
+        (2**31 - 5, 10, 20, True), (2**31 - 4, 239, 179, False), (2**31 + 3, 0, 0, True),
+    ]  # fmt: skip
+    chunks = [chunk.size for chunk in open_recording(path, chunk_events=1)]
+    assert chunks == [1, 1, 1]
+
+
+def test_aedat3_with_two_cameras_asks_which(tmp_path):
+    path = tmp_path / "a.aedat"
+    sources = "#Source 0: DVS128\r\n#-Source 0: FILE\r\n#Source 3: DAVIS346BMono"
+    left, right = (files.aedat3_polarity([(5, 1, 2, True)], source=n) for n in (0, 3))
+    path.write_bytes(files.aedat3(left, right, right, sources=sources))
+    with pytest.raises(UsageError, match=r"0 \(DVS128\), 3 \(DAVIS346BMono\): choose with --topic"):
+        open_recording(path)
+    with pytest.raises(RecordingError, match="no camera 'up'"):
+        open_recording(path, topic="up")
+    events, recording = absolute(path, topic="DVS128")
+    assert (len(events), recording.sensor) == (1, Sensor(128, 128))
+    events, recording = absolute(path, topic="3")
+    assert (len(events), recording.sensor) == (2, Sensor(346, 260))
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (files.aedat3(form="SerializedTS"), "format SerializedTS, and only RAW is read"),
+        (files.aedat3(files.aedat3_packet(1, [bytes(9)], 4)), "events of 9 bytes"),
+        (files.aedat3(struct.pack("<hhiiiiii", 1, 0, -8, 4, 0, 1, 1, 1)), "1 events of -8 bytes"),
+        (files.aedat3(struct.pack("<hhiiiiii", 1, 0, 8, 4, -1, 1, 1, 1)), "-1 wraps"),
+        (files.aedat3(files.aedat3_polarity([(5, 1, 2, True)])[:-1]), "35 truncated bytes"),
+        (files.aedat3(files.aedat3_polarity([(5, 1, 2, True)]), bytes(9)), "cut off"),
+        (files.aedat3(files.aedat3_polarity([(5, 1, 2, True)]), sources="#X"), "has no camera"),
+    ],
+)
+def test_damage_of_aedat3_is_named(data, says, tmp_path):
+    path = tmp_path / "a.aedat"
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=says):
+        absolute(path)
+
+
 def test_aedat4_with_two_cameras_asks_which(tmp_path):
     left, right = (0, "left", 346, 260), (3, "right", 640, 480)
     path = tmp_path / "a.aedat4"

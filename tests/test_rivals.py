@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from edge_vpr_tools.experiments import (
+    agreement,
     counted_pairs,
     event_speed,
     mount_shift,
@@ -15,7 +16,7 @@ from edge_vpr_tools.experiments import (
     rivals,
     window_length,
 )
-from edge_vpr_tools.experiments.codes_frontier import Pair
+from edge_vpr_tools.experiments.drive_pairs import Pair
 from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
 
 from edge_vpr.baselines import baseline_names
@@ -52,7 +53,7 @@ def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_pa
     started = []
     figures = (tmp_path / "figure.png", tmp_path / "figure.pdf")
     text = rivals.run(tmp_path, 2, started.append, *figures, baselines=["all-pixels@1,3"])
-    for figure in ("figure.png", "figure_curves.png"):
+    for figure in ("figure.png", "figure_time.png", "figure_curves.png"):
         assert (tmp_path / figure).stat().st_size > 10_000
     assert (tmp_path / "figure_curves.pdf").is_file()
     assert started[0] == "street 1 of 2" and len(started) == 4
@@ -109,11 +110,15 @@ def test_an_image_is_shifted_and_what_leaves_is_lost():
 def test_the_mount_shift_is_undone_and_drawn(monkeypatch, tmp_path):
     reference, query = (ShiftedWindows(images, TAU) for images in drives())
     pair = Pair("drives", reference, query, SETTINGS, truth_of)
-    monkeypatch.setattr(mount_shift.codes_frontier, "pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(mount_shift, "pairs", lambda data: iter([pair]))
     monkeypatch.setattr(mount_shift, "SHIFTS", (0, 4))
     text = mount_shift.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
     assert "| counts, registered | 1.000 | 1.000 |" in text
+    # the places of the drives are patterns of 4 x 4 pixels: a shift by 4 shows other pixels
+    every = next(line for line in text.splitlines() if line.startswith("| all pixels, counts"))
+    same, moved = (float(cell) for cell in every.split("|")[2:4])
+    assert same == 1 > moved and "| all pixels, 3-bit logarithms | 1.000 |" in text
     assert "off by at most" in text
 
 
@@ -129,6 +134,33 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
     released = next(line for line in text.splitlines() if line.startswith("| mean"))
     assert released.endswith("| - |")  # 150 circles of 7 pixels do not fit
     assert "| variance |" in text and "| all pixels |  | 1.000 |" in text
+
+
+def test_few_pixels_are_compared_with_all(monkeypatch, tmp_path):
+    pair = counted_pairs.count_pair(
+        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
+    )
+    monkeypatch.setattr(agreement, "recorded_pairs", lambda data: iter([pair]))
+    monkeypatch.setattr(agreement, "NUMBERS", (25, 150))
+    monkeypatch.setattr(agreement, "street", partial(agreement.street, length_m=40, sensor="tiny"))
+    text = agreement.run(tmp_path, 2, lambda name: None, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    streets, recorded = text.split("drives:")
+    assert "| distances, by variance |" in streets
+    # the pixels stand for blocks of 4 x 4, so that every match is the same
+    assert "| same place, by variance | 1.000 ± 0.000 | 1.000 ± 0.000 |" in recorded
+
+
+def test_all_pixels_agree_with_themselves_and_not_with_noise():
+    images, _ = drives(12)
+    rng = np.random.default_rng(1)
+    noise = rng.permutation(images.ravel()).reshape(images.shape)
+    every = images.mean(axis=(1, 2))
+    assert agreement.correlation(every, 3 * every + 1) == pytest.approx(1)
+    assert agreement.correlation(every, -every) == pytest.approx(-1)
+    assert agreement.correlation(every, np.ones(12)) == 0
+    found = agreement.correlation(images.astype(float), noise.astype(float))
+    assert found == pytest.approx(np.corrcoef(images.ravel(), noise.ravel())[0, 1])
 
 
 def test_what_fires_by_the_clock_makes_fewer_events_in_a_faster_drive():

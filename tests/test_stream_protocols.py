@@ -115,16 +115,17 @@ def test_byte_by_byte_is_the_same(device, host, checked):
     assert np.array_equal(np.diff(arrived["t"]), np.diff(events["t"]))
 
 
-#: fewer events in plain Python
+#: fewer events in plain Python, and no rate at which so few of them meet no fault
 PLAIN = bool(config.DISABLE_JIT)
-EVENTS = 2_000 if PLAIN else 20_000
+EVENTS = 1_000 if PLAIN else 20_000
+RATES = (1e-2,) if PLAIN else (1e-4, 1e-2)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("device", "host"), line_faults.PAIRS)
 def test_after_any_fault_the_stream_is_found_again_within_the_stated_bytes(device, host, kind):
     """And the books balance at every piece, and what a checksum guards is as it was sent."""
-    for rate in (1e-4, 1e-2):
+    for rate in RATES:
         rng = np.random.default_rng([line_faults.PAIRS.index((device, host)), KINDS.index(kind)])
         line = make_line(rng, device, kind, rate, EVENTS)
         outcome = decode(host, *line)

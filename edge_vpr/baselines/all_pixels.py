@@ -6,19 +6,19 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.pipeline import EventSource, coded_map, count_windows, describe
+from edge_vpr.pipeline import EventSource, WindowSource, coded_map, count_windows, describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
 
 def map_all_pixels(
-    recording: EventSource, settings: Settings, hot: npt.NDArray[np.bool_]
+    recording: EventSource | WindowSource, settings: Settings, hot: npt.NDArray[np.bool_]
 ) -> ReferenceMap:
     """Map a drive with every pixel that is not hot (paper, "all pixels", after Milford 2015).
 
     Parameters
     ----------
-    recording : EventSource
+    recording : EventSource or WindowSource
     settings : Settings
         `pixels` and `strategy` are replaced. A fixed-count window holds `events_per_pixel` events
         for each pixel of the sensor; if that is None, it holds the average number of a window of

@@ -1,9 +1,11 @@
-"""Distance of two descriptions by the angle between them."""
+"""Descriptions that are compared by the angle between them."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+
+from edge_vpr.baselines.baseline import Described, Images
 
 
 def cosine_distances(
@@ -25,3 +27,22 @@ def cosine_distances(
     product = a @ b.T
     like = np.divide(product, scale, out=np.zeros_like(product), where=scale > 0)
     return np.maximum(1.0 - like, 0.0)
+
+
+class CosineBaseline:
+    """Part of a baseline whose descriptions are vectors, compared by their cosine."""
+
+    def prepare(self, reference: Images) -> None:
+        """Do nothing: no parameters are taken from the reference."""
+
+    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
+        """Return the distances, shape (K, Q); 1 to a description of zeros only."""
+        return cosine_distances(places, queries)
+
+    def bits_per_place(self, places: Described) -> int:
+        """Return the size of one description in bits."""
+        return 8 * int(places.itemsize) * int(places.shape[1])
+
+    def operations_per_place(self, places: Described) -> int:
+        """Return the number of products to add, without those of describing."""
+        return int(places.shape[1])

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.baselines.baseline import Described, Images
-from edge_vpr.baselines.cosine import cosine_distances
+from edge_vpr.baselines.cosine import CosineBaseline
 from edge_vpr.baselines.dense import shrunk
 from edge_vpr.errors import MissingExtraError
 
@@ -24,16 +23,13 @@ def load_hog() -> Any:
     return function
 
 
-class OrientedGradients:
+class OrientedGradients(CosineBaseline):
     """Gradients of the logarithm of counts, shrunk to 64 x 64; distance is 1 less the cosine."""
 
     title = f"HOG {SIDE} x {SIDE}, cosine"
 
     def __init__(self) -> None:
         self._hog = load_hog()
-
-    def prepare(self, reference: Images) -> None:
-        """Do nothing: no parameters are taken from the reference."""
 
     def describe(self, images: Images) -> Described:
         """Return the histograms, shape (n, D), float32."""
@@ -45,18 +41,6 @@ class OrientedGradients:
             for image in np.log1p(shrunk(images, SIDE))
         ]  # fmt: skip
         return np.array(rows, dtype=np.float32)
-
-    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
-        """Return the distances, shape (K, Q); 1 to an image without a gradient."""
-        return cosine_distances(places, queries)
-
-    def bits_per_place(self, places: Described) -> int:
-        """Return the size of one description in bits."""
-        return 8 * int(places.itemsize) * int(places.shape[1])
-
-    def operations_per_place(self, places: Described) -> int:
-        """Return the number of products to add."""
-        return int(places.shape[1])
 
 
 def hog(seed: int) -> OrientedGradients:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.baselines.baseline import Described, Images
-from edge_vpr.baselines.cosine import cosine_distances
+from edge_vpr.baselines.cosine import CosineBaseline
 from edge_vpr.baselines.dense import mean_cells
 from edge_vpr.errors import MissingExtraError, WeightsError, printable
 
@@ -32,7 +32,7 @@ def load_runtime() -> Any:
     return onnxruntime
 
 
-class ModelDescriptor:
+class ModelDescriptor(CosineBaseline):
     """Vectors of an ONNX model; distance is 1 less the cosine.
 
     Images are resized to the model's height and width by the mean of the pixels in each cell
@@ -84,9 +84,6 @@ class ModelDescriptor:
         self._size = [length if isinstance(length, int) else None for length in shape]
         self.title = f"{path.stem}, cosine"
 
-    def prepare(self, reference: Images) -> None:
-        """Do nothing: no parameters are taken from the reference."""
-
     def describe(self, images: Images) -> Described:
         """Return the vectors, shape (n, D), float32.
 
@@ -133,18 +130,6 @@ class ModelDescriptor:
             most = logarithms.max(axis=(1, 2), keepdims=True)
             scaled = np.divide(logarithms, most, out=np.zeros_like(logarithms), where=most > 0)
         return np.repeat(scaled[:, None].astype(np.float32), channels or 1, axis=1)
-
-    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
-        """Return the distances, shape (K, Q)."""
-        return cosine_distances(places, queries)
-
-    def bits_per_place(self, places: Described) -> int:
-        """Return the size of one vector in bits, without the model's weights."""
-        return 8 * int(places.itemsize) * int(places.shape[1])
-
-    def operations_per_place(self, places: Described) -> int:
-        """Return the number of products to add, without those of the model."""
-        return int(places.shape[1])
 
 
 def model(seed: int, path: Path) -> ModelDescriptor:

@@ -11,12 +11,12 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from edge_vpr.baselines.baseline import Baseline
 from edge_vpr.baselines.ensemble import Ensemble, Member
 from edge_vpr.errors import UsageError, did_you_mean
+from edge_vpr.plugins import load_plugin, names_with_plugins
 
 #: entry points of this group name a callable that takes a seed and returns a `Baseline`
 GROUP = "edge_vpr.baselines"
@@ -54,8 +54,7 @@ WITH_FILE: dict[str, Entry] = {
 
 def baseline_names() -> list[str]:
     """Return the names of all baselines that need no file, those of other packages last."""
-    others = {point.name for point in entry_points(group=GROUP)} - set(BASELINES)
-    return [*BASELINES, *sorted(others)]
+    return names_with_plugins(BASELINES, GROUP)
 
 
 def open_baseline(name: str, seed: int = 0) -> Baseline:
@@ -104,12 +103,9 @@ def _open(name: str, seed: int) -> Baseline:
         entry = WITH_FILE[kind]
         with_file: Callable[[int, Path], Baseline] = _factory(entry)
         return with_file(seed, Path(file))
-    factory: Callable[[int], Baseline] | None = None
-    if name in BASELINES:
-        factory = _factory(BASELINES[name])
-    for point in entry_points(group=GROUP):
-        if factory is None and point.name == name:
-            factory = point.load()
+    factory: Callable[[int], Baseline] | None = (
+        _factory(BASELINES[name]) if name in BASELINES else load_plugin(name, GROUP)
+    )
     if factory is None:
         raise UsageError(
             f"baseline {name!r} is unknown{did_you_mean(name, baseline_names())}: choose one of "

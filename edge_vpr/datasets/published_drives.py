@@ -6,7 +6,7 @@ of the paper are matched against it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,10 @@ from edge_vpr.recordings.time_crop import TimeCrop
 BRISBANE_M, QCR_M = 70.0, 3.0
 #: not evaluated in either paper
 _LEFT_OUT = ("night",)
+_DATA_SETS: Mapping[str, tuple[tuple[BrisbaneTraverse | QCRTraverse, ...], float]] = {
+    "Brisbane": (BRISBANE_TRAVERSES, BRISBANE_M),
+    "QCR": (QCR_TRAVERSES, QCR_M),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +88,41 @@ def published_pairs(
     GroundTruthError
         If the GPS log of a recording is missing or cannot be read.
     """
-    for title, traverses, tolerance_m in (
-        ("Brisbane", BRISBANE_TRAVERSES, BRISBANE_M),
-        ("QCR", QCR_TRAVERSES, QCR_M),
-    ):
-        found = [
+    for title, found in found_traverses(folder, files).items():
+        for traverse, path in found[1:]:
+            reference, query = open_drive(*found[0]), open_drive(traverse, path)
+            yield PublishedPair(
+                f"{title}, {query.name} against {reference.name}",
+                reference,
+                query,
+                _DATA_SETS[title][1],
+            )
+
+
+def found_traverses(
+    folder: Path, files: tuple[Files, ...] = ("parquet", "bag")
+) -> dict[str, list[tuple[BrisbaneTraverse | QCRTraverse, Path]]]:
+    """Return the traverses whose recordings are in a folder, in order, by their data set.
+
+    Parameters
+    ----------
+    folder : Path
+    files : tuple of {"parquet", "bag"}
+        Kinds of files to use, in order of preference.
+
+    Returns
+    -------
+    dict of str to list of (traverse, path)
+        Brisbane and QCR; the lists may be empty.
+    """
+    return {
+        title: [
             (traverse, path)
             for traverse in traverses
             if traverse.name not in _LEFT_OUT and (path := find_file(traverse, folder, files))
         ]
-        for traverse, path in found[1:]:
-            reference, query = open_drive(*found[0]), open_drive(traverse, path)
-            yield PublishedPair(
-                f"{title}, {query.name} against {reference.name}", reference, query, tolerance_m
-            )
+        for title, (traverses, _) in _DATA_SETS.items()
+    }
 
 
 def find_file(

@@ -10,8 +10,8 @@ import numpy as np
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import LONGEST_SIDE, Sensor
+from edge_vpr.intensity.first_event import start_of
 from edge_vpr.intensity.frames import Image, IntensityFrame, to_grey
-from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.aedat4_file import Aedat4File, field_at, root_table
 from edge_vpr.recordings.faults import FaultLog
 
@@ -41,10 +41,7 @@ class Aedat4Frames:
         self._file = Aedat4File(path)
         self._stream = self._file.choose("FRME", "frames", topic)
         self.has_events = any(each.kind == "EVTS" for each in self._file.streams.values())
-        if self.has_events:
-            self.start_us = open_recording(path).start_us
-        else:
-            self.start_us = next((frame.time_us for frame in self), 0)
+        self.start_us = start_of(self, path)
 
     def __iter__(self) -> Iterator[IntensityFrame]:
         sensor = self._file.streams[self._stream].sensor or Sensor(1, 1)

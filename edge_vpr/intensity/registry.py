@@ -39,11 +39,11 @@ def open_intensity(
     Parameters
     ----------
     path : str or Path
-        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
+        AEDAT 2, 3.1 or 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
         ``NAME_ts`` as in MVSEC, or a folder of PNG or ``.npy`` (see
         `edge_vpr.intensity.image_folder.ImageFolder` for its times).
     topic : str, optional
-        Stream, topic or data set of the images, if there are several.
+        Stream, camera, topic or data set of the images, if there are several.
     frame_period : Fraction, optional
         Seconds from one image to the next, for folders that do not state it.
 
@@ -66,6 +66,12 @@ def open_intensity(
         if name == "aedat4":
             module = import_module("edge_vpr.intensity.aedat4_frames")
             return Guarded(path, module.Aedat4Frames(path, topic))
+        if name == "aedat3":
+            module = import_module("edge_vpr.intensity.aedat3_frames")
+            return Guarded(path, module.Aedat3Frames(path, topic))
+        if name == "aedat2":
+            module = import_module("edge_vpr.intensity.aedat2_frames")
+            return Guarded(path, module.Aedat2Frames(path))
         if name in ("rosbag1", "rosbag2"):
             module = import_module("edge_vpr.intensity.rosbag_images")
             return Guarded(path, module.BagImages(path, 1 if name == "rosbag1" else 2, topic))
@@ -76,6 +82,6 @@ def open_intensity(
             module = import_module("edge_vpr.intensity.image_folder")
             return Guarded(path, module.ImageFolder(path, frame_period))
     raise RecordingError(
-        f"{path} is {name}, which holds no images that are read: name an AEDAT 4 file, a ROS bag, "
+        f"{path} is {name}, which holds no images that are read: name an AEDAT file, a ROS bag, "
         "HDF5, or a folder of PNG or .npy"
     )

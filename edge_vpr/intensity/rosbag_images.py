@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.intensity.first_event import start_of
 from edge_vpr.intensity.frames import Image, IntensityFrame, to_grey
-from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.count_images import MOST_PIXELS
 from edge_vpr.recordings.event_packet import Cursor, read_preamble
 from edge_vpr.recordings.rosbag_file import Bag
@@ -67,10 +67,7 @@ class BagImages:
         with self._bag.errors(), self._bag.open() as reader:
             self._topic = _choose(reader.connections, topic, path)
             self.has_events = any(str(c.msgtype).endswith(_EVENTS) for c in reader.connections)
-        if self.has_events:
-            self.start_us = open_recording(path).start_us
-        else:
-            self.start_us = next((frame.time_us for frame in self), 0)
+        self.start_us = start_of(self, path)
 
     def __iter__(self) -> Iterator[IntensityFrame]:
         number = 0

@@ -15,9 +15,7 @@ from edge_vpr.matching.drive_matching import check_no_ways
 from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.localiser_state import NO_MATCHES, LocaliserState
 from edge_vpr.online.match_records import MATCH_DTYPE
-from edge_vpr.online.saved_map import (
-    searched_map,
-)
+from edge_vpr.online.saved_map import searched_map
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sequence_run import SequenceRun
 from edge_vpr.reference_map import ReferenceMap

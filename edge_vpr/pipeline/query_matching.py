@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypedDict
+
 import numpy as np
 import numpy.typing as npt
 
@@ -66,30 +68,32 @@ def match_query(
     -------
     Matches
     """
-    return match_descriptors(
-        reference.places, queries, reference.settings, reference.judge.confidence,
-        jumps=reference.jumps, along_mm=reference.along_mm, odometry=odometry,
-    )  # fmt: skip
+    route = _route_of(reference, odometry)
+    judge = reference.judge.confidence
+    return match_descriptors(reference.places, queries, reference.settings, judge, **route)
 
 
 def query_distances(
     reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
 ) -> npt.NDArray[np.float64]:
-    """Return the distance of every place of a map to every described query window.
-
-    Parameters
-    ----------
-    reference : ReferenceMap
-    queries : Descriptors
-    odometry : Odometry, optional
-        Of the query drive.
+    """Return the distance of every place of a map to every query window of `match_query`.
 
     Returns
     -------
     ndarray of float64, shape (K, Q)
         All finite, see `drive_distances`.
     """
-    return drive_distances(
-        reference.places, queries, reference.settings,
-        jumps=reference.jumps, along_mm=reference.along_mm, odometry=odometry,
-    )  # fmt: skip
+    route = _route_of(reference, odometry)
+    return drive_distances(reference.places, queries, reference.settings, **route)
+
+
+class _Route(TypedDict):
+    """How places follow one another, for the matching."""
+
+    jumps: npt.NDArray[np.int32] | None
+    along_mm: npt.NDArray[np.int64] | None
+    odometry: Odometry | None
+
+
+def _route_of(reference: ReferenceMap, odometry: Odometry | None) -> _Route:
+    return {"jumps": reference.jumps, "along_mm": reference.along_mm, "odometry": odometry}

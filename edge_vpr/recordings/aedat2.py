@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
@@ -59,6 +60,35 @@ _CHIPS = (
 )
 
 
+def chip_size(name: str) -> Sensor | None:
+    """Return the size of the sensor of a chip; None if the chip is unknown."""
+    return next((size for chip, size, _ in _CHIPS if re.search(chip, name.lower())), None)
+
+
+class Pairs(NamedTuple):
+    """Part of a file: 32-bit addresses as int64, and times continued beyond their wraps."""
+
+    address: npt.NDArray[np.int64]
+    time_us: npt.NDArray[np.int64]
+    end: int
+
+
+def read_pairs(path: Path, begin: int, number: int, log: FaultLog) -> Iterator[Pairs]:
+    """Yield the pairs of a file from byte `begin` on, up to `number` at a time.
+
+    `end` is the byte of the file behind the part.
+    """
+    size = path.stat().st_size
+    clock = Unwrapper(32)
+    with path.open("rb") as file:
+        file.seek(begin)
+        while data := file.read(number * _EVENT.itemsize):
+            pairs = np.frombuffer(data, _EVENT, len(data) // _EVENT.itemsize)
+            yield Pairs(pairs["address"].astype(np.int64), clock.unwrap(pairs["t"]), file.tell())
+            if leftover := len(data) % _EVENT.itemsize:
+                log.truncated(leftover, f"byte {size - leftover:,}, within an event")
+
+
 class Aedat2Source(Source):
     """Source of an AEDAT 2 file: header lines that begin with ``#``, then pairs.
 
@@ -66,7 +96,7 @@ class Aedat2Source(Source):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._skip, chip = _read_header(path)
+        self._skip, chip = read_header(path)
         for name, size, layout in _CHIPS:
             if chip is not None and re.search(name, chip.lower()):
                 self._sensor, self._layout = size, layout
@@ -84,27 +114,19 @@ class Aedat2Source(Source):
         layout = self._layout
         right, top = self._sensor.width - 1, self._sensor.height - 1
         size = max(1, self.path.stat().st_size)
-        clock = Unwrapper(32)
-        with self.path.open("rb") as file:
-            file.seek(self._skip)
-            while data := file.read(self.options.chunk_events * _EVENT.itemsize):
-                self.position = file.tell() / size
-                pairs = np.frombuffer(data, _EVENT, len(data) // _EVENT.itemsize)
-                t = clock.unwrap(pairs["t"])
-                address = pairs["address"].astype(np.int64)
-                change = address & layout.other == 0
-                address, t = address[change], t[change]
-                yield Columns(
-                    t,
-                    right - (address >> layout.x_shift & layout.x_mask),
-                    top - (address >> layout.y_shift & layout.y_mask),
-                    (address >> layout.p_bit & 1) == layout.on,
-                )
-                if leftover := len(data) % _EVENT.itemsize:
-                    log.truncated(leftover, f"byte {size - leftover:,}, within an event")
+        for address, t, end in read_pairs(self.path, self._skip, self.options.chunk_events, log):
+            self.position = end / size
+            change = address & layout.other == 0
+            address, t = address[change], t[change]
+            yield Columns(
+                t,
+                right - (address >> layout.x_shift & layout.x_mask),
+                top - (address >> layout.y_shift & layout.y_mask),
+                (address >> layout.p_bit & 1) == layout.on,
+            )
 
 
-def _read_header(path: Path) -> tuple[int, str | None]:
+def read_header(path: Path) -> tuple[int, str | None]:
     """Return the length of the header, and the chip that it names."""
     n, chip = 0, None
     with path.open("rb") as file:

@@ -13,6 +13,8 @@ from edge_vpr.events import Sensor
 from edge_vpr.recordings.array_stream import ArrayStream
 from edge_vpr.recordings.faults import check_policy
 from edge_vpr.recordings.guard import foreign_errors
+from edge_vpr.recordings.npz import Archive
+from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.recording import Recording
 from edge_vpr.recordings.source import CHUNK_EVENTS, ReadOptions, Source
 
@@ -46,6 +48,7 @@ FORMATS: dict[str, Format] = {
         Format("evt3", "Prophesee RAW EVT 3.0", "evt"),
         Format("dat", "Prophesee DAT", "dat", (".dat",), True),
         Format("aedat4", "iniVation AEDAT 4", "aedat4", (".aedat4",)),
+        Format("aedat3", "cAER AEDAT 3.1", "aedat3"),
         Format("aedat2", "jAER AEDAT 2", "aedat2", (".aedat", ".aedat2")),
         Format("hdf5", "HDF5 (Metavision, DSEC)", "hdf5", (".h5", ".hdf5"), True),
         Format("rosbag1", "ROS 1 bag", "rosbag", (".bag",)),
@@ -182,19 +185,18 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
         (b"SQLite format 3\0", "rosbag2"),
         (b"\x89MCAP0\r\n", "rosbag2"),
         (b"#!AER-DAT4", "aedat4"),
+        (b"#!AER-DAT3.1", "aedat3"),
         (b"#!AER-DAT2", "aedat2"),
         (b"Event Stream", "es"),
     ):
         if head.startswith(magic):
             return name
     if head.startswith(b"% "):
-        from edge_vpr.recordings.prophesee import encoding_of
-
         return encoding_of(head)
     if head.startswith(b"#!AER-DAT"):
         version = head[9:12].decode("ascii", "replace").strip()
         raise RecordingError(
-            f"{path} is AEDAT {version}, and only 2 and 4 are read: convert it with DV or jAER"
+            f"{path} is AEDAT {version}, and only 2, 3.1 and 4 are read: convert it with DV or jAER"
         )
     return None
 
@@ -208,8 +210,6 @@ def _dimensions(head: bytes, path: Path) -> int:
 
 
 def _sniff_zip(path: Path) -> str:
-    from edge_vpr.recordings.npz import Archive
-
     with Archive(path) as archive:
         members = set(archive.names)
     if "events" in members or {"t", "x", "y"} <= members:

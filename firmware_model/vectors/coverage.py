@@ -117,30 +117,37 @@ def _see_event(
     descriptor: DescriptorModel, event: Event, before: list[int | None], found: Counter[str]
 ) -> None:
     design, slot = descriptor.design, descriptor.slot(event)
-    elapsed, tau = descriptor.elapsed(event.t), design.tau_us
+    _, x, y, on = event
+    ends = False
     if design.window == "time":
+        elapsed, tau = descriptor.elapsed(event.t), design.tau_us
+        ends = elapsed >= tau
         found["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
         found["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
         found["late"] += elapsed < 0
-    on_sensor = event.x < design.width and event.y < design.height
-    found["off_the_sensor"] += not on_sensor
-    found["below_the_sensor"] += event.y == design.height
-    edges = (event.x in (0, design.width - 1), event.y in (0, design.height - 1))
-    found["sensor_corner"] += all(edges)
-    if slot is None:
-        found["unselected"] += on_sensor
-        found["entry_of_another_row"] += on_sensor and descriptor.lookup.taken(event.x, event.y)
+    if y == design.height:
+        found["below_the_sensor"] += 1
+    if x in (0, design.width - 1) and y in (0, design.height - 1):
+        found["sensor_corner"] += 1
+    if x >= design.width or y >= design.height:
+        found["off_the_sensor"] += 1
+    elif slot is None:
+        found["unselected"] += 1
+        found["entry_of_another_row"] += descriptor.lookup.taken(x, y)
     else:
         # the end of a window clears the counter before the event is counted
-        ends = design.window == "time" and elapsed >= tau
-        count = 0 if ends else descriptor.counts[slot]
-        found["saturated"] += count == design.count_max
-        found["column_above_511"] += event.x > 511
-        found["count_above_255"] += count >= 255
-        found["filled"] += count == design.count_max - 1
-        found["same_pixel_twice"] += before[-1] == slot
-        found["a_b_a"] += before[-2] == slot != before[-1]
-        found["on" if event.on else "off"] += 1
+        count, full = 0 if ends else descriptor.counts[slot], design.count_max
+        if count >= full - 1:
+            found["saturated" if count == full else "filled"] += 1
+        if x > 511:
+            found["column_above_511"] += 1
+        if count >= 255:
+            found["count_above_255"] += 1
+        if before[-1] == slot:
+            found["same_pixel_twice"] += 1
+        elif before[-2] == slot:
+            found["a_b_a"] += 1
+        found["on" if on else "off"] += 1
     before[:] = [before[-1], slot]
 
 

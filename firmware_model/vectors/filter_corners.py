@@ -197,17 +197,18 @@ def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] |
     """
     levels, unit = design.tables[0], 1 << LEVEL_BITS
     counts = range(1, min(60, len(levels)))  # higher counts have the level of the full scale
-    for mean, first, second in product(range(3 * unit), counts[:7], counts[:7]):
-        running = RunningMean(np.array([mean]))
-        for count in (first, second):
-            running.update(np.array([levels[count]]))
-        total = int(running.total[0])
-        if total % (1 << MEAN_BITS) != end:
-            continue
-        whole = total >> MEAN_BITS
+    pairs = list(product(counts[:7], counts[:7]))
+    totals = np.empty((3 * unit, len(pairs)), np.int64)  # of all means at once
+    for column, pair in enumerate(pairs):
+        running = RunningMean(np.arange(3 * unit))
+        for count in pair:
+            running.update(np.array(levels[count]))
+        totals[:, column] = running.total
+    for mean, column in np.argwhere(totals % (1 << MEAN_BITS) == end).tolist():
+        whole = int(totals[mean, column]) >> MEAN_BITS
         for count in counts:
             if (levels[count] - whole) % unit == unit // 2 and 0 <= levels[count] - whole < unit:
-                return mean, (first, second, count)
+                return mean, (*pairs[column], count)
     return None
 
 

@@ -25,6 +25,7 @@ class Stream:
         self.pixels = pixels
         self.start = start
         self.events: list[Event] = []
+        self._chosen = frozenset(pixels)
         self._window = 0  # number of the open window
         self._counted = 0
 
@@ -32,7 +33,7 @@ class Stream:
         """Add an event, `offset` microseconds after the start of the open window."""
         t = self.start + self._window * self.design.tau_us + offset
         self.events.append(Event(t % (1 << self.design.timestamp_bits), x, y, on))
-        if (x, y) in self.pixels:
+        if (x, y) in self._chosen:
             self._counted = (self._counted + 1) % self.design.window_events
 
     def slot(self, slot: int, times: int = 1, offset: int = 0) -> None:

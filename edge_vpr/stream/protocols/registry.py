@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import entry_points
 from types import ModuleType
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.plugins import load_plugin, names_with_plugins
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
 
 #: An entry point of this group names a module with `TITLE`, ``open_decoder(sensor, options)`` and
@@ -63,8 +63,7 @@ def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
 
 def protocol_names() -> list[str]:
     """Return the names of all protocols, those of other packages last."""
-    others = {point.name for point in entry_points(group=GROUP)} - set(PROTOCOLS)
-    return [*PROTOCOLS, *sorted(others)]
+    return names_with_plugins(PROTOCOLS, GROUP)
 
 
 def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
@@ -102,8 +101,9 @@ def _reader(name: str, options: dict[str, str]) -> OptionReader:
 def _module(name: str) -> ModuleType:
     if name in PROTOCOLS:
         return import_module(f"edge_vpr.stream.protocols.{PROTOCOLS[name].module}")
-    for point in entry_points(group=GROUP):
-        if point.name == name:
-            module: ModuleType = point.load()
-            return module
-    raise UsageError(f"protocol {name!r} is unknown: choose one of {', '.join(protocol_names())}")
+    module: ModuleType | None = load_plugin(name, GROUP)
+    if module is None:
+        raise UsageError(
+            f"protocol {name!r} is unknown: choose one of {', '.join(protocol_names())}"
+        )
+    return module

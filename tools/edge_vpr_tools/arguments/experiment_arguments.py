@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from edge_vpr_tools.experiments import EXPERIMENTS
+from edge_vpr_tools.experiments import EXPERIMENTS, STREETS_ONLY
 
 EXAMPLES = """\
   edge-vpr experiment simulated
@@ -24,7 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group = parser.add_argument_group("experiment")
     group.add_argument(
-        "--data", metavar="DIR", help="folder of the real recordings (not needed for simulated)"
+        "--data",
+        metavar="DIR",
+        help="folder of recorded drives: Brisbane-Event-VPR or QCR-Event-VPR under their published "
+        f"names, or others (docs/datasets.md); {', '.join(STREETS_ONLY)} read none, since all of "
+        "their drives are simulated",
     )
     group.add_argument(
         "--figure", metavar="FILE", help="also draw the figure, if the experiment has one"

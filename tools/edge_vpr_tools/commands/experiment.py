@@ -10,7 +10,8 @@ from types import ModuleType
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES
+from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY
+from edge_vpr_tools.experiments.drive_pairs import check_logs
 from edge_vpr_tools.output.progress import status
 from edge_vpr_tools.report.experiment_page import ExperimentPage
 from edge_vpr_tools.report.formats import read_formats
@@ -34,11 +35,21 @@ def run(args: argparse.Namespace) -> None:
             f"--figure names one file, and {len(names)} experiments were named: use --report"
         )
     data = None if args.data is None else Path(args.data)
+    if data is not None and not data.is_dir():
+        raise UsageError(f"--data {data} is not a folder: name the one that holds the recordings")
+    if data is not None and set(names) <= set(STREETS_ONLY):
+        others = ", ".join(dict.fromkeys(STREETS_ONLY[name] for name in names))
+        raise UsageError(
+            f"{', '.join(names)} drives simulated streets only and reads no --data: leave it out, "
+            f"or compare recorded drives by {others}"
+        )
     modules = {
         name: import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}") for name in names
     }
     for name, module in modules.items():  # before hours of work
         _check(name, module, args, data)
+    if data is not None:
+        check_logs(data)
     page = None if args.report is None else ExperimentPage(args.seeds)
     for name, module in modules.items():
         more: dict[str, Any] = {"baselines": args.baselines} if args.baselines else {}
@@ -66,6 +77,8 @@ def _check(name: str, module: ModuleType, args: argparse.Namespace, data: Path |
         raise UsageError(f"experiment {name} writes no table: leave --table out")
     if args.baselines and "baselines" not in inspect.signature(module.run).parameters:
         raise UsageError(f"experiment {name} compares no systems: leave --with out")
+    if hasattr(module, "check_data"):
+        module.check_data(data)
     if folder is not None and (data is None or not (data / folder).is_dir()):
         raise UsageError(
             f"experiment {name} reads the folder {folder}, {SOURCES[folder]}, which is not in "

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import glob
 import pickle
+from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numba
 from numba import njit
+from numba.core import caching
 from numba.core.registry import cpu_target
 
 import edge_vpr
@@ -20,6 +25,9 @@ from edge_vpr.stream.live import LiveLocaliser
 from edge_vpr.stream.protocols import PROTOCOLS, open_decoder
 from edge_vpr_tools.doctor.finding import Finding
 
+#: "kept": Numba loads it; "older": its source has changed since; "another": processor or Numba
+_State = Literal["kept", "older", "another"]
+_NUMBA: Any = caching  # has no types
 _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
 
 
@@ -35,19 +43,22 @@ def check_kernels() -> Iterator[Finding]:
             "set NUMBA_CACHE_DIR to a folder that this user may write",
         )
         return
-    files = list(folder.rglob("*.nbi"))
-    kept = sum(map(_is_of_this_machine, files))
-    text = f"{kept} kept in {folder}"
-    if kept:
+    found = Counter(state for _, state in _indexes(folder))
+    text = f"{found['kept']} kept in {folder}"
+    if found["another"]:
+        text = f"{text} for this processor and Numba, {found['another']} for another"
+    if found["older"]:
+        text = f"{text}, {found['older']} of an older source"
+    if found["kept"] and not found["older"]:
         yield Finding("compiled kernels", "good", text)
     else:
-        if files:
-            text = f"{text} for this processor and Numba, {len(files)} for another"
         yield Finding("compiled kernels", "absent", f"{text}: the first run takes longer", _COMPILE)
 
 
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
+
+    Kernels that are still there of an older source, which Numba does not load, are removed.
 
     Parameters
     ----------
@@ -69,20 +80,42 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     for protocol in PROTOCOLS:
         show(f"decoding protocol {protocol}")
         open_decoder(protocol, first.sensor).warm_up()
+    for index, state in list(_indexes(_cache_folder())):
+        if state == "older":
+            for file in (*index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"), index):
+                file.unlink(missing_ok=True)
 
 
-def _is_of_this_machine(index: Path) -> bool:
-    """Return whether Numba would load a kernel from an index of its cache on this processor."""
+def _indexes(folder: Path) -> Iterator[tuple[Path, _State]]:
+    """Yield the indexes of Numba's cache that belong to this package, and whether they are used."""
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    for source in _sources():
+        # beside the sources, or in a subfolder for each of their folders
+        subpath = _NUMBA._CacheLocator.get_suitable_cache_subpath(str(source))
+        for place in (source.parent / "__pycache__", folder / subpath):
+            for index in place.glob(f"{glob.escape(source.stem)}.*.nbi"):
+                yield index, _state_of(index, source, processor)
+
+
+def _state_of(index: Path, source: Path, processor: object) -> _State:
+    """Return whether Numba would load a kernel from an index on this processor."""
     try:
         with index.open("rb") as file:
-            # Numba's own check of the version
+            # Numba's own checks: of the version, and of the source
             if pickle.load(file) != numba.__version__:
-                return False
-            _, kernels = pickle.load(file)
+                return "another"
+            stamp, kernels = pickle.load(file)
+        backed = SimpleNamespace(_py_file=str(source))
+        if stamp != _NUMBA._SourceFileBackedLocatorMixin.get_source_stamp(backed):
+            return "older"
+        return "kept" if any(key[1] == processor for key in kernels) else "another"
     except Exception:  # an invalid pickle raises anything; Numba then compiles again
-        return False
-    processor = cpu_target.target_context.codegen().magic_tuple()
-    return any(key[1] == processor for key in kernels)
+        return "another"
+
+
+def _sources() -> list[Path]:
+    """Return the modules of the package whose kernels a live run uses."""
+    return sorted(Path(edge_vpr.__file__).parent.rglob("*.py"))
 
 
 def _cache_folder() -> Path:

@@ -25,6 +25,11 @@ EXTRAS = {
     "mqtt": "stream --mqtt",
     "rerun": "the viewer of stream --rerun",
 }
+#: extras that cannot be installed on a processor, and why
+NO_WHEELS = {
+    ("tonic", "aarch64"): "tonic needs expelliarmus, which has no wheel for aarch64; "
+    "edge_vpr.datasets.published_drives reads the same files without it",
+}
 
 
 def check_versions() -> Iterator[Finding]:
@@ -59,7 +64,10 @@ def check_extras() -> Iterator[Finding]:
             and not requirement.marker.evaluate({"extra": ""})
             and _installed(requirement) is None
         ]
-        if missing:
+        reason = NO_WHEELS.get((extra, platform.machine()))
+        if missing and reason is not None:
+            yield Finding("extras", "absent", f"{what}: {reason}")
+        elif missing:
             text = f"{what}: {', '.join(missing)} missing"
             yield Finding("extras", "absent", text, install_command(extra))
         else:

@@ -18,6 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware_model.design import Design
+from firmware_model.hardware.boards import ICEBREAKER
+from firmware_model.hardware.netlist import packed_cells
 
 TABLE = Path(__file__).parent / "core_area.csv"
 
@@ -119,9 +121,6 @@ def _terms(design: Design) -> tuple[int, ...]:
 
 def measure(designs: Mapping[str, Design]) -> list[Netlist]:
     """Synthesize and pack designs; raises `firmware_model.errors.ToolError` as the report does."""
-    from firmware_model.hardware.boards import ICEBREAKER
-    from firmware_model.hardware.netlist import packed_cells
-
     found = []
     for name, design in designs.items():
         taken, there = packed_cells(design, ICEBREAKER)["logic cells"]

@@ -13,9 +13,18 @@ EXPERIMENTS = {
     "rivals": "rivals",
     "frames": "frames",
     "pixel-number": "pixel_number",
+    "agreement": "agreement",
     "event-speed": "event_speed",
     "burst-filters": "burst_filters",
     "window-length": "window_length",
+    "fixed-number": "fixed_number",
+}
+
+#: experiments that simulate all of their drives, with those that do the same on recorded drives
+STREETS_ONLY = {
+    "simulated": "fixed-number, rivals and pixel-number",
+    "event-speed": "fixed-number",
+    "calibration": "trust",
 }
 
 #: folders of recordings, and their sources

@@ -6,32 +6,23 @@ all codes are compared at the same pixels and events.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from fractions import Fraction
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr.descriptors.precounted import PublishedWindows
-from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.evaluation.track_files import load_nmea
-from edge_vpr.evaluation.truth_from_alignment import from_alignment
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.matching.drive_matching import match_descriptors
-from edge_vpr.pipeline import EventSource, WindowSource, coded_map, describe, map_traverse
-from edge_vpr.recordings import open_recording
-from edge_vpr.settings import PRESETS, Settings
-from edge_vpr_tools.experiments import SOURCES, brisbane, speck_walks
-from edge_vpr_tools.experiments.trial import Kept, Summary, Times, TruthOf, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr.pipeline import coded_map, describe, map_traverse
+from edge_vpr_tools.experiments.drive_pairs import Pair, check_data, pairs
+from edge_vpr_tools.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 from fixedpoint.codes import packed_bytes
 
-FOLDER = "speck_indoor"
+__all__ = ["check_data", "run"]
+
 BITS = (1, 2, 3, 4, 6, 8)
 FULL_SCALES = (15, 31, 63, 127, 255, 511)
 CODES: Mapping[str, Mapping[str, Any]] = {
@@ -45,97 +36,8 @@ CODES: Mapping[str, Mapping[str, Any]] = {
 #: reference code for the comparison: counts of 8 bits
 RAW = ("saturating", 8)
 
-# No ground truth was published for speck_indoor. Matches of all pixels with long sequences show the
-# query 8 frames ahead, from query frame 20 on (data set's README).
-_INDOOR_LAG, _INDOOR_FROM, _INDOOR_TOLERANCE = 8, 20, 3
-_INDOOR_PERIOD = Fraction(1)
-
-
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """Two drives, and how they are matched.
-
-    Parameters
-    ----------
-    name : str
-    reference, query : EventSource or WindowSource
-    settings : Settings
-    truth_of : callable
-    drawn : bool
-        Whether pixels are drawn, so that several draws differ.
-    """
-
-    name: str
-    reference: EventSource | WindowSource
-    query: EventSource | WindowSource
-    settings: Settings
-    truth_of: TruthOf
-    drawn: bool = True
-
-
 #: P@100R of each draw, by code and bits (or full scale)
 Scores = dict[tuple[str, int], list[float]]
-
-
-def pairs(data: Path, *, needed: bool = True) -> Iterator[Pair]:
-    """Open the pairs of drives, one after another.
-
-    Parameters
-    ----------
-    data : path
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``, or some of
-        them.
-    needed : bool
-        Whether at least one pair must be there.
-
-    Raises
-    ------
-    UsageError
-        If `needed`, and no pair is there.
-    """
-    found = [
-        (data / folder, open_pairs)
-        for folder, open_pairs in (
-            (FOLDER, _indoor),
-            (speck_walks.FOLDER, _walks),
-            (brisbane.FOLDER, _brisbane),
-        )
-        if (data / folder).is_dir()
-    ]
-    if needed and not found:
-        listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
-        raise UsageError(f"{data} holds none of the folders {listed}: name the folder that does")
-    for folder, open_pairs in found:
-        yield from open_pairs(folder)
-
-
-def _indoor(folder: Path) -> Iterator[Pair]:
-    reference, query = (
-        PublishedWindows(folder / f"{name}.npz", period=_INDOOR_PERIOD)
-        for name in ("reference", "query")
-    )
-    for pixels in (25, 150):
-        settings = PRESETS["paper"].replaced({"pixels": pixels, "sequence_length": 15}, "indoor")
-        yield Pair(f"Speck indoor, {pixels} px", reference, query, settings, _truth_indoor)
-
-
-def _walks(folder: Path) -> Iterator[Pair]:
-    reference, query = (
-        Kept(open_recording(folder / f"{name}.npz", frame_period=speck_walks.FRAME_PERIOD))
-        for name in ("reference", "query")
-    )
-    truth_of = speck_walks.truth_of_walks(folder)
-    for pixels in (25, 150):
-        settings = speck_walks.SETTINGS.replaced({"pixels": pixels}, "walks")
-        yield Pair(f"Speck walks, {pixels} px", reference, query, settings, truth_of)
-
-
-def _brisbane(folder: Path) -> Iterator[Pair]:
-    reference, query = (PublishedWindows(folder / f"{name}.npz") for name in ("sunset2", "sunset1"))
-    drawn = brisbane.SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
-    truth_of = _truth_brisbane(folder)
-    yield Pair("Brisbane, 25 of 49 px", reference, query, drawn, truth_of)
-    yield Pair("Brisbane, 49 px", reference, query, brisbane.SETTINGS, truth_of, drawn=False)
 
 
 def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str, Any]]) -> Scores:
@@ -173,7 +75,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
     Parameters
     ----------
     data : path
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the drives; see `drive_pairs.pairs`.
     seeds : int
         Number of draws of pixels.
     on_start : callable
@@ -221,23 +123,24 @@ def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
     found : mapping of pair to scores by code and bits
     pixels : mapping of pair to J
     """
-    with figure(11.5, 8.0) as (drawing, only):
+    with figure(max(11.5, 3.8 * ((len(found) + 1) // 2)), 8.0) as (drawing, only):
         only.remove()
-        panels = drawing.subplots(2, 3)
-        for axes, (pair, scores) in zip(panels.T.flat, found.items(), strict=True):
+        columns = (len(found) + 1) // 2
+        panels = drawing.subplots(2, columns, squeeze=False)
+        for empty in panels.T.flat[len(found) :]:
+            empty.remove()
+        for axes, (pair, scores) in zip(panels.T.flat, found.items(), strict=False):
             for i, name in enumerate(CODES):
                 values = [scores[name, bits] for bits in BITS]
-                axes.errorbar(
+                mean_line(
+                    axes,
                     # shifted a little, so that the spreads can be distinguished
                     [packed_bytes(pixels[pair], bits) * 1.015 ** (i - 2.5) for bits in BITS],
-                    [np.mean(v) for v in values],
-                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    values,
                     color=CYCLE[i],
                     linestyle=DASHES[i % len(DASHES)],
                     lw=1.6,
                     elinewidth=0.8,
-                    marker="o",
-                    ms=3.5,
                     label=name,
                 )
             raw = float(np.mean(scores[RAW]))
@@ -269,20 +172,3 @@ def _table(found: Mapping[str, Scores], title: Callable[[str, int], str]) -> str
 def _bytes_table(pixels: Sequence[int]) -> str:
     rows = [[str(bits), *(str(packed_bytes(j, bits)) for j in pixels)] for bits in BITS]
     return markdown_table(("bits", *(f"{j} pixels" for j in pixels)), rows)
-
-
-def _truth_indoor(places_us: Times, queries_us: Times) -> GroundTruth:
-    period_us = float(_INDOOR_PERIOD * 1_000_000)
-    places, queries = (np.floor(times / period_us) for times in (places_us, queries_us))
-    first, last = float(_INDOOR_FROM), float(queries.max())
-    alignment = np.array([[first, first - _INDOOR_LAG], [last, last - _INDOOR_LAG]])
-    return from_alignment(alignment, queries, places, _INDOOR_TOLERANCE, "frames")
-
-
-def _truth_brisbane(folder: Path) -> TruthOf:
-    reference, query = (load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1"))
-
-    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
-        return from_tracks(reference, query, places_us, queries_us, brisbane.TOLERANCE_M)
-
-    return truth_of

@@ -6,7 +6,7 @@ sensor; on recorded drives it is a period of time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -14,24 +14,19 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.datasets.catalogue import BRISBANE_BAGS_PAGE, BRISBANE_PAGE, QCR_PAGE
-from edge_vpr.datasets.published_drives import PublishedPair, published_pairs
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.hot_pixels import find_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, Window
-from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import EventSource, WindowSource, cleaned
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
-from edge_vpr_tools.experiments import SOURCES, codes_frontier
-from edge_vpr_tools.experiments.simulated import truth_of_pair
+from edge_vpr_tools.experiments.drive_pairs import PAPER, pairs
+from edge_vpr_tools.experiments.simulated import SIMULATED, truth_of_pair
 from edge_vpr_tools.experiments.trial import Times, TruthOf
 
 #: length of the simulated streets in metres
 LENGTH_M = 450.0
-SIMULATED = "simulated streets"
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,50 +108,11 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
     Parameters
     ----------
     data : Path
-        Folder of the stand-ins in `SOURCES`, and of the published traverses under their names
-        (`edge_vpr.datasets.published_drives`). Absent data are skipped.
+        Folder of the drives; see `drive_pairs.pairs`. Absent data are skipped.
     """
-    for pair in codes_frontier.pairs(data, needed=False):
-        if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
-            continue
-        if pair.settings.pixels != PRESETS["paper"].pixels:  # same drives, other pixels
-            continue
-        name = pair.name.split(",")[0]
-        yield count_pair(name, pair.reference, pair.query, pair.settings, pair.truth_of)
-    for drives in published_pairs(data):
-        yield count_published(drives)
-
-
-def absent_data(data: Path | None, pairs: Collection[str]) -> str:
-    """Return the sources of recorded drives as a paragraph; empty if a recorded pair was matched.
-
-    Parameters
-    ----------
-    data : Path, optional
-        Folder that the user gave.
-    pairs : collection of str
-        Names of the pairs that were matched.
-    """
-    if set(pairs) - {SIMULATED}:
-        return ""
-    listed = "; ".join(f"{folder}: {what}" for folder, what in SOURCES.items())
-    where = "no folder was given with --data" if data is None else f"{data} holds none"
-    return (
-        f"\n\nNo recorded drives were compared: {where}. Name a folder with two traverses or more "
-        f"of Brisbane-Event-VPR ({BRISBANE_PAGE}, or {BRISBANE_BAGS_PAGE}) or QCR-Event-VPR "
-        f"({QCR_PAGE}) under their published names, or with one of the folders {listed}."
-    )
-
-
-def count_published(pair: PublishedPair) -> CountedPair:
-    """Count two published traverses, in windows of fixed time as in the paper."""
-    tracks = (pair.reference.track, pair.query.track)
-
-    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
-        return from_tracks(*tracks, places_us, queries_us, pair.tolerance_m)
-
-    drives = (pair.reference.recording, pair.query.recording)
-    return count_pair(pair.name, *drives, PRESETS["paper"], truth_of)
+    for pair in pairs(data, needed=False):
+        if pair.has_images and pair.settings.pixels == PAPER.pixels:  # each pair of drives once
+            yield count_pair(pair.drives, pair.reference, pair.query, pair.settings, pair.truth_of)
 
 
 class Draw(NamedTuple):

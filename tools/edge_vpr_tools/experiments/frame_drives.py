@@ -1,7 +1,7 @@
 """Drives of the user that have intensity frames.
 
 The folder given with ``--data`` can hold the bags of Brisbane-Event-VPR under their published
-names, and a folder ``frames``. The latter has ``reference`` and ``query``, each an AEDAT 4 file, a
+names, and a folder ``frames``. The latter has ``reference`` and ``query``, each an AEDAT file, a
 ROS bag, HDF5 or a folder of images (see `edge_vpr.intensity`), and ``reference_track`` and
 ``query_track`` (``.csv``, ``.nmea`` or ``.gpx``), whose times count from the start of their
 recordings.

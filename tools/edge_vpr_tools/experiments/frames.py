@@ -11,23 +11,27 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr.baselines import Baseline, compare, open_baseline
+from edge_vpr.baselines import Baseline, open_baseline
 from edge_vpr.baselines.selected_pixels import SelectedPixels
 from edge_vpr.datasets.catalogue import BRISBANE_BAGS_PAGE
-from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.intensity.exposure import simulated_images
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import simulate_pair
 from edge_vpr_tools.experiments.counted_pairs import (
     LENGTH_M,
-    SIMULATED,
     CountedDrive,
     CountedPair,
     count_simulated,
 )
 from edge_vpr_tools.experiments.frame_drives import FRAMES, FramedPair, framed_pairs
-from edge_vpr_tools.experiments.systems import Result, Results, draw_curves, systems_table
+from edge_vpr_tools.experiments.simulated import SIMULATED
+from edge_vpr_tools.experiments.systems import (
+    Result,
+    Results,
+    compare_systems,
+    draw_curves,
+    systems_table,
+)
 from edge_vpr_tools.report.style import CYCLE, save
 
 #: strategies for choosing pixels, by the name in the table
@@ -94,20 +98,11 @@ def score(
     pair: FramedPair, seed: int, drawn_only: bool, baselines: Sequence[str] = ()
 ) -> dict[str, Result]:
     """Match a pair with every choice of pixels, as events and as frames."""
-    found = {}
+    found: dict[str, Result] = {}
     for what, counted in (("events", pair.events), ("frames", pair.frames)):
-        if counted is None:
-            continue
-        truth = counted.truth_of(counted.reference.centre_us, counted.query.centre_us)
-        for name, baseline in systems(seed, drawn_only, baselines):
-            try:
-                compared = compare(
-                    baseline, counted.reference.images, counted.query.images,
-                    counted.query.centre_us, counted.settings,
-                )  # fmt: skip
-            except UsageError:  # on this sensor, the surrounds of fewer pixels cover all others
-                continue
-            found[f"{what}, {name}"] = compared, evaluate(compared.matches, truth)
+        if counted is not None:
+            results = compare_systems(counted, systems(seed, drawn_only, baselines))
+            found |= {f"{what}, {name}": result for name, result in results.items()}
     return found
 
 

@@ -15,18 +15,22 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from edge_vpr.baselines import map_all_pixels
 from edge_vpr.descriptors.descriptor_stream import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.pipeline import EventSource, WindowSource, map_traverse, match_traverse, register
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr_tools.experiments import codes_frontier
+from edge_vpr_tools.experiments import SOURCES, brisbane
+from edge_vpr_tools.experiments.drive_pairs import PAPER, check_data, pairs, without_pairs
 from edge_vpr_tools.experiments.trial import Summary, TruthOf, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 
-FOLDER = codes_frontier.FOLDER
+__all__ = ["check_data", "run"]
+
 #: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)
 _CODED = {"counter_code": "log"}
@@ -38,11 +42,23 @@ _DEFAULT = {
 
 @dataclass(frozen=True)
 class Way:
-    """Way to match a shifted drive."""
+    """Way to match a shifted drive.
+
+    Parameters
+    ----------
+    name : str
+    changes : dict
+        Settings that differ from the pair's.
+    registered : bool
+        Register the query with the map.
+    all_pixels : bool
+        Use every pixel instead of a selection.
+    """
 
     name: str
     changes: dict[str, Any]
     registered: bool = False
+    all_pixels: bool = False
 
 
 WAYS = (
@@ -52,6 +68,11 @@ WAYS = (
     Way("3-bit logarithms, registered", _CODED, True),
     Way("place filter (default)", _DEFAULT),
     Way("place filter, registered", _DEFAULT, True),
+)
+#: ways that draw no pixels, and are therefore matched once, beside the largest number of pixels
+EVERY = (
+    Way("all pixels, counts", {}, all_pixels=True),
+    Way("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
 )
 
 
@@ -128,16 +149,18 @@ def score(
     Returns
     -------
     scores : dict of (way, shift) to list of float
-        P@100R of each draw.
+        P@100R of each draw; of all pixels, one.
     estimates : list of (shift, dx, dy)
         Estimated shifts, with the default's map.
     """
-    scores: Scores = {(way.name, shift): [] for way in WAYS for shift in SHIFTS}
+    scores: Scores = {}
     estimates = []
     for seed in range(seeds):
-        for way in WAYS:
+        for way in (*WAYS, *(EVERY if seed == 0 and settings.pixels == PAPER.pixels else ())):
             chosen = settings.replaced({"seed": seed, **way.changes}, way.name)
             mapped = map_traverse(reference, chosen)
+            if way.all_pixels:
+                mapped = map_all_pixels(reference, chosen, mapped.hot)
             for shift in SHIFTS:
                 query, used = ShiftedWindows(images, reference.window_us, shift, shift), mapped
                 if way.registered:
@@ -147,17 +170,19 @@ def score(
                         estimates.append((shift, found.dx, found.dy))
                 matches, queries = match_traverse(used, query)
                 truth = truth_of(used.places.centre_us, queries.centre_us)
-                scores[way.name, shift].append(evaluate(matches, truth).precision_at_100_recall)
+                right = evaluate(matches, truth).precision_at_100_recall
+                scores.setdefault((way.name, shift), []).append(right)
     return scores, estimates
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Shift the queries of the Speck's drives, and return Markdown tables.
+    """Shift the queries of every pair of drives, and return Markdown tables.
 
     Parameters
     ----------
     data : path
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the drives; see `drive_pairs.pairs`. The published counts of Brisbane, which are
+        no images, are left out.
     seeds : int
         Number of draws of pixels.
     on_start : callable
@@ -166,9 +191,9 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
         Path of the figure.
     """
     parts, drawn = [], {}
-    for pair in codes_frontier.pairs(data):
-        if isinstance(pair.query, WindowSource) and not pair.query.counted.all():
-            continue  # images of only a few locations cannot be shifted
+    for pair in pairs(data):
+        if not pair.has_images:
+            continue  # a few locations cannot be shifted
         on_start(pair.name)
         window_us = pair.settings.tau_us
         images = [counted_images(drive, window_us) for drive in (pair.reference, pair.query)]
@@ -176,15 +201,24 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
         scores, estimates = score(reference, images[1], pair.truth_of, pair.settings, seeds)
         drawn[pair.name] = scores
         rows = [
-            [way.name, *(str(Summary(scores[way.name, shift])) for shift in SHIFTS)] for way in WAYS
+            [way.name, *(str(Summary(scores[way.name, shift])) for shift in SHIFTS)]
+            for way in _matched(scores)
         ]
         parts.append(f"{pair.name}, P@100R at each shift:\n")
         header = ("way", *(f"({shift}, {shift})" for shift in SHIFTS))
         parts.append(markdown_table(header, rows) + "\n")
         parts.append(f"{_off(estimates)}\n")
+    if not drawn:
+        folders = [folder for folder in SOURCES if folder != brisbane.FOLDER]
+        raise UsageError(f"no drive with counts at every pixel: {without_pairs(data, folders)}")
     if figures:
         save(draw(drawn), *figures)
     return "\n".join(parts)
+
+
+def _matched(scores: Scores) -> list[Way]:
+    """Return the ways that were matched, in the order of the table."""
+    return [way for way in (*WAYS, *EVERY) if (way.name, SHIFTS[0]) in scores]
 
 
 def _off(estimates: Sequence[tuple[int, int, int]]) -> str:
@@ -203,19 +237,18 @@ def draw(found: dict[str, Scores]) -> Figure:
         only.remove()
         panels = drawing.subplots(rows, 2, squeeze=False)
         for axes, (pair, scores) in zip(panels.flat, found.items(), strict=False):
-            for i, way in enumerate(WAYS):
+            for i, way in enumerate(_matched(scores)):
                 values = [scores[way.name, shift] for shift in SHIFTS]
-                axes.errorbar(
+                mean_line(
+                    axes,
                     SHIFTS,
-                    [np.mean(v) for v in values],
-                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
-                    color=CYCLE[i // 2],
-                    linestyle="-" if way.registered else DASHES[1],
-                    marker="o",
-                    ms=3.5,
+                    values,
+                    color="gray" if way.all_pixels else CYCLE[i // 2],
+                    linestyle="-" if way.registered else DASHES[1 + (way is EVERY[-1])],
                     label=way.name,
                 )
             axes.set(title=pair, xlabel="shift, pixels", ylabel="P@100R", ylim=(0, 1.02))
-        handles, labels = panels[0, 0].get_legend_handles_labels()
+        most = max(panels.flat, key=lambda axes: len(axes.get_legend_handles_labels()[1]))
+        handles, labels = most.get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside lower center", ncols=3)
     return drawing

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr.baselines import compare, open_baseline
+from edge_vpr.baselines import open_baseline
 from edge_vpr.baselines.selected_pixels import SelectedPixels
 from edge_vpr.descriptors.descriptors import Descriptors, narrow
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import coded_map, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, absent_data, draws
+from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, draws
+from edge_vpr_tools.experiments.drive_pairs import absent_data
+from edge_vpr_tools.experiments.systems import compare_systems
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 
 NUMBERS = (5, 10, 25, 50, 83, 150, 300)
 #: strategies with the suppression of the default number of pixels; numbers of pixels that do not
@@ -68,23 +69,19 @@ def score(pair: CountedPair, seed: int, found: Found, dense: bool = True) -> Non
         Match all pixels too.
     """
     truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
-    images, times = (pair.reference.images, pair.query.images), pair.query.centre_us
     for name, changes in STRATEGIES.items():
         for number in NUMBERS:
             settings = pair.settings.replaced({"pixels": number, "seed": seed, **changes}, name)
             pixels = SelectedPixels(name, settings)
-            try:
-                compared = compare(pixels, *images, times, settings)
-            except UsageError:  # on this sensor, the surrounds of fewer pixels cover all others
+            results = compare_systems(replace(pair, settings=settings), [(name, pixels)])
+            if not results:  # on this sensor, the surrounds of fewer pixels cover all others
                 continue
-            found.add(
-                PAPER, name, number, evaluate(compared.matches, truth).precision_at_100_recall
-            )
+            found.add(PAPER, name, number, results[name][1].precision_at_100_recall)
             matches = match_as_robot(pair, pixels.pixel_map)
             found.add(ROBOT, name, number, evaluate(matches, truth).precision_at_100_recall)
     if dense:
-        compared = compare(open_baseline("all-pixels"), *images, times, pair.settings)
-        found.every.append(evaluate(compared.matches, truth).precision_at_100_recall)
+        _, evaluation = compare_systems(pair, [(ALL, open_baseline("all-pixels"))])[ALL]
+        found.every.append(evaluation.precision_at_100_recall)
 
 
 def match_as_robot(pair: CountedPair, pixel_map: PixelMap) -> Matches:
@@ -117,7 +114,7 @@ def run(
     Parameters
     ----------
     data : path, optional
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the recorded drives; see `counted_pairs.recorded_pairs`.
     seeds : int
         Number of simulated pairs, and of draws of pixels.
     on_start : callable
@@ -161,14 +158,12 @@ def draw(results: Mapping[str, Found]) -> Figure:
             for i, name in enumerate(STRATEGIES):
                 numbers = [n for n in NUMBERS if (method, name, n) in found.few]
                 values = [found.few[method, name, n] for n in numbers]
-                axes.errorbar(
+                mean_line(
+                    axes,
                     numbers,
-                    [np.mean(v) for v in values],
-                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    values,
                     color=CYCLE[i],
                     linestyle=DASHES[i],
-                    marker="o",
-                    ms=3.5,
                     label=name,
                 )
             if method == PAPER:

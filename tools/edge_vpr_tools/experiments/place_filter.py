@@ -25,7 +25,7 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.settings.choices import Score
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
 from edge_vpr.simulate.odometer import wheel_odometry
-from edge_vpr_tools.experiments import codes_frontier
+from edge_vpr_tools.experiments.drive_pairs import check_data, pairs
 from edge_vpr_tools.experiments.filter_variants import (
     BEST,
     ROBOT,
@@ -38,7 +38,8 @@ from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, figure, save
 
-FOLDER = codes_frontier.FOLDER
+__all__ = ["check_data", "run"]
+
 FIRST_SEED = 10
 _WHEELS = 9  # random stream of the odometers
 
@@ -109,7 +110,7 @@ def counted_pairs(
     dict of str to list of Counted
     """
     found: dict[str, list[Counted]] = {}
-    for pair in codes_frontier.pairs(data):
+    for pair in pairs(data):
         on_start(pair.name)
         found[pair.name] = []
         for seed in range(seeds if pair.drawn else 1):
@@ -157,7 +158,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
     Parameters
     ----------
     data : path
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the recorded drives; see `drive_pairs.pairs`.
     seeds : int
         Number of draws of pixels, and of streets of the simulator.
     on_start : callable
@@ -165,32 +166,32 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
     *figures : path
         Path of the sensitivity plot, a PNG.
     """
-    pairs = counted_pairs(data, seeds, on_start)
+    drives = counted_pairs(data, seeds, on_start)
     if figures:
         on_start("varying each parameter")
-        save(draw(pairs), *figures)
+        save(draw(drives), *figures)
     on_start("matching")
     return "\n\n".join(
         [
             "P@100R / R@99P of every variant, each by its own score:",
-            ablation(pairs),
+            ablation(drives),
             "P@100R over the windows that sequences of 10 answer for:",
-            started(pairs),
+            started(drives),
             "P@100R / R@99P with wheel odometry:",
-            with_odometry(pairs),
+            with_odometry(drives),
             *(
                 text
                 for name in (BEST, ROBOT, "sequences of 10, own mean")
-                for text in (f"R@99P of {name} by what is thresholded:", by_score(pairs, name))
+                for text in (f"R@99P of {name} by what is thresholded:", by_score(drives, name))
             ),
         ]
     )
 
 
-def ablation(pairs: Mapping[str, Sequence[Counted]]) -> str:
+def ablation(drives: Mapping[str, Sequence[Counted]]) -> str:
     """Return P@100R and R@99P of each variant on each pair as a Markdown table."""
     rows = []
-    for name, trials in pairs.items():
+    for name, trials in drives.items():
         row = [name]
         for changes in VARIANTS.values():
             found = [trial.evaluated(changes) for trial in trials]
@@ -202,7 +203,7 @@ def ablation(pairs: Mapping[str, Sequence[Counted]]) -> str:
     return markdown_table(("drives", *VARIANTS), rows)
 
 
-def started(pairs: Mapping[str, Sequence[Counted]]) -> str:
+def started(drives: Mapping[str, Sequence[Counted]]) -> str:
     """Return P@100R without the first and last windows as a Markdown table."""
     names = ("sequences of 10, own mean", "place filter, own mean", BEST)
     rows = [
@@ -213,22 +214,22 @@ def started(pairs: Mapping[str, Sequence[Counted]]) -> str:
                 for name in names
             ),
         ]
-        for pair, trials in pairs.items()
+        for pair, trials in drives.items()
     ]
     return markdown_table(("drives", *names), rows)
 
 
-def with_odometry(pairs: Mapping[str, Sequence[Counted]]) -> str:
+def with_odometry(drives: Mapping[str, Sequence[Counted]]) -> str:
     """Return the filter's figures without and with odometry as a Markdown table."""
     header = ["drives"]
-    rows = [[name] for name, trials in pairs.items() if trials[0].odometry is not None]
+    rows = [[name] for name, trials in drives.items() if trials[0].odometry is not None]
     for variant in (ROBOT, BEST):
         for used in (False, True):
             header.append(variant + (", odometry" if used else ""))
             for row in rows:
                 found = [
                     trial.evaluated(VARIANTS[variant], None, trial.odometry if used else None)
-                    for trial in pairs[row[0]]
+                    for trial in drives[row[0]]
                 ]
                 row.append(
                     f"{Summary([f.precision_at_100_recall for f in found])} / "
@@ -237,10 +238,10 @@ def with_odometry(pairs: Mapping[str, Sequence[Counted]]) -> str:
     return markdown_table(header, rows)
 
 
-def by_score(pairs: Mapping[str, Sequence[Counted]], variant: str) -> str:
+def by_score(drives: Mapping[str, Sequence[Counted]], variant: str) -> str:
     """Return R@99P of a variant by each score as a Markdown table."""
     rows = []
-    for name, trials in pairs.items():
+    for name, trials in drives.items():
         row = [name]
         for score in SCORES:
             found = [trial.evaluated(VARIANTS[variant], score) for trial in trials]
@@ -249,13 +250,13 @@ def by_score(pairs: Mapping[str, Sequence[Counted]], variant: str) -> str:
     return markdown_table(("drives", *SCORES), rows)
 
 
-def draw(pairs: Mapping[str, Sequence[Counted]]) -> Figure:
+def draw(drives: Mapping[str, Sequence[Counted]]) -> Figure:
     """Draw P@100R of every pair against each parameter, with the others at their default."""
     with figure(11.0, 4.6) as (drawing, only):
         only.remove()
         panels = drawing.subplots(1, len(SWEEPS), sharey=True)
         for axes, (title, values) in zip(panels, SWEEPS.items(), strict=True):
-            for i, (name, trials) in enumerate(pairs.items()):
+            for i, (name, trials) in enumerate(drives.items()):
                 right = [
                     np.mean(
                         [

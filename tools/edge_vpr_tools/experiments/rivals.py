@@ -11,15 +11,16 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from edge_vpr.baselines import baseline_names, compare, open_baseline
-from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr_tools.experiments.counted_pairs import CountedPair, absent_data, draws
+from edge_vpr.baselines import baseline_names, open_baseline
+from edge_vpr_tools.experiments.counted_pairs import CountedPair, draws
+from edge_vpr_tools.experiments.drive_pairs import absent_data
 from edge_vpr_tools.experiments.systems import (
     Result,
     Results,
+    compare_systems,
     draw_curves,
     draw_memory,
+    draw_time,
     systems_table,
 )
 from edge_vpr_tools.report.style import save
@@ -30,18 +31,7 @@ DRAWN = ("paper", "seed-code")
 
 def compare_all(pair: CountedPair, seed: int, names: Sequence[str]) -> dict[str, Result]:
     """Match a pair with every baseline of these names that can be used on its sensor."""
-    truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
-    found = {}
-    for name in names:
-        try:
-            compared = compare(
-                open_baseline(name, seed), pair.reference.images, pair.query.images,
-                pair.query.centre_us, pair.settings,
-            )  # fmt: skip
-        except UsageError:  # the released code's 100 pixels do not fit every sensor
-            continue
-        found[name] = compared, evaluate(compared.matches, truth)
-    return found
+    return compare_systems(pair, ((name, open_baseline(name, seed)) for name in names))
 
 
 def run(
@@ -56,14 +46,15 @@ def run(
     Parameters
     ----------
     data : path, optional
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the recorded drives; see `counted_pairs.recorded_pairs`.
     seeds : int
         Number of simulated pairs, and of draws of pixels.
     on_start : callable
         Called with a description before each part begins.
     *figures : path
-        Path of the figure of right matches against memory. The curves of precision and recall are
-        written beside it, with ``_curves`` in their names.
+        Path of the figure of right matches against memory. The same against the time of a query,
+        and the curves of precision and recall, are written beside it, with ``_time`` and
+        ``_curves`` in their names.
     baselines : sequence of str
         Baselines in addition to `baseline_names`; see `edge_vpr.baselines.open_baseline`.
     """
@@ -76,6 +67,7 @@ def run(
             results.setdefault(name, []).append(result)
     if figures:
         save(draw(found, titles), *figures)
+        save(draw_time(found, titles), *(p.with_stem(f"{p.stem}_time") for p in figures))
         save(draw_curves(found, titles), *(p.with_stem(f"{p.stem}_curves") for p in figures))
     tables = "\n\n".join(
         f"{pair}:\n\n{systems_table(results, titles)}" for pair, results in found.items()

@@ -20,6 +20,8 @@ from edge_vpr_tools.experiments.trial import (
     run_trial,
 )
 
+#: name of the pairs in tables of several experiments
+SIMULATED = "simulated streets"
 #: largest distance of a right match along the route, in metres
 TOLERANCE_M = 10.0
 SETTINGS = PRESETS["paper"]

@@ -1,17 +1,19 @@
-"""What systems did on pairs of drives: a table, memory against right matches, and their curves."""
+"""What systems did on pairs of drives: a table, right matches against cost, and their curves."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from edge_vpr.baselines import Compared
+from edge_vpr.baselines import Baseline, Compared, compare
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.mean_curve import mean_precision
-from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.evaluation.metrics import Evaluation, evaluate
+from edge_vpr_tools.experiments.counted_pairs import CountedPair
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import CYCLE, DASHES, figure, name_label
 
@@ -26,6 +28,35 @@ _HEADER = (
     "system", "P@100R", "R@99P", "bytes a place", "operations a match", "describing",
     "matching a query",
 )  # fmt: skip
+
+
+def compare_systems(
+    pair: CountedPair, systems: Iterable[tuple[str, Baseline]]
+) -> dict[str, Result]:
+    """Match a pair with every system that can be used on its sensor.
+
+    Parameters
+    ----------
+    pair : CountedPair
+    systems : iterable of (name, Baseline)
+
+    Returns
+    -------
+    dict of name to (Compared, Evaluation)
+        Without the systems that do not fit: pixels with large surrounds do not fit every sensor.
+    """
+    reference, query = pair.reference, pair.query
+    truth = pair.truth_of(reference.centre_us, query.centre_us)
+    found = {}
+    for name, system in systems:
+        try:
+            compared = compare(
+                system, reference.images, query.images, query.centre_us, pair.settings
+            )
+        except UsageError:
+            continue
+        found[name] = compared, evaluate(compared.matches, truth)
+    return found
 
 
 def systems_table(results: Results, titles: Mapping[str, str]) -> str:
@@ -60,6 +91,21 @@ def systems_table(results: Results, titles: Mapping[str, str]) -> str:
 
 def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
     """Draw right matches against bytes a place, with a panel for each pair of drives."""
+    return _draw_costs(found, titles, "bytes a place", lambda each: each.bytes_per_place)
+
+
+def draw_time(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
+    """Draw right matches against the time of a query, with a panel for each pair of drives."""
+    label = "describing and matching a query, us"
+    return _draw_costs(found, titles, label, lambda each: each.describe_us + each.match_us)
+
+
+def _draw_costs(
+    found: Mapping[str, Results],
+    titles: Mapping[str, str],
+    label: str,
+    cost_of: Callable[[Compared], float],
+) -> Figure:
     with figure(4.2 * len(found) + 1.5, 4.8) as (drawing, only):
         only.remove()
         panels = drawing.subplots(1, len(found), squeeze=False)
@@ -69,7 +115,7 @@ def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figu
                     continue
                 values = [e.precision_at_100_recall for _, e in results[name]]
                 axes.errorbar(
-                    results[name][0][0].bytes_per_place,
+                    float(np.median([cost_of(compared) for compared, _ in results[name]])),
                     float(np.mean(values)),
                     float(np.std(values, ddof=1)) if len(values) > 1 else 0,
                     color=CYCLE[i % len(CYCLE)],
@@ -79,7 +125,7 @@ def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figu
                     label=name_label(title),
                 )
             axes.set_xscale("log")
-            axes.set(title=pair, xlabel="bytes a place", ylim=(0, 1.03))
+            axes.set(title=pair, xlabel=label, ylim=(0, 1.03))
         panels[0, 0].set_ylabel("P@100R")
         _legend(drawing)
     return drawing

@@ -89,7 +89,15 @@ def run_trial(
     settings: Settings,
     variant: Variant,
 ) -> Trial:
-    """Map, describe, match and evaluate.
+    """Map, describe, match and evaluate; see `map_and_describe`."""
+    mapped, queries = map_and_describe(reference, query, settings, variant)
+    return match_trial(mapped, queries, truth_of)
+
+
+def map_and_describe(
+    reference: EventSource, query: EventSource, settings: Settings, variant: Variant
+) -> tuple[ReferenceMap, Descriptors]:
+    """Map a reference drive, and describe a query drive.
 
     A fixed-count window holds the average number of events of a fixed-time window of the reference
     at the same pixels, so that the two kinds of window are compared fairly (paper, IV-C).
@@ -99,7 +107,11 @@ def run_trial(
     mapped = map_traverse(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)
-    queries = describe_query(mapped, query)
+    return mapped, describe_query(mapped, query)
+
+
+def match_trial(mapped: ReferenceMap, queries: Descriptors, truth_of: TruthOf) -> Trial:
+    """Match and evaluate."""
     match_descriptors(mapped.places, queries, mapped.settings)  # compiles, and fills the cache
     start = time.perf_counter()
     matches = match_descriptors(mapped.places, queries, mapped.settings)

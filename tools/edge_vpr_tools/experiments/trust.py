@@ -12,23 +12,21 @@ from edge_vpr.confidence import Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.evaluation.rejection import Rejection, judge_rejection
-from edge_vpr.evaluation.track_files import load_nmea
 from edge_vpr.evaluation.tracks import distances
 from edge_vpr.pipeline import count_windows, map_traverse
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments import brisbane
 from edge_vpr_tools.experiments.calibration import Sample, joined, sample, with_settings
-from edge_vpr_tools.experiments.codes_frontier import FOLDER, Pair, pairs
 from edge_vpr_tools.experiments.detours import Case, carried_off, without_places
+from edge_vpr_tools.experiments.drive_pairs import Pair, Tracks, check_data, pairs
 from edge_vpr_tools.experiments.switching_on import HEADER, first_row
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.figures import reliability_diagram
 from edge_vpr_tools.report.style import save
 
-__all__ = ["FOLDER", "run"]
+__all__ = ["check_data", "run"]
 
 PRECISION = 0.99
-#: places of Brisbane that are cut out of the map; for other maps, it is the third quarter
+#: places that are cut out of the map of Brisbane's counts; of other maps, it is the third quarter
 _CUT = (220, 330)
 
 
@@ -38,7 +36,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
     Parameters
     ----------
     data : path
-        Folder that holds ``speck_indoor``, ``speck_walks`` and ``brisbane_sparse49``.
+        Folder of the drives; see `drive_pairs.pairs`.
     seeds : int
         Number of draws of pixels.
     on_start : callable
@@ -47,12 +45,13 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
         Path of the reliability diagram of all pairs together.
     """
     rows = {smooth: _Rows() for smooth in (True, False)}
-    first, everything = [], []
+    first, everything, intervals = [], [], []
     for pair in pairs(data):
-        if not pair.drawn or "Brisbane" not in pair.name:  # 49 of 49 pixels represent Brisbane
+        if pair.has_images or not pair.drawn:  # 49 of 49 pixels represent the counts of Brisbane
             on_start(pair.name)
             drawn = list(cases(pair, seeds))
-            last = drawn[0]  # the last pair is Brisbane, which has tracks
+            if pair.tracks is not None:
+                intervals.append(_intervals(pair.name, pair.tracks, drawn[0]))
             for smooth, tables in rows.items():
                 found = tables.add(pair, [with_settings(case, smooth=smooth) for case in drawn])
                 everything += found if smooth else []
@@ -74,7 +73,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
             f"A piece of the map cut out, {how}:", markdown_table(_REJECTED, tables.cut),
             f"Carried off twice, {how}:", markdown_table(_REJECTED, tables.carried),
         ]  # fmt: skip
-    parts += ["Switched on in mid-route:", markdown_table(HEADER, first), _intervals(data, last)]
+    parts += ["Switched on in mid-route:", markdown_table(HEADER, first), *intervals]
     return "\n\n".join(parts)
 
 
@@ -109,23 +108,21 @@ class _Rows:
         return found
 
 
-def _intervals(data: Path, case: Case) -> str:
-    """Describe how often the interval along the route holds the true position, on Brisbane."""
-    folder = data / brisbane.FOLDER
-    tracks = {name: load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")}
-    route = with_positions(case.reference, tracks["sunset2"]).route
+def _intervals(name: str, tracks: Tracks, case: Case) -> str:
+    """Describe how often the interval along the route holds the true position."""
+    route = with_positions(case.reference, tracks.reference).route
     assert route is not None
     matches = case.match()
     known = case.truth.known[matches.query]
     gaps = distances(
-        "geographic", tracks["sunset1"].at(matches.time_us)[known, None], route.position[None]
+        tracks.query.kind, tracks.query.at(matches.time_us)[known, None], route.position[None]
     )
     true_m = route.along_m[np.nanargmin(gaps, axis=1)]  # the nearest place of the map
     located = route.locate(matches.place[known], matches.settings.exclusion)
     inside = (located.from_m <= true_m) & (true_m <= located.to_m)
     width = np.nanmedian(located.to_m - located.from_m)
     return (
-        f"Intervals along the route of Brisbane hold {inside.mean():.3f} of the true positions, at "
+        f"Intervals along the route of {name} hold {inside.mean():.3f} of the true positions, at "
         f"a mean probability of {matches.probability[known].mean():.3f}; their median length is "
         f"{width:.0f} m."
     )
@@ -161,7 +158,7 @@ def cases(pair: Pair, seeds: int) -> Iterator[Case]:
 
 def _piece(case: Case, pair: Pair) -> tuple[int, int]:
     places = len(case.reference)
-    return _CUT if "Brisbane" in pair.name else (places // 2, 3 * places // 4)
+    return (places // 2, 3 * places // 4) if pair.has_images else _CUT
 
 
 def _carried(case: Case) -> Case:

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr.pipeline import EventSource
-from edge_vpr.recordings import open_recording
-from edge_vpr.settings import PRESETS
+from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulate import simulate_pair
-from edge_vpr_tools.experiments import speck_walks
-from edge_vpr_tools.experiments.simulated import truth_of_pair
+from edge_vpr_tools.experiments.drive_pairs import absent_events, event_pairs
+from edge_vpr_tools.experiments.simulated import SIMULATED, truth_of_pair
 from edge_vpr_tools.experiments.trial import (
-    Kept,
     Summary,
     TruthOf,
     Variant,
+    map_and_describe,
     markdown_table,
-    run_trial,
+    match_trial,
 )
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, save
+from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 
 #: duration of one window in seconds
 WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -30,8 +29,6 @@ WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 SPANS_S = (4.0, 8.0, 16.0)
 #: seconds on each side of the best place in which no second best is searched
 _EXCLUSION_S = 3.0
-SIMULATED = "simulated streets"
-WALKS = "Speck walks"
 
 #: P@100R of each trial, by the seconds of a window and of a match
 Found = dict[tuple[float, float], list[float]]
@@ -56,12 +53,12 @@ def run(
     on_start: Callable[[str], None],
     *figures: Path,
 ) -> str:
-    """Vary windows and sequences on simulated pairs, and on the walks if a folder is given.
+    """Vary windows and sequences on simulated pairs, and on recorded ones if a folder is given.
 
     Parameters
     ----------
     data : path, optional
-        Folder that holds ``speck_walks``.
+        Folder of the recorded events; see `drive_pairs.event_pairs`.
     seeds : int
         Number of simulated pairs, and of draws of pixels.
     on_start : callable
@@ -74,15 +71,34 @@ def run(
         found = results.setdefault(name, {})
         settings = PRESETS["paper"].replaced({"seed": seed}, "seed")
         for window_s in WINDOWS_S:
-            for span_s in SPANS_S:
-                tried = variant(window_s, span_s)
-                on_start(f"{name}, seed {seed}: {tried.name}")
-                trial = run_trial(reference, query, truth_of, settings, tried)
-                right = trial.evaluation.precision_at_100_recall
-                found.setdefault((window_s, span_s), []).append(right)
+            on_start(f"{name}, seed {seed}: windows of {window_s:g} s")
+            score(reference, query, truth_of, settings, window_s, found)
     if figures:
         save(draw(results), *figures)
-    return "\n\n".join(f"{name}, P@100R:\n\n{_table(found)}" for name, found in results.items())
+    tables = "\n\n".join(f"{name}, P@100R:\n\n{_table(found)}" for name, found in results.items())
+    return tables + absent_events(data, results)
+
+
+def score(
+    reference: EventSource,
+    query: EventSource,
+    truth_of: TruthOf,
+    settings: Settings,
+    window_s: float,
+    found: Found,
+) -> None:
+    """Match with windows of one length and sequences of every span, and add the figures.
+
+    Both drives are counted once, since the length of sequences matters only to the matching.
+    """
+    tried = variant(window_s, SPANS_S[0])
+    mapped, queries = map_and_describe(reference, query, settings, tried)
+    for span_s in SPANS_S:
+        longer = variant(window_s, span_s)
+        spanning = replace(mapped, settings=mapped.settings.replaced(longer.changes, longer.name))
+        trial = match_trial(spanning, queries, truth_of)
+        right = trial.evaluation.precision_at_100_recall
+        found.setdefault((window_s, span_s), []).append(right)
 
 
 def _trials(
@@ -91,15 +107,9 @@ def _trials(
     for seed in range(seeds):
         reference, query = (drive.keep() for drive in simulate_pair(seed))
         yield SIMULATED, seed, reference, query, truth_of_pair(reference, query)
-    if data is None:
-        return
-    folder = data / speck_walks.FOLDER
-    first, second = (
-        Kept(open_recording(folder / f"{name}.npz", frame_period=speck_walks.FRAME_PERIOD))
-        for name in ("reference", "query")
-    )
-    for seed in range(seeds):
-        yield WALKS, seed, first, second, speck_walks.truth_of_walks(folder)
+    for pair in event_pairs(data):
+        for seed in range(seeds):
+            yield pair.name, seed, pair.reference, pair.query, pair.truth_of
 
 
 def _table(found: Found) -> str:
@@ -118,14 +128,12 @@ def draw(results: Mapping[str, Found]) -> Figure:
         for axes, (name, found) in zip(panels.flat, results.items(), strict=True):
             for i, span in enumerate(SPANS_S):
                 values = [found[window, span] for window in WINDOWS_S]
-                axes.errorbar(
+                mean_line(
+                    axes,
                     WINDOWS_S,
-                    [np.mean(v) for v in values],
-                    [np.std(v, ddof=1) if len(v) > 1 else 0 for v in values],
+                    values,
                     color=CYCLE[i],
                     linestyle=DASHES[i],
-                    marker="o",
-                    ms=3.5,
                     label=f"{span:g} s a match",
                 )
             axes.set_xscale("log")

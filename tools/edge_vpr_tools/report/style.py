@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -52,6 +53,26 @@ def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Ax
         drawing = Figure(figsize=(width, height))
         FigureCanvasAgg(drawing)
         yield drawing, drawing.add_subplot()
+
+
+def mean_line(
+    axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **look: Any
+) -> None:
+    """Draw the mean of the trials at each point, with their standard deviation as a bar.
+
+    Parameters
+    ----------
+    axes : Axes
+    across : sequence of float
+        Points of the horizontal axis.
+    trials : sequence of sequence of float
+        Figures of each point's trials.
+    **look
+        Of the line; see `matplotlib.axes.Axes.errorbar`.
+    """
+    means = [float(np.mean(values)) for values in trials]
+    spreads = [float(np.std(v, ddof=1)) if len(v) > 1 else 0.0 for v in trials]
+    axes.errorbar(across, means, spreads, marker="o", ms=3.5, **look)
 
 
 def name_label(name: str) -> str:

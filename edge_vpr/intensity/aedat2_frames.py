@@ -1,0 +1,155 @@
+"""Frames of AEDAT 2: samples of a DAVIS, each pixel read after its reset and after its exposure.
+
+A sample has bit 31 of its address set. Bits 22 to 30 are the row and 12 to 21 the column, counted
+from the lower left pixel (columns are not mirrored, as those of events are); bits 10 and 11 say
+what was read (0: reset, 1: signal, 2: a second signal of old chips, 3: no sample but the IMU); bits
+0 to 9 are the converter's value. An image is the reset less the signal, both of the same pixel, not
+below 0 (correlated double sampling). This is how jAER, which writes these files, reads them
+(``DavisBaseCamera.DavisEventExtractor`` and ``DavisFrameAssembler``).
+
+The order of the pixels depends on the chip, and reset and signal reads alternate column by column
+with a rolling shutter. So that neither matters, a frame ends when all pixels have both reads. Reset
+reads of pixels that already have one begin a new frame. Frames that lack samples are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.events import Sensor
+from edge_vpr.intensity.first_event import start_of
+from edge_vpr.intensity.frames import IntensityFrame
+from edge_vpr.recordings.aedat2 import chip_size, read_header, read_pairs
+from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.source import CHUNK_EVENTS
+
+_SAMPLE, _NOT_EVENT = 1 << 31, 1 << 31 | 1 << 10
+_RESET, _SIGNAL, _SECOND, _IMU = range(4)
+#: from the 10 bits of the converter to 8
+_DROPPED_BITS = 2
+Words = npt.NDArray[np.int64]
+
+
+class Aedat2Frames:
+    """Frames of a file; the time of a frame is the mean over pixels of the middle of both reads.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    start_us : int
+        Time of the first event, or of the first frame if no events were recorded.
+    has_events : bool
+
+    Raises
+    ------
+    RecordingError
+        If the chip is unknown, or is one with a colour filter, whose readout differs.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._begin, chip = read_header(path)
+        name = (chip or "").lower()
+        size = chip_size(name)
+        if size is None or "davis" not in name or "rgb" in name or "color" in name:
+            raise RecordingError(
+                f"{path} was recorded by the chip {chip or '(its header does not say)'}, whose "
+                "frames are not read: convert it with DV to AEDAT 4"
+            )
+        self._sensor = size
+        pairs = read_pairs(path, self._begin, CHUNK_EVENTS, self._log())
+        self.has_events = any(bool((part.address & _NOT_EVENT == 0).any()) for part in pairs)
+        self.start_us = start_of(self, path)
+
+    def _log(self) -> FaultLog:
+        return FaultLog(self._path, self._sensor)
+
+    def __iter__(self) -> Iterator[IntensityFrame]:
+        frame = _Frame(self._path, self._sensor)
+        for address, time_us in self._runs():
+            frame.add(address, time_us)
+            if frame.complete:
+                yield frame.image()
+
+    def _runs(self) -> Iterator[tuple[Words, Words]]:
+        """Yield the samples in runs of one kind of read, at most as long as a frame has pixels."""
+        most = self._sensor.pixels
+        left = np.empty((2, 0), np.int64)
+        for part in read_pairs(self._path, self._begin, CHUNK_EVENTS, self._log()):
+            kind = part.address >> 10 & 3
+            samples = (part.address & _SAMPLE != 0) & (kind != _IMU)
+            left = np.hstack([left, np.stack([part.address[samples], part.time_us[samples]])])
+            ends = 1 + np.flatnonzero(np.diff(left[0] >> 10 & 3))
+            first = 0
+            for end in [*ends.tolist(), left.shape[1]]:
+                while end - first >= most or (first < end < left.shape[1]):
+                    last = min(end, first + most)
+                    yield left[0, first:last], left[1, first:last]
+                    first = last
+            left = left[:, first:]
+        if left.shape[1]:
+            yield left[0], left[1]
+
+
+class _Frame:
+    """Reads of the pixels of one frame."""
+
+    def __init__(self, path: Path, sensor: Sensor) -> None:
+        self._path, self._sensor = path, sensor
+        pixels = sensor.pixels
+        self._value = np.zeros((2, pixels), np.int64)
+        self._time_us = np.zeros((2, pixels), np.int64)
+        self._read = np.zeros((2, pixels), np.bool_)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every pixel has both reads."""
+        return bool(self._read.all())
+
+    def add(self, address: Words, time_us: Words) -> None:
+        """Add the samples of one run.
+
+        Raises
+        ------
+        RecordingError
+            If a sample is off the sensor, or a second signal.
+        """
+        kind = int(address[0] >> 10 & 3)
+        x, up = address >> 12 & 0x3FF, address >> 22 & 0x1FF
+        width, height = self._sensor
+        if kind == _SECOND:
+            raise self._damaged(f"second signal reads at {time_us[0]:,} us, of an old mode")
+        if int(x.max()) >= width or int(up.max()) >= height:
+            raise self._damaged(
+                f"a frame sample at column {x.max()}, row {up.max()} from below, of a "
+                f"{self._sensor} sensor"
+            )
+        pixel = (height - 1 - up) * width + x
+        if kind == _RESET and self._read[_RESET, pixel].any():
+            self._read[:] = False
+        elif kind == _SIGNAL:  # without its reset a signal says nothing
+            has_reset = self._read[_RESET, pixel]
+            pixel, address, time_us = pixel[has_reset], address[has_reset], time_us[has_reset]
+        self._value[kind, pixel] = address & 0x3FF
+        self._time_us[kind, pixel] = time_us
+        self._read[kind, pixel] = True
+
+    def image(self) -> IntensityFrame:
+        """Return the complete frame, and begin the next one."""
+        self._read[:] = False
+        light = np.maximum(self._value[_RESET] - self._value[_SIGNAL], 0) >> _DROPPED_BITS
+        shape = self._sensor.height, self._sensor.width
+        first_us = int(self._time_us.min())  # so that the sum is small
+        middle_us = first_us + int((self._time_us - first_us).sum()) // self._time_us.size
+        return IntensityFrame(middle_us, light.astype(np.uint8).reshape(shape))
+
+    def _damaged(self, what: str) -> RecordingError:
+        return RecordingError(f"{self._path} holds {what}: copy or record it again")

@@ -1,0 +1,28 @@
+"""What other packages register as entry points, beside what this package has itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib.metadata import entry_points
+from typing import Any
+
+
+def names_with_plugins(own: Iterable[str], group: str) -> list[str]:
+    """Return the package's own names, then those of other packages in alphabetical order.
+
+    Parameters
+    ----------
+    own : iterable of str
+    group : str
+        Group of the entry points. A name of the package itself cannot be replaced.
+    """
+    own = list(own)
+    return [*own, *sorted({point.name for point in entry_points(group=group)} - set(own))]
+
+
+def load_plugin(name: str, group: str) -> Any | None:
+    """Import what another package registers under a name; None if none does."""
+    for point in entry_points(group=group):
+        if point.name == name:
+            return point.load()
+    return None

@@ -1,0 +1,188 @@
+"""The experiments on published traverses, in small files of the published layout."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.experiments import (
+    codes_frontier,
+    drive_pairs,
+    fixed_number,
+    mount_shift,
+    rivals,
+    trial,
+    trust,
+    window_length,
+)
+from test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
+
+from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulate import simulate_pair
+
+SECOND = 1_000_000
+PAIR = "Brisbane, sunset2 against sunset1"
+
+
+def nothing(name):
+    """Hear what begins."""
+
+
+def write_brisbane(folder, name, kind="parquet", per_second=400, seconds=30):
+    """Write a traverse that fires 3 s before its GPS log too; every second shows other pixels."""
+    traverse = brisbane(name)
+    log = f"{traverse.recording}.nmea" if kind == "parquet" else f"{traverse.video}_concat.nmea"
+    first = round((traverse.logs[log] - 3) * SECOND)
+    times = first + np.arange((seconds + 3) * per_second) * (SECOND // per_second)
+    write = write_parquet if kind == "parquet" else write_bag
+    write(folder / traverse.file_name(kind), times)
+    write_log(folder / log, seconds)
+    return folder / log
+
+
+@pytest.fixture(scope="module")
+def downloads(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("downloads")
+    for name in ("sunset1", "sunset2"):
+        write_brisbane(folder, name)
+    return folder
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Short streets, few pixels, and few variants."""
+    street = partial(simulate_pair, sensor="tiny", length_m=60.0)
+    few = PRESETS["paper"].replaced({"pixels": 25, "sequence_length": 3, "sigma": 1.0}, "test")
+    for module in (window_length, fixed_number):
+        monkeypatch.setattr(module, "simulate_pair", street)
+        monkeypatch.setattr(module, "PRESETS", {"paper": few})
+    monkeypatch.setattr(window_length, "WINDOWS_S", (0.5, 1.0))
+    monkeypatch.setattr(window_length, "SPANS_S", (3.0, 4.0))
+    monkeypatch.setattr(fixed_number, "LENGTH_M", 40.0)
+    monkeypatch.setattr(fixed_number, "SPEEDS", (2.0,))
+    variants = [v for v in fixed_number.VARIANTS if v.changes["pixels"] == 25]
+    monkeypatch.setattr(fixed_number, "VARIANTS", variants)
+    monkeypatch.setattr(mount_shift, "SHIFTS", (2,))
+    monkeypatch.setattr(mount_shift, "WAYS", (mount_shift.WAYS[0], mount_shift.WAYS[-1]))
+    monkeypatch.setattr(drive_pairs, "NUMBERS", (25,))
+    monkeypatch.setattr(drive_pairs, "PAPER", few)
+
+
+@pytest.mark.parametrize("kind", ["parquet", "bag"])
+def test_pairs_of_published_traverses_are_cut_to_their_tracks(kind, tmp_path):
+    for name in ("sunset1", "sunset2"):
+        write_brisbane(tmp_path, name, kind, per_second=20, seconds=12)
+    few, many = drive_pairs.pairs(tmp_path)
+    assert [few.name, many.name] == [f"{PAIR}, 25 px", f"{PAIR}, 150 px"]
+    (pair,) = drive_pairs.event_pairs(tmp_path)
+    assert pair.name == PAIR and pair.settings.pixels == 150
+    for drive, track in zip((pair.reference, pair.query), pair.tracks, strict=True):
+        times = np.concatenate(list(drive))["t"]
+        assert (times[0], times[-1], track.time_us[-1]) == (0, 10_950_000, 11_000_000)
+    centres = np.arange(11) * SECOND + SECOND // 2
+    # 10.007 m/s on a sphere: within 70 m of a place for less than 7 s
+    truth = pair.truth_of(centres, centres)
+    assert np.array_equal(truth.correct, abs(centres[:, None] - centres) <= 6 * SECOND)
+
+
+def test_qcr_traverses_are_pairs_too(tmp_path):
+    for name in ("normal1", "fast1", "slow1"):
+        traverse = qcr(name)
+        start = 1_629_000_000 * SECOND
+        # from the first event on, before the robot set off
+        times = start + np.arange(200) * SECOND
+        write_parquet(tmp_path / traverse.file_name("parquet"), times)
+    found = list(drive_pairs.event_pairs(tmp_path))
+    assert [pair.name for pair in found] == [
+        "QCR, fast1 against normal1", "QCR, slow1 against normal1",
+    ]  # fmt: skip
+    reference, fast = (fixed_number.extent(d) for d in (found[0].reference, found[0].query))
+    # an event a second, from 2 s to 165 s and from 7.7 s to 72.2 s
+    assert (reference.events, fast.events) == (163, 65)
+    assert fast.duration_us / reference.duration_us == pytest.approx(64 / 162)
+
+
+def test_windows_and_sequences_are_varied_on_published_traverses(downloads, small, tmp_path):
+    text = window_length.run(downloads, 1, nothing, tmp_path / "figure.png")
+    own = text.split(f"{PAIR}, P@100R:")[1]
+    assert "| 1 s | 1.000 | 1.000 |" in own and "No recorded events" not in text
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+def test_spans_that_share_their_windows_are_what_single_trials_give(downloads, small):
+    (pair,) = drive_pairs.event_pairs(downloads)
+    found = {}
+    drives = pair.reference, pair.query, pair.truth_of, pair.settings
+    window_length.score(*drives, 0.5, found)
+    expected = {
+        (0.5, span): [
+            trial.run_trial(*drives, window_length.variant(0.5, span))
+            .evaluation.precision_at_100_recall
+        ]
+        for span in window_length.SPANS_S
+    }  # fmt: skip
+    assert found == expected
+
+
+def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(
+    downloads, small, tmp_path
+):
+    text = fixed_number.run(downloads, 2, nothing, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    street, published = (line for line in text.splitlines() if line.startswith(("| sim", "| Bri")))
+    assert float(street.split("|")[2].split("±")[0]) == pytest.approx(0.5, abs=0.05)
+    # the same drive twice: the same duration, the same events, every match right
+    assert published.startswith(f"| {PAIR} | 1.000 ± 0.000 | 1.000 ± 0.000 | 1.000 ± 0.000 |")
+
+
+def test_the_camera_of_published_traverses_is_moved(downloads, small, tmp_path):
+    text = mount_shift.run(downloads, 1, nothing, tmp_path / "figure.png")
+    assert f"{PAIR}, 25 px, P@100R at each shift:" in text
+    assert "| counts | " in text and "right in" in text
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, small, monkeypatch):
+    monkeypatch.setattr(codes_frontier, "BITS", (3, 8))
+    monkeypatch.setattr(codes_frontier, "FULL_SCALES", (63,))
+    text = codes_frontier.run(downloads, 1, nothing)
+    assert f"| code | {PAIR}, 25 px | mean |" in text
+    text = trust.run(downloads, 1, nothing)
+    assert text.count(f"| {PAIR}, 25 px |") == 7
+    assert f"Intervals along the route of {PAIR}, 25 px hold" in text
+
+
+def test_the_command_reads_published_traverses(downloads, small, capsys):
+    arguments = ["experiment", "window-length", "--seeds", "1", "--data", str(downloads)]
+    assert main(arguments) == 0
+    assert f"{PAIR}, P@100R:" in capsys.readouterr().out
+
+
+def test_a_lone_traverse_is_no_pair_and_what_to_download_is_said(downloads, tmp_path):
+    (recording,) = downloads.glob("dvs_vpr_2020-04-21*.parquet")
+    (tmp_path / recording.name).symlink_to(recording)
+    says = r"holds no pair, only Brisbane sunset1: name a folder .*huggingface.co/.*\*_concat.nmea"
+    with pytest.raises(UsageError, match=says):
+        drive_pairs.check_data(tmp_path)
+    assert "only Brisbane sunset1" in drive_pairs.absent_data(tmp_path, [])
+    drive_pairs.check_logs(tmp_path)  # of one traverse, no log is needed
+    assert "speck_indoor" not in drive_pairs.absent_events(tmp_path, [])
+
+
+def test_a_missing_log_is_an_error_before_any_work(downloads, tmp_path, capsys, monkeypatch):
+    for file in downloads.glob("*.parquet"):
+        (tmp_path / file.name).symlink_to(file)
+    with pytest.raises(GroundTruthError, match=r"no GPS log of sunset1 .* download it from https"):
+        drive_pairs.check_logs(tmp_path)
+    monkeypatch.setattr(rivals, "run", None)  # is not called
+    assert main(["experiment", "rivals", "--data", str(tmp_path)]) == 1
+    assert "no GPS log of sunset1" in capsys.readouterr().err
+
+
+def test_counts_of_a_few_locations_are_not_shifted(tmp_path, monkeypatch):
+    monkeypatch.setattr(mount_shift, "pairs", lambda data: iter([]))
+    with pytest.raises(UsageError, match=r"no drive with counts at every pixel: .*speck_walks"):
+        mount_shift.run(tmp_path, 1, nothing)
