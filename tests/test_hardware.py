@@ -656,7 +656,7 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
         program = tmp_path / "core.vvp"
         simulation.compile_bench(folder / case / f"{PACKAGE}.sv", program, folder / "rtl")
         options = {"seed": 1, "stall": 0, "resets": mutants.QUICK_RESETS}
-        outcomes.append(returned(folder, case, program, **options))
+        outcomes.append(returned(folder, case, program, tmp_path / "results.csv", **options))
     assert outcomes[0] == ""
     assert "m_match is undefined" in outcomes[1]
 
