@@ -92,6 +92,14 @@ def test_the_corner_suite_reaches_every_corner(window, polarity):
     assert max(map(len, reached)) < len(CORNERS) - 5
 
 
+@pytest.mark.parametrize("places", [1, 4])
+def test_a_place_filter_of_fewer_places_than_a_sequence_has_corners(places):
+    """Its maps are made for each case, whatever the map of the design."""
+    small = replace(DESIGN, matching="filter", length=1, places=places)
+    names = [case.name for case in corner_cases(small)]
+    assert names == [case.name for case in corner_cases(replace(small, places=20))]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("window", ["time", "count"])
 @pytest.mark.parametrize("code", ["log", "own-mean"])

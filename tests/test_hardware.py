@@ -103,6 +103,23 @@ def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
     assert outcome.equal["event"] == 2000
 
 
+@needs_iverilog
+@pytest.mark.parametrize(("length", "lanes"), [(5, 9), (3, 2), (1, 4)])
+def test_registers_behind_slow_memories_change_no_record(tmp_path, length, lanes):
+    """Places that take as many clocks as a sequence has windows, and more; and single windows."""
+    design = replace(DESIGN, length=length, lanes=lanes, window="count")
+    cases = random_cases(design, np.random.default_rng(length), 1, 600)
+    write_suites(tmp_path / "v", design, {"random": cases}, 3, rtl=True)
+    device = tmp_path / "v" / "rtl" / "vpr_device.sv"
+    text = device.read_text(encoding="ascii")
+    assert text.count("SLOW_BLOCKS  = 0") == 1
+    device.write_text(text.replace("SLOW_BLOCKS  = 0", "SLOW_BLOCKS  = 1"), encoding="ascii")
+    for stall in (0, 40):
+        outcome = replay.hold(tmp_path / "v", seed=5, stall=stall, resets=2)
+        assert outcome.differences == []
+        assert outcome.equal["match"] > 10
+
+
 #: cases of the suite `filter` that reach most of its states in a short simulation
 FILTER_CASES = (
     *("walk_of_kept_distances", "backwards", "by_one_too_many_back", "dear_steps", "distrusted"),
@@ -639,7 +656,7 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
         program = tmp_path / "core.vvp"
         simulation.compile_bench(folder / case / f"{PACKAGE}.sv", program, folder / "rtl")
         options = {"seed": 1, "stall": 0, "resets": mutants.QUICK_RESETS}
-        outcomes.append(returned(folder, case, program, **options))
+        outcomes.append(returned(folder, case, program, tmp_path / "results.csv", **options))
     assert outcomes[0] == ""
     assert "m_match is undefined" in outcomes[1]
 

@@ -2,8 +2,8 @@
 
 The proofs use yosys and its yosys-smtbmc with the solver z3 (``apt install yosys z3``, or the
 package ``z3-solver``), and its model checker pdr for the core's streams. The files in ``formal/``
-state what must hold. No proof has a bound on the number of clocks. Each deliberately broken version
-must be refused.
+state what must hold. No proof has a bound on the number of clocks, unless its claim says so. Each
+deliberately broken version must be refused.
 """
 
 from __future__ import annotations

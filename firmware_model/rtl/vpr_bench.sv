@@ -108,11 +108,9 @@ module vpr_bench;
             running = 1'b1;
             next_event;
             // places stay, and need not come again
-            if (loaded && chance(50)) place_there = 1'b0;
-            else begin
-                loaded = 1'b0;
-                next_place;
-            end
+            if (loaded) loaded = chance(50);
+            if (loaded) place_there = 1'b0;
+            else next_place;
         end
     endtask
 

@@ -239,7 +239,8 @@ module vpr_core #(
             assign filter_idle    = 1'b1;
             vpr_sequence #(
                 .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS),
-                .DISTANCE_BITS(DISTANCE_BITS), .SUM_BITS(SUM_BITS), .MEMORY_STYLE(MEMORY_STYLE)
+                .DISTANCE_BITS(DISTANCE_BITS), .SUM_BITS(SUM_BITS), .MEMORY_STYLE(MEMORY_STYLE),
+                .SLOW_BLOCKS(SLOW_BLOCKS)
             ) sequence_sums (
                 .clk(clk), .rst(rst), .start(compare),
                 .distance_valid(distance_valid), .distance(distance),

@@ -4,7 +4,7 @@ module vpr_device #(
     parameter PLACES_FILE  = "",      // of the places; they may be loaded instead
     parameter LOADABLE     = 0,       // tables are loaded, in place of their files
     // where block memories take more than half a clock: counts are not kept in them, and the places
-    // have a register behind them, so that a match takes a clock more
+    // have a register behind them, as past distances have, so that a match takes a clock more for each
     parameter SLOW_BLOCKS  = 0
 ) (
     input  logic clk,

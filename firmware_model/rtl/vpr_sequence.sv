@@ -10,8 +10,9 @@ module vpr_sequence #(
     parameter int LENGTH        = 1,
     parameter int PLACE_BITS    = 1,
     parameter int DISTANCE_BITS = 1,
-    parameter int SUM_BITS = 1,
-    parameter     MEMORY_STYLE = "auto"
+    parameter int SUM_BITS      = 1,
+    parameter     MEMORY_STYLE  = "auto",
+    parameter bit SLOW_BLOCKS   = 0  // a register behind the memory, see vpr_device
 ) (
     input  logic                     clk,
     input  logic                     rst,
@@ -62,9 +63,11 @@ module vpr_sequence #(
             logic [ROW_BITS-1:0]      newest, row;
             logic [ADDRESS_BITS-1:0]  write_address, read_address;
             logic [LENGTH_BITS-1:0]   terms;
-            logic                     term_valid, term_last;
-            logic [DISTANCE_BITS-1:0] term;
-            logic [SUM_BITS-1:0] partial;
+            logic                     first_valid, term_valid, term_last;
+            logic [DISTANCE_BITS-1:0] first, term, past;
+            logic [SUM_BITS-1:0]      partial;
+            // a term comes from the memory
+            logic                     past_valid, past_last;
 
             wire                     newest_last = newest == ROW_BITS'(LENGTH - 1);
             wire                     reading     = terms != 0;
@@ -85,16 +88,32 @@ module vpr_sequence #(
                 else if (reading) terms <= terms - 1'b1;
                 row          <= here_row == 0 ? ROW_BITS'(LENGTH - 1) : here_row - 1'b1;
                 read_address <= here + back;
-                term_valid   <= reading;
-                term_last    <= terms == 1;
-                if (distance_valid) partial <= SUM_BITS'(distance);
+                past_valid   <= reading;
+                past_last    <= terms == 1;
+                if (first_valid) partial <= SUM_BITS'(first);
                 else if (term_valid) partial <= added;
                 if (sum_next) sum_inverse <= ~added;
                 if (rst) begin
                     newest     <= ROW_BITS'(LENGTH - 1);
                     terms      <= '0;
-                    term_valid <= 1'b0;
+                    past_valid <= 1'b0;
                 end
+            end
+
+            if (SLOW_BLOCKS) begin : g_registers
+                always_ff @(posedge clk) begin
+                    first_valid <= distance_valid && !rst;
+                    if (distance_valid) first <= distance;
+                    term_valid <= past_valid && !rst;
+                    term_last  <= past_last;
+                    term       <= past;
+                end
+            end else begin : g_direct
+                assign first_valid = distance_valid;
+                assign first       = distance;
+                assign term_valid  = past_valid;
+                assign term_last   = past_last;
+                assign term        = past;
             end
 
             vpr_ram_single #(
@@ -102,7 +121,7 @@ module vpr_sequence #(
                 .STYLE(MEMORY_STYLE)
             ) history (
                 .clk(clk), .write(distance_valid), .address(here), .write_word(distance),
-                .read_word(term)
+                .read_word(past)
             );
         end
     endgenerate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from firmware_model.design import Design
+from firmware_model.design import LENGTH, Design
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.event_corners import event_cases
 from firmware_model.vectors.match_corners import match_cases
@@ -28,7 +28,9 @@ def corner_cases(design: Design) -> list[Case]:
         For a design with a single code of one or two bits, only the cases that fit it.
     """
     if design.filters:
-        design = replace(design, matching="sequence", length=0, trust=0)
+        # places with room for a sequence; their number is replaced below
+        places = design.places + LENGTH
+        design = replace(design, matching="sequence", length=0, trust=0, places=places)
     if design.own_mean:
         design = replace(design, code="log", full_scales=(0,))
     design = replace(design, places=_roomy(design))

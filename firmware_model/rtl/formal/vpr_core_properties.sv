@@ -14,6 +14,7 @@ module vpr_core_properties #(
     parameter LANES          = 1,
     parameter PLACES         = 2,
     parameter BACK           = 0,
+    parameter RECIPROCAL_BITS = 5,
     parameter PATIENCE       = 40
 ) (
     input logic       clk,
@@ -47,7 +48,7 @@ module vpr_core_properties #(
         .COLUMN_BITS(1), .ROW_BITS(1), .ADDRESS_BITS(1), .OWNER_BITS(2), .SLOT_BITS(1),
         .COUNT_BITS(1), .WINDOW_COUNT_BITS(2), .ENTRY_BITS(OWN_MEAN ? 9 : 1), .CODE_BITS(1), .DISTANCE_BITS(2),
         .SUM_BITS(2), .PRODUCT_BITS(4), .PLACE_BITS(1), .WINDOW_EVENTS_BITS(2),
-        .ACTIVITY_BITS(10), .DISTANCE_TOTAL_BITS(3), .RECIPROCAL_BITS(5), .EVIDENCE_BITS(2), .TRUST_BITS(6),
+        .ACTIVITY_BITS(10), .DISTANCE_TOTAL_BITS(3), .RECIPROCAL_BITS(RECIPROCAL_BITS), .EVIDENCE_BITS(2), .TRUST_BITS(6),
         .MATCH_BITS(MATCH_BITS)
     ) core (
         .clk(clk), .rst(rst), .load(5'd0), .load_address(20'd0), .load_word(32'd0),
