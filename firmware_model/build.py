@@ -69,7 +69,8 @@ def build(
     target : Target
         For the host, a program; for the others, an image of all functions.
     folder : path
-        Where the result goes, and the compiler's cache unless ``ZIG_LOCAL_CACHE_DIR`` is set.
+        Where the result goes, and the compiler's cache unless ``ZIG_LOCAL_CACHE_DIR`` is set; made
+        if absent.
     sources : path
         Folder of the C files.
     files : sequence of str
@@ -97,6 +98,7 @@ def build(
             "install 'edge-vpr[firmware]'"
         )
     folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     out = folder / f"{name}-{target.name}.elf"
     if target.triple:
         freestanding = ["-ffreestanding", "-fno-builtin", "-nostdlib", "-Wl,--no-gc-sections"]
