@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.aedat2 import chip_size
+from edge_vpr.recordings.chosen_stream import Wording, choose_stream
 from edge_vpr.recordings.decompression import LIMIT_BYTES
 from edge_vpr.recordings.faults import FaultLog
 
@@ -25,6 +26,7 @@ from edge_vpr.recordings.faults import FaultLog
 POLARITY, FRAME = 1, 2
 _MAGIC = b"#!AER-DAT3.1\r\n"
 _END = b"#!END-HEADER\r\n"
+_CAMERAS = Wording("camera", "cameras", "copy it again")
 _LONGEST_LINE, _LONGEST_HEADER = 1 << 16, 1 << 22
 _HEADER = np.dtype(
     [("type", "<i2"), ("source", "<i2"), ("size", "<i4"), ("time_at", "<i4"), ("wraps", "<i4"),
@@ -110,16 +112,7 @@ class Aedat3File:
         UsageError
             If there are several.
         """
-        found = [n for n, name in self.sources.items() if wanted in (None, name, str(n))]
-        listed = ", ".join(f"{n} ({name})" for n, name in self.sources.items()) or "none"
-        if not found:
-            raise RecordingError(
-                f"{self.path} has no camera{f' {wanted!r}' if wanted else ''}; it has: {listed}: "
-                "copy it again, or choose one of these with --topic"
-            )
-        if len(found) > 1:
-            raise UsageError(f"{self.path} has several cameras, {listed}: choose with --topic")
-        return found[0]
+        return choose_stream(self.path, self.sources, wanted, _CAMERAS)
 
     def packets(self, kind: int, source: int, log: FaultLog) -> Iterator[Packet]:
         """Yield the packets of one type and camera.

@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
+from edge_vpr.recordings.chosen_stream import Wording, choose_stream
 from edge_vpr.recordings.decompression import LIMIT_BYTES, lz4, zstd
 from edge_vpr.recordings.faults import FaultLog
 
@@ -102,20 +103,9 @@ class Aedat4File:
         UsageError
             If there are several.
         """
-        known = {number: each for number, each in self.streams.items() if each.kind == kind}
-        found = [n for n, each in known.items() if wanted in (None, each.name, str(n))]
-        listed = ", ".join(f"{n} ({each.name})" for n, each in known.items()) or "none"
-        if not found:
-            raise RecordingError(
-                f"{self.path} has no stream of {what}"
-                + (f" {wanted!r}" if wanted else "")
-                + f"; it has: {listed}: record {what}, or choose one of these with --topic"
-            )
-        if len(found) > 1:
-            raise UsageError(
-                f"{self.path} has several streams of {what}, {listed}: choose with --topic"
-            )
-        return found[0]
+        names = {number: each.name for number, each in self.streams.items() if each.kind == kind}
+        wording = Wording(f"stream of {what}", f"streams of {what}", f"record {what}")
+        return choose_stream(self.path, names, wanted, wording)
 
     def packets(self, stream: int, log: FaultLog) -> Iterator[tuple[int, bytes]]:
         """Yield the packets of a stream: the byte at which each begins, and its table.

@@ -220,17 +220,20 @@ def absent_data(data: Path | None, matched: Collection[str]) -> str:
     matched : collection of str
         Names of the pairs that were matched.
     """
-    if set(matched) - {SIMULATED}:
-        return ""
-    return f"\n\nNo recorded drives were compared: {without_pairs(data)}."
+    return _absent("drives", data, matched, tuple(SOURCES))
 
 
 def absent_events(data: Path | None, matched: Collection[str]) -> str:
     """Return the sources of recorded events as a paragraph; see `absent_data`."""
+    return _absent("events", data, matched, (speck_walks.FOLDER,))
+
+
+def _absent(
+    what: str, data: Path | None, matched: Collection[str], folders: tuple[str, ...]
+) -> str:
     if set(matched) - {SIMULATED}:
         return ""
-    lines = without_pairs(data, (speck_walks.FOLDER,))
-    return f"\n\nNo recorded events were compared: {lines}."
+    return f"\n\nNo recorded {what} were compared: {without_pairs(data, folders)}."
 
 
 def _indoor(folder: Path) -> Iterator[Pair]:

@@ -121,11 +121,13 @@ def run(data: Path | None, seeds: int, on_start: Callable[[str], None], *figures
         Path of the figure.
     """
     found: dict[str, Row] = {}
-    extents: dict[str, tuple[Extent, Extent]] = {}
     for seed in range(seeds):
         on_start(f"street {seed + 1} of {seeds}")
-        for each in simulated_drives(seed):
-            add(each, (extent(each.reference), extent(each.query)), found)
+        reference = None
+        for each in simulated_drives(seed):  # all of one reference
+            reference = extent(each.reference) if reference is None else reference
+            add(each, (reference, extent(each.query)), found)
+    extents: dict[str, tuple[Extent, Extent]] = {}
     for each in recorded_drives(data, seeds):
         on_start(f"{each.name}, draw {each.settings.seed + 1} of {seeds}")
         if each.name not in extents:  # the drives are the same for every draw
