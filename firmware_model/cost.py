@@ -24,12 +24,15 @@ class Memory(NamedTuple):
         return -(-self.depth // depth) * -(-self.width // width)
 
 
-def memories(design: Design) -> dict[str, Memory]:
+def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     """Return the sizes of all memories of the device.
 
     Parameters
     ----------
     design : Design
+    slow_blocks : bool
+        Whether the core has registers for slow block memories, as on an ECP5: an event then takes a
+        clock more.
 
     Returns
     -------
@@ -54,7 +57,7 @@ def memories(design: Design) -> dict[str, Memory]:
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
         # while its entry is read: row of a pixel, whether it is off the sensor, its polarity
-        "pixel_delay": Memory(2, bits["row"] + 2),
+        "pixel_delay": Memory(3 if slow_blocks else 2, bits["row"] + 2),
         "counts": Memory(design.slots, bits["count"]),
         "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["entry"]),
         # a single table needs no number

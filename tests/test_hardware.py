@@ -110,12 +110,8 @@ def test_registers_behind_slow_memories_change_no_record(tmp_path, length, lanes
     design = replace(DESIGN, length=length, lanes=lanes, window="count")
     cases = random_cases(design, np.random.default_rng(length), 1, 600)
     write_suites(tmp_path / "v", design, {"random": cases}, 3, rtl=True)
-    device = tmp_path / "v" / "rtl" / "vpr_device.sv"
-    text = device.read_text(encoding="ascii")
-    assert text.count("SLOW_BLOCKS  = 0") == 1
-    device.write_text(text.replace("SLOW_BLOCKS  = 0", "SLOW_BLOCKS  = 1"), encoding="ascii")
     for stall in (0, 40):
-        outcome = replay.hold(tmp_path / "v", seed=5, stall=stall, resets=2)
+        outcome = replay.hold(tmp_path / "v", seed=5, stall=stall, resets=2, slow_blocks=True)
         assert outcome.differences == []
         assert outcome.equal["match"] > 10
 
@@ -146,6 +142,27 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
 
 
 @needs_iverilog
+@pytest.mark.parametrize(
+    ("suite", "names"),
+    [
+        ("corners", ("tie_of_three", "events_by_time", "all_places_equal")),
+        ("filter", ("walk_of_kept_distances", "backwards", "spread_of_one")),
+        ("filter", ("means_and_pauses", "own_means_of_sequences")),
+        ("random", ("random_0",)),
+    ],
+)
+def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite, names):
+    """Sequences, the place filter and own means, under stalls and resets."""
+    design = random_adaptive_design(np.random.default_rng(36)) if suite == "random" else ADAPTIVE
+    cases = [case for case in standard_suites(design, 3, suite)[suite] if case.name in names]
+    assert len(cases) == len(names)
+    write_suites(tmp_path / "v", design, {suite: cases}, 3, rtl=True)
+    outcome = replay.hold(tmp_path / "v", seed=5, stall=40, resets=2, slow_blocks=True)
+    assert outcome.differences == []
+    assert min(outcome.equal[kind] for kind in ("event", "window", "match")) > 5
+
+
+@needs_iverilog
 @pytest.mark.parametrize("seed", [31, 32, 33])
 def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed):
     """The place filter, own-mean codes, or both."""
@@ -156,8 +173,11 @@ def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed
     assert outcome.equal["event"] == 2000
 
 
-def core_cycles(design):
+def core_cycles(design, slow_blocks=False):
     """Clocks from a window's end to its match, as docs/hardware.md says."""
+    if slow_blocks:
+        passes = 1 if not design.filters or design.keep_distances else 2
+        return core_cycles(design) + passes + (design.length > 1)
     if design.filters:
         return filter_cycles(design)
     model = cost.cycles(design)
@@ -181,7 +201,8 @@ def filter_cycles(design):
 
 @needs_iverilog
 @pytest.mark.parametrize("polarity", [False, True])
-def test_an_event_is_taken_in_each_clock(tmp_path, polarity):
+@pytest.mark.parametrize("slow_blocks", [False, True])
+def test_an_event_is_taken_in_each_clock(tmp_path, polarity, slow_blocks):
     """All of a window, often of the same pixel; none is taken while its end is set."""
     design = replace(DESIGN, polarity=polarity, tau_us=1000)
     (case,) = random_cases(design, np.random.default_rng(7), 1, 10)
@@ -191,7 +212,7 @@ def test_an_event_is_taken_in_each_clock(tmp_path, polarity):
     events = [Event(t, *pixels[rng.integers(4)], bool(rng.integers(2))) for t in times]
     cases = [replace(case, events=tuple(events), start=0)]
     write_suites(tmp_path / "v", design, {"random": cases}, 1, rtl=True)
-    ((_, done),) = simulation.replay_vectors(tmp_path / "v", tmp_path)
+    ((_, done),) = simulation.replay_vectors(tmp_path / "v", tmp_path, slow_blocks=slow_blocks)
     assert verify(tmp_path / "v", done.records).differences == []
     # the first of the next window is taken, and waits in the first stage
     assert done.events_in_a_row == 300 + 1
@@ -214,19 +235,21 @@ def test_an_event_is_taken_in_each_clock(tmp_path, polarity):
     ],
 )
 def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
-    """Every match of a case, where nothing waits."""
+    """Every match of a case, where nothing waits, and with registers behind memories."""
     case = standard_suites(design, 1, "random")["random"][0]
     short = replace(case, events=case.events[:600])
     assert len(short.trace().matches) > 5
     folder = tmp_path / "v"
     write_suites(folder, design, {"random": [short]}, 1, rtl=True)
-    ((_, done),) = simulation.replay_vectors(folder, tmp_path)
-    assert verify(folder, done.records).differences == []
-    assert done.least_cycles == core_cycles(design)
-    if design.filters:  # the first window needs its own spread
-        assert done.most_cycles > core_cycles(design)
-    else:
-        assert done.most_cycles == core_cycles(design)
+    for slow_blocks in (False, True):
+        ((_, done),) = simulation.replay_vectors(folder, tmp_path, slow_blocks=slow_blocks)
+        assert verify(folder, done.records).differences == []
+        stated = core_cycles(design, slow_blocks)
+        assert done.least_cycles == stated
+        if design.filters:  # the first window needs its own spread
+            assert done.most_cycles > stated
+        else:
+            assert done.most_cycles == stated
 
 
 def test_a_match_takes_at_most_eight_clocks_more_than_the_model_says():
@@ -500,26 +523,30 @@ def test_the_cells_of_all_units_are_those_of_the_report():
 
 
 @needs("yosys")
-@pytest.mark.parametrize("design", KINDS)
-def test_the_memories_of_the_core_are_those_of_the_cost_model(design):
+@pytest.mark.parametrize(
+    ("design", "slow_blocks"), [*((design, False) for design in KINDS), (KINDS[2], True)]
+)
+def test_the_memories_of_the_core_are_those_of_the_cost_model(design, slow_blocks):
     """Depth and width of each, of the netlist; a single window needs none for past distances."""
-    sized = cost.memories(design)
+    sized = cost.memories(design, slow_blocks)
     if design.length == 1:
         sized.pop("history", None)
     stated = sorted(memory for memory in sized.values() if memory.bits)
-    assert netlist.netlist_memories(design) == stated
+    assert netlist.netlist_memories(design, slow_blocks) == stated
 
 
 @needs("verilator")
 @pytest.mark.parametrize("design", KINDS)
 def test_the_sources_are_free_of_lint(tmp_path, design):
-    """All of Verilator's warnings, for designs of several kinds."""
+    """All of Verilator's warnings, for designs of several kinds, with slow block memories too."""
     (tmp_path / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
     (tmp_path / f"{registers.PACKAGE}.sv").write_text(registers.package(design), encoding="ascii")
     files = [tmp_path / f"{PACKAGE}.sv", *(sources.FOLDER / name for name in sources.DEVICE)]
     axi = [tmp_path / f"{registers.PACKAGE}.sv", *files, sources.FOLDER / sources.AXI]
     spi = [sources.FOLDER / "vpr_spi.sv"]
-    for top, chosen in (("vpr_device", files), ("vpr_spi", spi), ("vpr_axi_lite", axi)):
+    slow = ["-GSLOW_BLOCKS=1'b1", *files]
+    tops = (("vpr_device", files), ("vpr_device", slow), ("vpr_spi", spi), ("vpr_axi_lite", axi))
+    for top, chosen in tops:
         command = ["verilator", "--lint-only", "-Wall", "--top-module", top, *map(str, chosen)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
@@ -630,13 +657,13 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     bench = mutants.Bench(tmp_path, 1, only=only)
     assert bench.found_by(None) is None
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
-    assert bench.found_by(dearer) in {name for _, name in bench.cases}
+    assert bench.found_by(dearer) in {case.name for case in bench.cases}
     for file, old, new in (
         ("vpr_filter.sv", "whole ? product", "1'b0 ? product"),
         ("vpr_spread.sv", "{low[RECIPROCAL_BITS-1] || ", "{"),
     ):
         assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
-    assert bench.cases[0][1] == "filter/spread_of_one"
+    assert bench.cases[0].name == "filter/spread_of_one"
     lowest = changed("vpr_own_mean.sv", "octaves < LOWEST", "1'b0")
     assert bench.found_by(lowest) == "filter/own_means"
     assert bench.found_by(None) is None
@@ -689,7 +716,10 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
 @needs_iverilog
 @pytest.mark.parametrize(
     ("words", "cases"),
-    [(["--events", "3000"], 1), (["--designs", "1", "--suite", "random", "--seed", "4"], 3)],
+    [
+        (["--events", "3000", "--slow-blocks"], 1),
+        (["--designs", "1", "--suite", "random", "--seed", "4"], 3),
+    ],
 )
 def test_the_replay_command_makes_its_own_cases(capsys, words, cases):
     """One of many events, or the random cases of random designs."""
@@ -810,7 +840,10 @@ def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
     _, by_count, *_ = stream_proof.CORE_KINDS
     assert stream_proof.holds(stream_proof.COUNTERS)
     assert stream_proof.holds(stream_proof.DELAY)
-    assert stream_proof.holds(stream_proof.core_claim("EVENT", by_count))
+    assert stream_proof.holds(stream_proof.DELAY_OF_THREE)
+    for slow_blocks in (False, True):
+        claim = stream_proof.core_claim("EVENT", by_count, slow_blocks=slow_blocks)
+        assert stream_proof.holds(claim)
 
 
 @needs("yosys", "yosys-abc")

@@ -2,7 +2,8 @@
 
 Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
 designs with sequences, and of some with the place filter and own-mean codes, are replayed with
-stalls and resets until a case finds the mutant. The command lists the mutants that no case finds.
+stalls and resets until a case finds the mutant; the first of them also on the core that has
+registers behind its block memories. The command lists the mutants that no case finds.
 It needs Icarus Verilog.
 """
 
@@ -94,6 +95,14 @@ _STATED = re.compile(
 )
 
 
+class Trial(NamedTuple):
+    """Folder of vectors, suite and case, and whether the core has registers for slow memories."""
+
+    vectors: Path
+    name: str
+    slow_blocks: bool = False
+
+
 class Mutant(NamedTuple):
     """Changed line of a source."""
 
@@ -147,14 +156,13 @@ class Bench:
 
     Attributes
     ----------
-    cases : list of (path, str)
-        Folder of vectors, and suite and case, in the order of replay; the case that found the
-        latest mutant comes first.
+    cases : list of Trial
+        In the order of replay; the case that found the latest mutant comes first.
     """
 
     def __init__(self, folder: Path, seed: int, only: Collection[str] | None = None) -> None:
         self._seed = seed
-        self.cases: list[tuple[Path, str]] = []
+        self.cases: list[Trial] = []
         self._rtl = folder / "rtl"
         sources.copy_sources(self._rtl, sources.SIMULATED)
         self._work = folder
@@ -173,13 +181,17 @@ class Bench:
             vectors = folder / str(number)
             write_suites(vectors, design, suites, seed, rtl=True)
             names = (f"{suite}/{case.name}" for suite, cases in suites.items() for case in cases)
-            self.cases += [(vectors, name) for name in names]
+            self.cases += [Trial(vectors, name) for name in names]
         self._quick = folder / "quick"
         quick = random_cases(QUICK, np.random.default_rng(seed), 1, QUICK_EVENTS)
         if only is None or quick[0].name in only:
             write_suites(self._quick, QUICK, {"quick": quick}, seed, rtl=True)
-            self.cases.append((self._quick, f"quick/{quick[0].name}"))
-        self.cases.sort(key=lambda case: case[1].partition("/")[2] not in FIRST)
+            self.cases.append(Trial(self._quick, f"quick/{quick[0].name}"))
+        self.cases.sort(key=lambda case: case.name.partition("/")[2] not in FIRST)
+        slow = [
+            case for case in self.cases if case.name.partition("/")[2] in (*FIRST[:5], "random_0")
+        ]
+        self.cases += [case._replace(slow_blocks=True) for case in slow]
 
     def found_by(self, mutant: Mutant | None) -> str | None:
         """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
@@ -188,26 +200,27 @@ class Bench:
             source[mutant.line] = mutant.text
             (self._rtl / mutant.file).write_text("\n".join(source), encoding="ascii")
         try:
-            programs: dict[str, Path] = {}
-            for at, (vectors, name) in enumerate(self.cases):
-                if not self._holds(vectors, name, programs):
+            programs: dict[tuple[str, bool], Path] = {}
+            for at, case in enumerate(self.cases):
+                if not self._holds(case, programs):
                     # the next mutant often belongs to the same unit
                     self.cases.insert(0, self.cases.pop(at))
-                    return name
+                    return f"{case.name}{' (slow block memories)' if case.slow_blocks else ''}"
             return None
         finally:
             if mutant is not None:
                 shutil.copyfile(sources.FOLDER / mutant.file, self._rtl / mutant.file)
 
-    def _holds(self, vectors: Path, name: str, programs: dict[str, Path]) -> bool:
+    def _holds(self, case: Trial, programs: dict[tuple[str, bool], Path]) -> bool:
+        vectors, name, slow_blocks = case
         package = vectors / name / f"{PACKAGE}.sv"
-        text = package.read_text(encoding="ascii")
+        key = package.read_text(encoding="ascii"), slow_blocks
         try:
-            if text not in programs:
-                programs[text] = self._work / f"{len(programs)}.vvp"
-                simulation.compile_bench(package, programs[text], self._rtl)
+            if key not in programs:
+                programs[key] = self._work / f"{len(programs)}.vvp"
+                simulation.compile_bench(package, programs[key], self._rtl, slow_blocks=slow_blocks)
             done = simulation.replay(
-                programs[text],
+                programs[key],
                 vectors / name,
                 name,
                 self._work / "results.csv",

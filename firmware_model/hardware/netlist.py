@@ -15,12 +15,14 @@ from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.report import pack, synthesize, write_tables
 
 
-def netlist_memories(design: Design) -> list[Memory]:
+def netlist_memories(design: Design, slow_blocks: bool = False) -> list[Memory]:
     """Read the memories of a core from its netlist, before they are mapped to those of an FPGA.
 
     Parameters
     ----------
     design : Design
+    slow_blocks : bool
+        Whether the core has registers for slow block memories, as on an ECP5.
 
     Returns
     -------
@@ -39,6 +41,7 @@ def netlist_memories(design: Design) -> list[Memory]:
         run_yosys(
             [
                 f"read_verilog -sv {' '.join(map(str, files))}",
+                f"chparam -set SLOW_BLOCKS {int(slow_blocks)} vpr_device",
                 "hierarchy -check -top vpr_device; proc; flatten; opt_clean; memory_collect",
                 f"write_json {found}",
             ],

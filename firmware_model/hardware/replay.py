@@ -2,7 +2,8 @@
 
 With a folder of vectors that ``edge-vpr golden --rtl`` wrote, its cases are replayed; with
 ``--designs N``, those of N random designs; with ``--events N``, one long case of a design with the
-place filter and own-mean codes. Needs Icarus Verilog.
+place filter and own-mean codes. With ``--slow-blocks``, the core is that of an ECP5, which has
+registers behind its block memories. Needs Icarus Verilog.
 """
 
 from __future__ import annotations
@@ -56,14 +57,16 @@ class Outcome(NamedTuple):
         )
 
 
-def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
+def hold(
+    vectors: Path, *, seed: int, stall: int, resets: int, slow_blocks: bool = False
+) -> Outcome:
     """Replay all cases of a folder of vectors, and compare the results.
 
     Parameters
     ----------
     vectors : path
-    seed, stall, resets : int
-        Same as for `firmware_model.hardware.simulation.replay`.
+    seed, stall, resets, slow_blocks
+        Same as for `firmware_model.hardware.simulation.replay_vectors`.
 
     Returns
     -------
@@ -71,7 +74,9 @@ def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
     """
     outcome = Outcome(Counter(), [], 0)
     with tempfile.TemporaryDirectory() as work:
-        replays = replay_vectors(vectors, Path(work), seed=seed, stall=stall, resets=resets)
+        replays = replay_vectors(
+            vectors, Path(work), seed=seed, stall=stall, resets=resets, slow_blocks=slow_blocks
+        )
         for _, replay in replays:
             verdict = verify(vectors, replay.records)
             outcome.equal.update(verdict.compared)
@@ -81,7 +86,14 @@ def hold(vectors: Path, *, seed: int, stall: int, resets: int) -> Outcome:
 
 
 def hold_random_designs(
-    number: int, *, seed: int, stall: int, resets: int, only: str | None = None, skip: int = 0
+    number: int,
+    *,
+    seed: int,
+    stall: int,
+    resets: int,
+    slow_blocks: bool = False,
+    only: str | None = None,
+    skip: int = 0,
 ) -> Iterator[Outcome]:
     """Replay the cases of random designs.
 
@@ -91,7 +103,7 @@ def hold_random_designs(
         Number of designs; every other one has the place filter, own-mean codes, or both.
     seed : int
         Seed of designs and cases, and of stalls and resets.
-    stall, resets : int
+    stall, resets, slow_blocks
         Same as for `hold`.
     only : str, optional
         Name of a suite; by default all suites.
@@ -110,22 +122,36 @@ def hold_random_designs(
         if at < skip:
             continue
         suites = standard_suites(design, seed + at, only)
-        outcome = hold_suites(design, suites, seed=seed + at, stall=stall, resets=resets)
+        outcome = hold_suites(
+            design, suites, seed=seed + at, stall=stall, resets=resets, slow_blocks=slow_blocks
+        )
         yield outcome._replace(differences=[f"{it} ({design})" for it in outcome.differences])
 
 
-def hold_suites(design: Design, suites: Suites, *, seed: int, stall: int, resets: int) -> Outcome:
+def hold_suites(
+    design: Design,
+    suites: Suites,
+    *,
+    seed: int,
+    stall: int,
+    resets: int,
+    slow_blocks: bool = False,
+) -> Outcome:
     """Write suites of cases, replay them, and compare; other arguments as for `hold`."""
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors"
         write_suites(vectors, design, suites, seed, rtl=True)
-        return hold(vectors, seed=seed, stall=stall, resets=resets)
+        return hold(vectors, seed=seed, stall=stall, resets=resets, slow_blocks=slow_blocks)
 
 
-def hold_many_events(number: int, *, seed: int, stall: int, resets: int) -> Outcome:
+def hold_many_events(
+    number: int, *, seed: int, stall: int, resets: int, slow_blocks: bool = False
+) -> Outcome:
     """Replay one case of `number` random events; other arguments as for `hold`."""
     cases = random_cases(LONG, np.random.default_rng(seed), 1, number)
-    return hold_suites(LONG, {"random": cases}, seed=seed, stall=stall, resets=resets)
+    return hold_suites(
+        LONG, {"random": cases}, seed=seed, stall=stall, resets=resets, slow_blocks=slow_blocks
+    )
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -150,10 +176,16 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--stall", type=int, default=40, metavar="PER_CENT")
     parser.add_argument("--resets", type=int, default=1, metavar="N")
+    parser.add_argument("--slow-blocks", action="store_true", help="the core of an ECP5")
     args = parser.parse_args(words)
     if [args.vectors is not None, args.designs > 0, args.events > 0].count(True) != 1:
         parser.error("name a folder of vectors, a number of --designs, or one of --events")
-    given = {"seed": args.seed, "stall": args.stall, "resets": args.resets}
+    given = {
+        "seed": args.seed,
+        "stall": args.stall,
+        "resets": args.resets,
+        "slow_blocks": args.slow_blocks,
+    }
     try:
         if args.vectors is not None:
             outcome = hold(args.vectors, **given)

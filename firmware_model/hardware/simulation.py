@@ -46,7 +46,9 @@ def available() -> bool:
     return all(shutil.which(tool) for tool in (COMPILER, RUNTIME))
 
 
-def compile_bench(package: Path, program: Path, folder: Path = sources.FOLDER) -> None:
+def compile_bench(
+    package: Path, program: Path, folder: Path = sources.FOLDER, *, slow_blocks: bool = False
+) -> None:
     """Compile core and testbench for one design.
 
     Parameters
@@ -57,6 +59,8 @@ def compile_bench(package: Path, program: Path, folder: Path = sources.FOLDER) -
         Program to be written.
     folder : path
         Folder of the core's sources.
+    slow_blocks : bool
+        Whether the core has registers for slow block memories, as on an ECP5.
 
     Raises
     ------
@@ -65,6 +69,7 @@ def compile_bench(package: Path, program: Path, folder: Path = sources.FOLDER) -
     """
     files = [folder / name for name in (*sources.DEVICE, sources.BENCH)]
     command = [COMPILER, "-g2012", "-Wall", "-Wno-timescale", "-s", "vpr_bench"]
+    command.append(f"-Pvpr_bench.SLOW_BLOCKS={int(slow_blocks)}")
     _run([*command, "-o", str(program), str(package), *map(str, files)])
 
 
@@ -131,7 +136,13 @@ def replay(
 
 
 def replay_vectors(
-    vectors: Path, work: Path, *, seed: int = 1, stall: int = 0, resets: int = 0
+    vectors: Path,
+    work: Path,
+    *,
+    seed: int = 1,
+    stall: int = 0,
+    resets: int = 0,
+    slow_blocks: bool = False,
 ) -> Iterator[tuple[str, Replay]]:
     """Replay all cases of vectors that were made with ``rtl``, with the sources beside them.
 
@@ -141,6 +152,8 @@ def replay_vectors(
         Folder of the vectors, and a folder for programs and results.
     seed, stall, resets : int
         Same as for `replay`; each case has its own random numbers.
+    slow_blocks : bool
+        Same as for `compile_bench`.
 
     Yields
     ------
@@ -163,7 +176,9 @@ def replay_vectors(
         parameters = package.read_text(encoding="ascii")
         if parameters not in programs:
             programs[parameters] = work / f"design_{len(programs)}.vvp"
-            compile_bench(package, programs[parameters], vectors / RTL_FOLDER)
+            compile_bench(
+                package, programs[parameters], vectors / RTL_FOLDER, slow_blocks=slow_blocks
+            )
         yield (
             name,
             replay(

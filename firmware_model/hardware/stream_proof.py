@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from firmware_model.hardware.formal import (
@@ -92,10 +92,16 @@ class Claim:
     method: str = UNBOUNDED
 
 
-def core_claim(define: str, kind: str) -> Claim:
-    """Return a claim of `CORE_CLAIMS` about a kind of `CORE_KINDS`."""
+def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
+    """Return a claim of `CORE_CLAIMS` about a kind of `CORE_KINDS`.
+
+    With `slow_blocks`, it is about the core that has registers behind its block memories.
+    """
     name = f"{CORE_CLAIMS[define]} ({kind})"
     parameters = CORE_KINDS[kind] | _OF_FILTERS.get(define, {})
+    if slow_blocks:
+        name = f"{name}, with registers behind block memories"
+        parameters = parameters | {"SLOW_BLOCKS": 1}
     method = UNBOUNDED
     if define == "PATIENCE" and "FILTER" in parameters:
         name, method = f"in the first {CLOCKS} clocks, {name}", BOUNDED
@@ -114,14 +120,22 @@ DELAY = Claim(
     "vpr_delay_properties",
     ("vpr_ram.sv", "vpr_delay.sv"),
 )
+#: the delay line of pixels behind slow block memories
+DELAY_OF_THREE = replace(DELAY, name=f"{DELAY.name}, of 3 words", parameters={"STEPS": 3})
 CLAIMS = (
     COUNTERS,
     DELAY,
+    DELAY_OF_THREE,
     *(
         core_claim(define, kind)
         for kind, parameters in CORE_KINDS.items()
         for define in CORE_CLAIMS
         if define not in _OF_FILTERS or "FILTER" in parameters
+    ),
+    *(
+        core_claim(define, kind, slow_blocks=True)
+        for kind in CORE_KINDS
+        for define in ("EVENT", "WINDOW")
     ),
 )
 

@@ -5,7 +5,9 @@
 //
 // +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +trace=FILE.vcd
 `timescale 1ns / 1ps
-module vpr_bench;
+module vpr_bench #(
+    parameter SLOW_BLOCKS = 0  // see vpr_device
+);
     import vpr_design::*;
 
     localparam int EVENT_BITS = EVENT_TIME_BITS + 32;
@@ -35,7 +37,9 @@ module vpr_bench;
     wire [19:0] load_address = '0;
     wire [31:0] load_word    = '0;
 
-    vpr_device device (.*);
+    vpr_device #(
+        .SLOW_BLOCKS(SLOW_BLOCKS)
+    ) device (.*);
 
     always #10 clk = !clk;
 

@@ -3,8 +3,10 @@ module vpr_device #(
     parameter MEMORY_STYLE = "auto",  // of the places and of past distances, see vpr_ram_single
     parameter PLACES_FILE  = "",      // of the places; they may be loaded instead
     parameter LOADABLE     = 0,       // tables are loaded, in place of their files
-    // where block memories take more than half a clock: counts are not kept in them, and the places
-    // have a register behind them, as past distances have, so that a match takes a clock more for each
+    // where block memories take more than half a clock: counts and delay lines are not kept in them,
+    // and entries of the look-up, the descriptor and places, and past distances have a register
+    // behind them: an event takes a clock more, and a match one for each pass over places, and one more
+    // with sequences of two and more
     parameter SLOW_BLOCKS  = 0
 ) (
     input  logic clk,

@@ -1,5 +1,5 @@
 // Events to counters, one a clock: displacement, address, entry, slot, count, and the raised count
-// are a clock each.
+// are a clock each; the entry is two where block memories are slow (SLOW_BLOCKS).
 //
 // s_event carries a word of events.mem: time, column (16 bits), row (15), ON (1), from the least
 // significant bit. m_event carries a word of expected_events.mem for each: selected, slot, count.
@@ -51,8 +51,11 @@ module vpr_events #(
     output logic [COUNT_BITS-1:0]           drained,
     output logic [SLOT_BITS-1:0]            drained_slot
 );
+    localparam int ENTRY_STEPS = SLOW_BLOCKS ? 2 : 1;
+
     // an event in each stage: its displacement, address, entry, slot, count, and raised count
-    logic displaces, addresses, enters, has_slot, has_count, has_raised;
+    logic displaces, addresses, has_slot, has_count, has_raised;
+    logic [ENTRY_STEPS-1:0] enters;
 
     logic                  settled, over, full;
     logic                  counts;  // the event with the raised count is of a selected pixel
@@ -74,7 +77,9 @@ module vpr_events #(
     assign counted = counts && moves;
 
     // all events of the window are counted
+    // verilator lint_off WIDTH
     wire ends = BY_TIME ? displaces && over && settled && !addresses && !enters && !has_slot : full;
+    // verilator lint_on WIDTH
 
     always_ff @(posedge clk) begin
         window_end <= window_ready && ends && !has_count && !has_raised && !window_end;
@@ -82,8 +87,8 @@ module vpr_events #(
         displaces  <= s_event_tready ? s_event_tvalid : displaces;
         if (looks) begin
             addresses <= displaces && !waits;
-            enters    <= addresses;
-            has_slot  <= enters;
+            enters    <= ENTRY_STEPS'({enters, addresses});
+            has_slot  <= enters[ENTRY_STEPS-1];
         end
         if (moves) begin
             has_count  <= has_slot && looks;
@@ -94,7 +99,7 @@ module vpr_events #(
             window_end   <= 1'b0;
             displaces    <= 1'b0;
             addresses    <= 1'b0;
-            enters       <= 1'b0;
+            enters       <= '0;
             has_slot     <= 1'b0;
             has_count    <= 1'b0;
             has_raised   <= 1'b0;

@@ -2,7 +2,8 @@
 // and belongs to the pixel only if it names that row as its owner.
 //
 // A pixel is taken with `take`, where it stays until another is; its result is registered at the
-// third clock edge with `enable` after that one. Another pixel may come with each clock.
+// third clock edge with `enable` after that one, or at the fourth (SLOW_BLOCKS). Another pixel may
+// come with each clock.
 module vpr_pixel_lookup #(
     parameter int HEIGHT       = 2,
     parameter int PIXELS       = 1,
@@ -31,10 +32,14 @@ module vpr_pixel_lookup #(
     output logic                 selected,
     output logic [SLOT_BITS-1:0] slot
 );
-    logic [ADDRESS_BITS-1:0]         displacement;
-    logic [OWNER_BITS+SLOT_BITS-1:0] entry;
+    localparam int ENTRY_BITS = OWNER_BITS + SLOT_BITS;
+    // of an entry as it is compared: behind the one that was read, if there is a register between
+    localparam int HELD       = SLOW_BLOCKS ? ENTRY_BITS : 0;
 
-    // the pixel, and the one whose entry is there, two steps later
+    logic [ADDRESS_BITS-1:0]    displacement;
+    logic [HELD+ENTRY_BITS-1:0] entry;
+
+    // the pixel, and the one whose entry is compared, two steps later, or three
     logic [COLUMN_BITS-1:0]  held_column;
     logic [ROW_BITS-1:0]     held_row, entry_row;
     logic                    off_column, off_row, entry_off;
@@ -55,7 +60,7 @@ module vpr_pixel_lookup #(
     end
 
     vpr_delay #(
-        .STEPS(2), .BITS(ROW_BITS + 2), .IN_LOGIC(SLOW_BLOCKS)
+        .STEPS(SLOW_BLOCKS ? 3 : 2), .BITS(ROW_BITS + 2), .IN_LOGIC(SLOW_BLOCKS)
     ) pixels (
         .clk(clk), .rst(rst), .push(enable),
         .word({off_column || off_row, second_half, held_row}),
@@ -71,19 +76,27 @@ module vpr_pixel_lookup #(
     );
 
     vpr_rom #(
-        .DEPTH(DEPTH), .BITS(OWNER_BITS + SLOT_BITS), .ADDRESS_BITS(ADDRESS_BITS),
+        .DEPTH(DEPTH), .BITS(ENTRY_BITS), .ADDRESS_BITS(ADDRESS_BITS),
         .FILE(LOOKUP_FILE), .LOADABLE(LOADABLE)
     ) entries (
-        .clk(clk), .enable(enable), .address(address), .word(entry),
+        .clk(clk), .enable(enable), .address(address), .word(entry[ENTRY_BITS-1:0]),
         .load(load[1]), .load_address(load_address), .load_word(load_word)
     );
 
-    wire [OWNER_BITS-1:0] owner = entry[SLOT_BITS+:OWNER_BITS];
+    wire [OWNER_BITS-1:0] owner = entry[HELD+SLOT_BITS+:OWNER_BITS];
+
+    generate
+        if (SLOW_BLOCKS) begin : g_register
+            logic [ENTRY_BITS-1:0] held_entry;
+            always_ff @(posedge clk) if (enable) held_entry <= entry[ENTRY_BITS-1:0];
+            assign entry[HELD+:ENTRY_BITS] = held_entry;
+        end
+    endgenerate
 
     always_ff @(posedge clk) begin
         if (enable) begin
             selected <= !entry_off && owner == OWNER_BITS'(entry_row);
-            slot <= entry[SLOT_BITS-1:0] + (entry_second ? SLOT_BITS'(PIXELS) : SLOT_BITS'(0));
+            slot <= entry[HELD+:SLOT_BITS] + (entry_second ? SLOT_BITS'(PIXELS) : SLOT_BITS'(0));
         end
     end
 endmodule

@@ -15,6 +15,7 @@ module vpr_core_properties #(
     parameter PLACES         = 2,
     parameter BACK           = 0,
     parameter RECIPROCAL_BITS = 5,
+    parameter SLOW_BLOCKS    = 0,
     parameter PATIENCE       = 40
 ) (
     input logic       clk,
@@ -49,7 +50,7 @@ module vpr_core_properties #(
         .COUNT_BITS(1), .WINDOW_COUNT_BITS(2), .ENTRY_BITS(OWN_MEAN ? 9 : 1), .CODE_BITS(1), .DISTANCE_BITS(2),
         .SUM_BITS(2), .PRODUCT_BITS(4), .PLACE_BITS(1), .WINDOW_EVENTS_BITS(2),
         .ACTIVITY_BITS(10), .DISTANCE_TOTAL_BITS(3), .RECIPROCAL_BITS(RECIPROCAL_BITS), .EVIDENCE_BITS(2), .TRUST_BITS(6),
-        .MATCH_BITS(MATCH_BITS)
+        .MATCH_BITS(MATCH_BITS), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) core (
         .clk(clk), .rst(rst), .load(5'd0), .load_address(20'd0), .load_word(32'd0),
         .start_time(start_time), .start_activity(10'd0),
@@ -127,8 +128,8 @@ module vpr_core_properties #(
     end
 
     // Events: each that is taken is returned, in at most DEPTH steps
-    localparam DEPTH = 7;
-    logic [2:0] under_way;
+    localparam DEPTH = SLOW_BLOCKS ? 8 : 7;
+    logic [3:0] under_way;
     always_ff @(posedge clk) begin
         if (rst) under_way <= '0;
         else under_way <= under_way + (s_event_tvalid && s_event_tready)
