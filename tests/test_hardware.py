@@ -689,6 +689,37 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
 
 
 @needs_iverilog
+@pytest.mark.parametrize(
+    ("suite", "file", "cleared"),
+    [
+        ("reset_sum", "vpr_sequence.sv", "terms      <= '0;"),
+        ("reset_match", "vpr_core.sv", "finishing      <= '0;"),
+    ],
+)
+def test_what_a_reset_does_not_clear_is_found_by_a_reset_at_each_clock(
+    tmp_path, monkeypatch, suite, file, cleared
+):
+    """It lasts one clock, in which a sum or a match is under way that then ends too late."""
+    chosen = {"reset_sum": (65, 66), "reset_match": (29, 30)}[suite]
+    every = {suite: (*mutants.EVERY_CLOCK[suite][:2], chosen)}
+    assert set(chosen) <= set(mutants.EVERY_CLOCK[suite][2])
+    monkeypatch.setattr(mutants, "EVERY_CLOCK", every)
+    bench = mutants.Bench(tmp_path, 1, only=(suite,))
+    assert bench.found_by(None) is None
+    found = bench.found_by(changed(file, cleared, ""))
+    assert found is not None and f"{suite}/random_0, reset at clock" in found
+
+
+@needs_iverilog
+def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
+    """That of a window that pauses, above the threshold by two."""
+    bench = mutants.Bench(tmp_path, 1, only=("pause_by_two",))
+    assert bench.found_by(None) is None
+    first = changed("vpr_activity.sv", "step == STEP_BITS'(DROPPED - 1)", "step == 0")
+    assert bench.found_by(first) == "filter/pause_by_two"
+
+
+@needs_iverilog
 def test_a_core_that_stands_still_is_a_fault_after_so_many_clocks(tmp_path):
     """However busy the computer is: a slow simulation of a sound core is none."""
     folder = write_vectors(tmp_path / "v", DESIGN, 3, "random", slice(1))

@@ -3,7 +3,8 @@
 Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
 designs with sequences, and of some with the place filter and own-mean codes, are replayed with
 stalls and resets until a case finds the mutant; the first of them also on the core that has
-registers behind its block memories. The command lists the mutants that no case finds.
+registers behind its block memories. Short cases with a reset of one clock, at each clock of a place
+or of a match, follow. The command lists the mutants that no case finds.
 It needs Icarus Verilog.
 """
 
@@ -52,6 +53,12 @@ QUICK = Design(
     lanes=1,
 )
 QUICK_EVENTS, QUICK_RESETS = 150, 6
+#: designs that are reset at each of some clocks, and their number of events: at all phases of a
+#: place's sum, whose terms end after the next window begins, and of a window of the filter
+EVERY_CLOCK = {
+    "reset_sum": (replace(QUICK, places=16), 17, range(60, 76)),
+    "reset_match": (replace(QUICK, matching="filter", length=1, places=3), 3, range(28, 65)),
+}
 #: cases that find most mutants come first
 FIRST = (
     *("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time"),
@@ -96,11 +103,27 @@ _STATED = re.compile(
 
 
 class Trial(NamedTuple):
-    """Folder of vectors, suite and case, and whether the core has registers for slow memories."""
+    """Folder of vectors, suite and case, and how it is replayed.
+
+    Attributes
+    ----------
+    stall, resets, reset_at : int
+        Same as for `firmware_model.hardware.simulation.replay`.
+    slow_blocks : bool
+        Whether the core has registers behind its block memories.
+    """
 
     vectors: Path
     name: str
+    stall: int = 30
+    resets: int = 1
+    reset_at: int = 0
     slow_blocks: bool = False
+
+    def __str__(self) -> str:
+        """Return suite and case, and what is special about the replay."""
+        reset = f", reset at clock {self.reset_at}" if self.reset_at else ""
+        return f"{self.name}{reset}{', slow block memories' if self.slow_blocks else ''}"
 
 
 class Mutant(NamedTuple):
@@ -143,7 +166,9 @@ def all_mutants() -> list[Mutant]:
 
 
 class Bench:
-    """Vectors of `DESIGNS` and `QUICK` in a folder, with which mutants of the sources are tested.
+    """Vectors in a folder, with which mutants of the sources are tested.
+
+    They are of `DESIGNS`, `QUICK` and `EVERY_CLOCK`.
 
     Parameters
     ----------
@@ -182,16 +207,24 @@ class Bench:
             write_suites(vectors, design, suites, seed, rtl=True)
             names = (f"{suite}/{case.name}" for suite, cases in suites.items() for case in cases)
             self.cases += [Trial(vectors, name) for name in names]
-        self._quick = folder / "quick"
-        quick = random_cases(QUICK, np.random.default_rng(seed), 1, QUICK_EVENTS)
-        if only is None or quick[0].name in only:
-            write_suites(self._quick, QUICK, {"quick": quick}, seed, rtl=True)
-            self.cases.append(Trial(self._quick, f"quick/{quick[0].name}"))
+        if only is None or "random_0" in only:
+            quick = self._short(folder, "quick", QUICK, QUICK_EVENTS)
+            self.cases.append(quick._replace(resets=QUICK_RESETS))
         self.cases.sort(key=lambda case: case.name.partition("/")[2] not in FIRST)
         slow = [
             case for case in self.cases if case.name.partition("/")[2] in (*FIRST[:5], "random_0")
         ]
         self.cases += [case._replace(slow_blocks=True) for case in slow]
+        for suite, (design, events, clocks) in EVERY_CLOCK.items():
+            if only is None or suite in only:
+                short = self._short(folder, suite, design, events)
+                self.cases += [short._replace(reset_at=clock) for clock in clocks]
+
+    def _short(self, folder: Path, suite: str, design: Design, events: int) -> Trial:
+        """Write a suite of one random case, to be replayed without stalls."""
+        cases = random_cases(design, np.random.default_rng(self._seed), 1, events)
+        write_suites(folder / suite, design, {suite: cases}, self._seed, rtl=True)
+        return Trial(folder / suite, f"{suite}/{cases[0].name}", stall=0)
 
     def found_by(self, mutant: Mutant | None) -> str | None:
         """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
@@ -205,31 +238,34 @@ class Bench:
                 if not self._holds(case, programs):
                     # the next mutant often belongs to the same unit
                     self.cases.insert(0, self.cases.pop(at))
-                    return f"{case.name}{' (slow block memories)' if case.slow_blocks else ''}"
+                    return str(case)
             return None
         finally:
             if mutant is not None:
                 shutil.copyfile(sources.FOLDER / mutant.file, self._rtl / mutant.file)
 
     def _holds(self, case: Trial, programs: dict[tuple[str, bool], Path]) -> bool:
-        vectors, name, slow_blocks = case
-        package = vectors / name / f"{PACKAGE}.sv"
-        key = package.read_text(encoding="ascii"), slow_blocks
+        folder = case.vectors / case.name
+        package = folder / f"{PACKAGE}.sv"
+        key = package.read_text(encoding="ascii"), case.slow_blocks
         try:
             if key not in programs:
                 programs[key] = self._work / f"{len(programs)}.vvp"
-                simulation.compile_bench(package, programs[key], self._rtl, slow_blocks=slow_blocks)
+                simulation.compile_bench(
+                    package, programs[key], self._rtl, slow_blocks=case.slow_blocks
+                )
             done = simulation.replay(
                 programs[key],
-                vectors / name,
-                name,
+                folder,
+                case.name,
                 self._work / "results.csv",
                 seed=self._seed,
-                stall=0 if vectors == self._quick else 30,
-                resets=QUICK_RESETS if vectors == self._quick else 1,
+                stall=case.stall,
+                resets=case.resets,
+                reset_at=case.reset_at,
                 seconds=LIMIT,
             )
-            return not verify(vectors, done.records).differences
+            return not verify(case.vectors, done.records).differences
         except (ToolError, VectorError):
             return False
 

@@ -82,6 +82,7 @@ def replay(
     seed: int = 1,
     stall: int = 0,
     resets: int = 0,
+    reset_at: int = 0,
     seconds: int | None = None,
     trace: Path | None = None,
 ) -> Replay:
@@ -103,6 +104,9 @@ def replay(
         Percentage of clocks in which each side waits.
     resets : int
         Number of resets, after each of which the case begins again.
+    reset_at : int
+        If not 0, there is one reset instead, of one clock, so many clocks after the first; the
+        places stay.
     seconds : int, optional
         Processor seconds after which a simulation that has not ended is a fault.
     trace : path, optional
@@ -123,6 +127,7 @@ def replay(
         "seed": seed,
         "stall": stall,
         "resets": resets,
+        "reset_at": reset_at,
     }
     if trace is not None:
         arguments["trace"] = trace.resolve()

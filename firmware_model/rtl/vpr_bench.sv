@@ -3,7 +3,9 @@
 // the case begins again; whatever is undefined where it must not be, or changes before it is
 // taken, ends the simulation. So does a core that takes nothing for far longer than a match lasts.
 //
-// +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +trace=FILE.vcd
+// With `reset_at` there is one reset, of one clock, so many clocks after the first; the places stay.
+//
+// +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +reset_at=N +trace=FILE.vcd
 `timescale 1ns / 1ps
 module vpr_bench #(
     parameter SLOW_BLOCKS = 0  // see vpr_device
@@ -47,7 +49,7 @@ module vpr_bench #(
 
     string       case_name, results, trace;
     logic [63:0] start, activity;
-    integer      seed, stall, resets, start_file;
+    integer      seed, stall, resets, reset_at, start_file;
     initial begin
         if (!$value$plusargs("case=%s", case_name)) case_name = "case";
         if (!$value$plusargs("results=%s", results)) results = "results.csv";
@@ -65,6 +67,8 @@ module vpr_bench #(
         if (!$value$plusargs("seed=%d", seed)) seed = 1;
         if (!$value$plusargs("stall=%d", stall)) stall = 0;
         if (!$value$plusargs("resets=%d", resets)) resets = 0;
+        if (!$value$plusargs("reset_at=%d", reset_at)) reset_at = 0;
+        if (reset_at > 0) resets = 1;
         if ($value$plusargs("trace=%s", trace)) begin
             $dumpfile(trace);
             $dumpvars(1, vpr_bench);
@@ -105,14 +109,15 @@ module vpr_bench #(
             idle_clocks = 0;
             stuck_clocks = 0;
             rst = 1'b1;
-            repeat (1 + $unsigned($random(seed)) % 3) @(negedge clk);
+            if (reset_at > 0) @(negedge clk);
+            else repeat (1 + $unsigned($random(seed)) % 3) @(negedge clk);
             rst = 1'b0;
             start_time = 'x;
             start_activity = 'x;
             running = 1'b1;
             next_event;
             // places stay, and need not come again
-            if (loaded) loaded = chance(50);
+            if (loaded) loaded = reset_at > 0 || chance(50);
             if (loaded) place_there = 1'b0;
             else next_place;
         end
@@ -166,7 +171,7 @@ module vpr_bench #(
         loaded = 1'b0;
         repeat (2) @(negedge clk);
         restart;
-        restart_at = 20 + $unsigned($random(seed)) % 400;
+        restart_at = reset_at > 0 ? reset_at : 20 + $unsigned($random(seed)) % 400;
         while (idle_clocks < MATCH_CLOCKS) begin
             @(negedge clk);
             if (event_taken) begin

@@ -11,7 +11,7 @@ import numpy as np
 from firmware_model.design import Design
 from firmware_model.largest_values import ACTIVITY_BITS, EVENTS_TOP
 from firmware_model.memories import Memories
-from firmware_model.running import ActivityModel
+from firmware_model.running import PAUSE_SHIFT, ActivityModel
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.drives import PAUSE, counts_at, drive
 from firmware_model.vectors.event_corners import adaptive_event_cases
@@ -111,6 +111,9 @@ def _pauses(design: Design) -> list[Case]:
         drive("pause_at_threshold", forward, list(range(12)), None, at),
         drive("busy_at_threshold", forward, list(range(12)), None, at - 1),
     ]
+    # usual events whose lowest bits are not 0, but whose lowest bit is
+    by_two = _activity_at_threshold(forward, 6, above=2)
+    cases.append(drive("pause_by_two", forward, list(range(12)), None, by_two))
     # usual activity exactly at the threshold, and above it by the smallest step
     first = counts_at(forward, 0)[1] if design.window == "time" else total
     for name, usual in {"first_busy": first << 12, "first_pauses": (first << 12) + 1}.items():
@@ -122,8 +125,11 @@ def _pauses(design: Design) -> list[Case]:
     return cases
 
 
-def _activity_at_threshold(design: Design, window: int) -> int:
-    """Find the lowest initial activity with which this window of a drive by all places pauses."""
+def _activity_at_threshold(design: Design, window: int, above: int = 1) -> int:
+    """Find the lowest initial activity with which this window of a drive by all places pauses.
+
+    The usual number of events is then `above` the one with which it would not, in 1/256 event.
+    """
     events = [counts_at(design, place)[1] for place in range(design.places)]
     if design.window == "count":
         events = [max(events)] * len(events)
@@ -132,7 +138,7 @@ def _activity_at_threshold(design: Design, window: int) -> int:
         activity = ActivityModel(start)
         for number in events[:window]:
             activity.update(number)
-        return activity.pauses(events[window])
+        return activity.usual >= (events[window] << (ACTIVITY_BITS + PAUSE_SHIFT)) + above
 
     return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
 

@@ -26,6 +26,7 @@ FILTER_CORNERS = {
     "pause_with_events": "a window that pauses though it has events at selected pixels",
     "long_pause": "a window that pauses behind one that pauses",
     "pause_at_threshold": "a window that pauses, and would not if 1/256 event less were usual",
+    "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
     "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
     "spread_of_nothing": "a window with the same distance to all places",
     "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
@@ -89,6 +90,7 @@ class FilterCoverage:
         counted, usual = self.machine.descriptor.counted, self.machine.descriptor.activity.usual
         threshold = counted << (ACTIVITY_BITS + PAUSE_SHIFT)
         found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
+        found["pause_by_two"] += counted > 0 and usual == threshold + 2
         found["busy_at_threshold"] += counted > 0 and usual == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
