@@ -39,6 +39,7 @@ class EsSource(Source):
 
     relative = True
     start_us = 0
+    position = None
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with self._decoder(path) as decoder:
@@ -81,9 +82,7 @@ class EsSource(Source):
                     yield Columns(t, packet["x"][part], y, on[part])
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open an Event Stream file."""
-    return EsSource(path, options)
+open_source = EsSource
 
 
 @contextmanager

@@ -36,7 +36,7 @@ class StepDecoder(Decoder):
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         raw = np.frombuffer(data, dtype=np.uint8)
         if raw.size // 3 >= self._room.t.size:
-            self._room = room_for(raw.size)
+            self._room = no_columns(raw.size // 3 + 1)
         t, x, y, p = self._room
         at, count = 0, 0
         while True:
@@ -119,11 +119,6 @@ def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
             if best_time < 0 or 2 * time < best_time:
                 best, best_time = start, time
     return best, first >= 0
-
-
-def room_for(size: int) -> Columns:
-    """Return columns for the events that `size` bytes of steps can hold."""
-    return no_columns(size // 3 + 1)
 
 
 def encode_steps(events: Events, since_us: int, sync: int) -> bytes:

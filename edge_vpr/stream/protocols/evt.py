@@ -43,16 +43,12 @@ class EvtDecoder(WordDecoder):
         )  # fmt: skip
         self._name = name
         self._shift = np.uint64(32 if name == "evt21" else 0)  # to the upper half of a long word
-        self._fresh()
+        self._words = WordsDecoder(name, 1)
 
     def _samples(self) -> Iterable[bytes]:
-        words = _ENCODERS[self._name](self.sensor).encode(synthetic_events())
+        words = ENCODERS[self._name](self.sensor).encode(synthetic_events())
         # a byte in the middle is missing
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
-
-    def _fresh(self) -> None:
-        self._words = WordsDecoder(self._name, 1)
-        self._undated = 0
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
         found = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)
@@ -68,16 +64,13 @@ class EvtDecoder(WordDecoder):
         words = raw.view(self._words.dtype)
         used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
         columns = self._words.decode(words[:used])
-        undated = self._words.undated
-        self.health.undated += undated - self._undated
-        self.health.decoded += undated - self._undated
-        self._undated = undated
+        self.health.reject_undated(self._words.take_undated())
         return used, columns, used < words.size
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
         # time and row of the words before are no longer valid
-        self._fresh()
+        self._words = WordsDecoder(self._name, 1)
 
 
 @njit(cache=True, nogil=True)
@@ -200,7 +193,8 @@ def _interleaved(
     return pairs.tobytes()
 
 
-_ENCODERS: dict[str, type[Encoder]] = {
+#: Encoders of the words, by the name of the protocol.
+ENCODERS: dict[str, type[Encoder]] = {
     "evt2": Evt2Encoder,
     "evt21": Evt21Encoder,
     "evt3": Evt3Encoder,
@@ -214,4 +208,4 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
 
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     """Make an encoder."""
-    return _ENCODERS[name](sensor)
+    return ENCODERS[name](sensor)

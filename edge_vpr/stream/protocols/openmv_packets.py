@@ -97,6 +97,10 @@ class Packet(NamedTuple):
     opcode: int
     payload: bytes
 
+    def packed(self) -> bytes:
+        """Return its bytes."""
+        return pack(self.opcode, self.sequence, self.channel, self.flags, self.payload)
+
 
 def pack(
     opcode: int, sequence: int, channel: int = 0, flags: int = 0, payload: bytes = b""
