@@ -8,7 +8,7 @@ from dataclasses import replace
 from firmware_model.design import Design
 from firmware_model.memories import Memories
 from firmware_model.vectors.case import Case
-from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes, unselected_pixel
 
 
 def event_cases(design: Design) -> list[Case]:
@@ -180,8 +180,7 @@ def _case(
 ) -> Case:
     """Make a case whose map holds windows of the stream at every other place."""
     design, pixels = stream.design, stream.pixels
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places, tables, codes)
-    seen = [window.codes for window in ended_windows(blank, stream)]
+    seen = shown_codes(stream, tables, codes)
     places = []
     for k in range(design.places):
         row = seen[(k * 3) % len(seen)]
