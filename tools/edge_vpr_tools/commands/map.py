@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
         args.hot_pixels if listed else None,
         getattr(args, "config", None),
     ]
-    check_output(output, [given for given in inputs if given is not None])
+    check_output(output, inputs)
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
     run_file = output.with_suffix(".run.json")

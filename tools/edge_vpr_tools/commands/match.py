@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong or the recording cannot be matched.
     """
     output = Path(args.output)
-    inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
+    inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
     if kind_of(args.map) != MAP_KIND and kind_of(args.recording) == MAP_KIND:
         raise UsageError(

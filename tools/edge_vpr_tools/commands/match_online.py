@@ -59,7 +59,7 @@ def match_online(
     matches = found.matches
     metrics = found.metrics(every, recording.faults, camera.shift)
     with results.results_folder(output, args.overwrite) as folder:
-        inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
+        inputs = list(filter(None, (args.map, args.recording, args.odometry)))
         write_match_folder(folder, reference, matches, found.removed, metrics, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_online_figure

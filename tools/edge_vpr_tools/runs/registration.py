@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from edge_vpr.pipeline import EventSource, Registration, WindowSource, register
+from edge_vpr.pipeline import EventSource, WindowSource, register
 from edge_vpr.reference_map import ReferenceMap
 
 
@@ -67,11 +67,8 @@ def mounted(reference: ReferenceMap, recording: EventSource | WindowSource, aske
     if not asked:
         return Mounted(reference)
     found = register(reference, recording)
-    return Mounted(found.reference, _shift(found))
-
-
-def _shift(found: Registration) -> MountShift:
-    return MountShift(
+    shift = MountShift(
         dx=found.dx, dy=found.dy, windows=found.windows, likeness=found.likeness,
         likeness_unmoved=found.unmoved,
     )  # fmt: skip
+    return Mounted(found.reference, shift)
