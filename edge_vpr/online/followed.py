@@ -25,12 +25,9 @@ NEVER = np.iinfo(np.int64).max
 #: Control of the kernel. Fields, in this order: the schedule of matches (see
 #: `edge_vpr.online.schedule.MatchSchedule`) with the next tick and the place of the last match; the
 #: width of the exclusion zone and the number of sums; the lowest trust of a match that is not lost;
-#: for
-#: the place filter, the end of the present window (a time, or the number of an event), the usual
-#: number
-#: of events, the reciprocal of the spread, and place and trust of the window before; the first slot
-#: of
-#: OFF events; and the earliest time that the next event may have.
+#: for the place filter, the end of the present window (a time, or the number of an event), the
+#: usual number of events, the reciprocal of the spread, and place and trust of the window before;
+#: the first slot of OFF events; and the earliest time that the next event may have.
 CONTROL = np.dtype(
     [
         (name, "<i8")

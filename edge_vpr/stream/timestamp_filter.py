@@ -32,8 +32,7 @@ LATE_US = 100_000
 CONFIRM = 8
 
 # State from chunk to chunk: whether a time is known; the device's newest time, and that time
-# without
-# wraps, in ticks; the number of held events; and counts.
+# without wraps, in ticks; the number of held events; and counts.
 _STATE = np.dtype(
     [
         (name, "<i8")
