@@ -2,49 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.descriptors.codes import codes_of
-from edge_vpr.descriptors.descriptors import Descriptors, check_descriptors
-from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.descriptors import check_descriptors
 from edge_vpr.errors import MapError
 from edge_vpr.odometry import MOST_MM
-from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from fixedpoint.errors import FixedPointError
+
+if TYPE_CHECKING:
+    from edge_vpr.reference_map import ReferenceMap
 
 #: each is processed after every window
 MOST_JUMPS = 4_096
 
 
-def check_map(
-    settings: Settings,
-    pixel_map: PixelMap,
-    places: Descriptors,
-    saliency: npt.NDArray[Any],
-    hot: npt.NDArray[Any],
-    full_scale: npt.NDArray[Any] | None,
-    mean: npt.NDArray[Any] | None = None,
-    route: Route | None = None,
-    jumps: npt.NDArray[Any] | None = None,
-    odometer_mm: npt.NDArray[Any] | None = None,
-) -> None:
+def check_map(reference: ReferenceMap) -> None:
     """Check that the parts of a map fit each other.
-
-    Parameters
-    ----------
-    settings, pixel_map, places, saliency, hot, full_scale, mean, route, jumps, odometer_mm
-        See `ReferenceMap`.
 
     Raises
     ------
     MapError
         If an array is of another dtype or shape than documented, or holds what cannot be.
     """
+    settings, pixel_map, places = reference.settings, reference.pixel_map, reference.places
     if settings.pixels != len(pixel_map):
         raise MapError(
             f"the settings say {settings.pixels} pixels and the pixel map has {len(pixel_map)}: "
@@ -53,15 +39,16 @@ def check_map(
     counters = len(pixel_map) * (2 if settings.polarity else 1)
     check_descriptors(places, counters)
     shape = (pixel_map.sensor.height, pixel_map.sensor.width)
-    check_array(saliency, "saliency", (np.float32, np.float64), shape)
-    if not np.isfinite(saliency).all():
+    check_array(reference.saliency, "saliency", (np.float32, np.float64), shape)
+    if not np.isfinite(reference.saliency).all():
         raise MapError("saliency holds values that are not finite: expected variances or means")
-    check_array(hot, "hot", (np.bool_,), shape)
+    check_array(reference.hot, "hot", (np.bool_,), shape)
+    full_scale, mean, route = reference.full_scale, reference.mean, reference.route
     if full_scale is not None:
         check_array(full_scale, "full_scale", (np.uint16,), (counters,))
     if route is not None and len(route.along_m) != len(places):
         raise MapError(f"position has {len(route.along_m)} rows for {len(places)} places")
-    _check_ways(len(places), jumps, odometer_mm)
+    _check_ways(len(places), reference.jumps, reference.odometer_mm)
     own_mean = settings.own_mean_code
     if own_mean is None:
         _check_codes(settings, places.counts, full_scale)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import damaged, read_archive, write_archive
+from edge_vpr.archive import damaged, present, read_archive, write_archive
 from edge_vpr.confidence import Confidence, Judge, default_confidence
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.descriptors import Descriptors, narrow
@@ -76,10 +76,7 @@ class ReferenceMap:
     odometer_mm: npt.NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        check_map(
-            self.settings, self.pixel_map, self.places, self.saliency, self.hot,
-            self.full_scale, self.mean, self.route, self.jumps, self.odometer_mm,
-        )  # fmt: skip
+        check_map(self)
 
     def __len__(self) -> int:
         return len(self.places)
@@ -192,14 +189,12 @@ class ReferenceMap:
             "saliency": self.saliency,
             "hot": self.hot,
         }
-        if self.full_scale is not None:
-            arrays["full_scale"] = self.full_scale
-        if self.mean is not None:
-            arrays["mean"] = self.mean
-        if self.jumps is not None:
-            arrays["jumps"] = self.jumps
-        if self.odometer_mm is not None:
-            arrays["odometer_mm"] = self.odometer_mm
+        arrays |= present(
+            full_scale=self.full_scale,
+            mean=self.mean,
+            jumps=self.jumps,
+            odometer_mm=self.odometer_mm,
+        )
         if self.confidence is not None:
             arrays |= self.confidence.to_arrays()
         meta: dict[str, Any] = {
@@ -223,7 +218,7 @@ class ReferenceMap:
         arrays, meta = read_archive(path, KIND)
         with damaged(path, "make the map again"):
             return cls(
-                settings=Settings.from_dict(meta["settings"], source="settings"),
+                settings=Settings.from_dict(meta["settings"]),
                 pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
                 places=Descriptors.from_arrays(arrays),
                 saliency=arrays["saliency"],

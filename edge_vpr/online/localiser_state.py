@@ -59,11 +59,7 @@ class LocaliserState:
         self._table = reference.pixel_map.table()
         self._window = window_of(settings)
         self._length = settings.windows_per_match
-        check_map(
-            settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
-            reference.full_scale, reference.mean, reference.route, reference.jumps,
-            reference.odometer_mm,
-        )  # fmt: skip
+        check_map(reference)
         places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
         self.now = 0  # T: all earlier events have been processed

@@ -33,8 +33,7 @@ MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
 #: For each counter: its table, and its smallest and largest count in the map.
 COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
 #: Common part of all distances, number of noted moves that the counters do not include yet, stride
-#: of
-#: `Sliding.columns`, and number of sums in use.
+#: of `Sliding.columns`, and number of sums in use.
 TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
 
 
