@@ -37,10 +37,7 @@ FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scal
 PATIENCE_S = 3.0
 
 #: faults on a microcontroller: an unaligned access, an index beyond
-SANITISED = (
-    "-fsanitize=alignment,array-bounds",
-    "-fsanitize-trap=alignment,array-bounds",
-)
+SANITISED = ("-fsanitize=alignment,array-bounds", "-fsanitize-trap=alignment,array-bounds")
 
 Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]

@@ -21,9 +21,7 @@ from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import ReadOptions, Source
 
-_FAERY = np.dtype(
-    [("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")],
-)
+_FAERY = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 
 
 def _es() -> Any:

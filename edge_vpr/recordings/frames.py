@@ -92,10 +92,7 @@ class CountFrames:
                 )
                 frame += 1
             return
-        with (
-            foreign_errors(self.path, lambda: f" after frame {frame:,}"),
-            ExitStack() as stack,
-        ):
+        with foreign_errors(self.path, lambda: f" after frame {frame:,}"), ExitStack() as stack:
             stream = self._stream(stack)
             rows = max(1, _BLOCK_BYTES // max(1, stream.row_bytes))
             while frame < self.n_frames:

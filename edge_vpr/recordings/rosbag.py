@@ -10,12 +10,7 @@ from typing import Any
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.columns import Columns
-from edge_vpr.recordings.event_packet import (
-    Cursor,
-    PacketDecoder,
-    read_event_array,
-    read_preamble,
-)
+from edge_vpr.recordings.event_packet import Cursor, PacketDecoder, read_event_array, read_preamble
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.rosbag_file import Bag
 from edge_vpr.recordings.source import ReadOptions, Source

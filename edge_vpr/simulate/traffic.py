@@ -100,11 +100,7 @@ def _premultiplied(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def paint_traffic(
-    movers: list[Mover],
-    view: View,
-    time_us: int,
-    position_m: float,
-    frame: npt.NDArray[np.float32],
+    movers: list[Mover], view: View, time_us: int, position_m: float, frame: npt.NDArray[np.float32]
 ) -> None:
     """Paint the visible objects over a frame of the street, the farthest first.
 

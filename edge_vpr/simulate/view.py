@@ -61,10 +61,7 @@ class View:
     def __init__(self, camera: Camera, drive: Drive, textures: Textures) -> None:
         self.focal = camera.focal_px
         self.margin = int(np.ceil(MARGIN_PX * camera.sensor.width / 128))
-        self.shape = (
-            camera.sensor.height + 2 * self.margin,
-            camera.sensor.width + 2 * self.margin,
-        )
+        self.shape = (camera.sensor.height + 2 * self.margin, camera.sensor.width + 2 * self.margin)
         self.lane_m = LANE_M + drive.lateral_m
         self.turn = _rotation(drive)
         rows, columns = np.indices(self.shape)

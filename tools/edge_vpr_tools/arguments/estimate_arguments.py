@@ -45,11 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"number of places (default: that of the route or of the map, else {PLACES})",
     )
     design.add_argument(
-        "--sequence-length",
-        "-L",
-        type=int,
-        metavar="L",
-        help="windows in a sequence (default: 5)",
+        "--sequence-length", "-L", type=int, metavar="L", help="windows in a sequence (default: 5)"
     )
     design.add_argument(
         "--matching", metavar="KIND", help=f"method: sequence or filter {_default('matching')}"

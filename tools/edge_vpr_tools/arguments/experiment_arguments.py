@@ -40,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: by the suffix of FILE)",
     )
     group.add_argument(
-        "--report",
-        metavar="FILE",
-        help="also write tables and figures to one page of HTML",
+        "--report", metavar="FILE", help="also write tables and figures to one page of HTML"
     )
     group.add_argument(
         "--with",

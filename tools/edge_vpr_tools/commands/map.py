@@ -14,10 +14,7 @@ from edge_vpr.evaluation.jump_files import load_jumps
 from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.whole_files import check_output
-from edge_vpr_tools.arguments.reading import (
-    describe_faults,
-    open_source,
-)
+from edge_vpr_tools.arguments.reading import describe_faults, open_source
 from edge_vpr_tools.arguments.setting_flags import map_settings
 from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
 from edge_vpr_tools.output.messages import detail_settings, summary

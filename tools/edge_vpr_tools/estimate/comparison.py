@@ -65,10 +65,7 @@ class Comparison:
 
 
 def compare(
-    ours: Side,
-    theirs: Side,
-    targets: Iterable[Target],
-    measured: Constant | None = None,
+    ours: Side, theirs: Side, targets: Iterable[Target], measured: Constant | None = None
 ) -> Comparison:
     """Count and model two designs.
 
