@@ -203,12 +203,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the mutants; print which survive, and why; return 1 if one of them has no proof."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="PLACE",
+        "--only", nargs="+", default=[], metavar="PLACE",
         help="run the mutants of these lines (vpr.c:300) or functions alone",
-    )
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     try:
         every = chosen(all_mutants(), options.only)

@@ -24,11 +24,9 @@ MEASURES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "runs",
-        metavar="RUN",
-        nargs="+",
+        "runs", metavar="RUN", nargs="+",
         help="folder that edge-vpr sweep wrote, or folder of matches that were evaluated",
-    )
+    )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o", "--output", metavar="DIR",

@@ -16,12 +16,9 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "names",
-        nargs="+",
-        metavar="NAME",
-        choices=(*EXPERIMENTS, "all"),
+        "names", nargs="+", metavar="NAME", choices=(*EXPERIMENTS, "all"),
         help=f"experiments: {', '.join(EXPERIMENTS)}, or all",
-    )
+    )  # fmt: skip
     group = parser.add_argument_group("experiment")
     group.add_argument(
         "--data",
@@ -52,10 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
     )
     group.add_argument(
-        "--table",
-        metavar="DIR",
+        "--table", metavar="DIR",
         help="folder to write the two tables of probabilities to (calibration only)",
-    )
+    )  # fmt: skip
     group.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
     )
