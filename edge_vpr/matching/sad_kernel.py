@@ -4,8 +4,8 @@ The loop vectoriser widens a plain Numba loop over 8-bit counts to 32 bits, whic
 slower than the hardware allows. The innermost step is therefore written as LLVM IR, once for all
 processors: load two vectors, zero-extend, subtract, absolute value, add up. LLVM recognises this
 pattern as a sum of absolute differences and uses the instructions of the processor for it:
-``vpsadbw`` on
-x86-64, ``uabd`` and ``udot`` on a Cortex-A76, ``uabd`` and ``uaddl`` on a Cortex-A53.
+``vpsadbw`` on x86-64, ``uabd`` and ``udot`` on a Cortex-A76, ``uabd`` and ``uaddl`` on a
+Cortex-A53.
 """
 
 from __future__ import annotations

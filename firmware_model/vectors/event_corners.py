@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from firmware_model.design import Design
-from firmware_model.memories import Memories
+from firmware_model.memories import Codes, Memories
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes, unselected_pixel
 
@@ -176,7 +176,7 @@ def _off_everything(stream: Stream) -> None:
 
 
 def _case(
-    name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Sequence[int]] | None = None
+    name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Codes] | None = None
 ) -> Case:
     """Make a case whose map holds windows of the stream at every other place."""
     design, pixels = stream.design, stream.pixels
