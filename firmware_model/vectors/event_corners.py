@@ -80,7 +80,7 @@ def _scales(design: Design) -> tuple[int, ...]:
     return scale, scale // 2 or 2, 3, scale // 3 or 1, 1
 
 
-def _event_case(name: str, design: Design, codes: Sequence[Sequence[int]] | None = None) -> Case:
+def _event_case(name: str, design: Design, codes: Sequence[Codes] | None = None) -> Case:
     """Make a case whose stream has every kind of event and window."""
     pixels = choose_pixels(design)
     tables = [slot % len(design.full_scales) for slot in range(design.slots)]
