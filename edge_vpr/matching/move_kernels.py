@@ -63,7 +63,11 @@ def mark_following(place: int, steps: StepTable, follows: npt.NDArray[np.bool_])
 
 @njit(cache=True, nogil=True)
 def predict(
-    metric: Metrics, prices: Metrics, first: int, restart: int, jumps: npt.NDArray[np.int32]
+    metric: Metrics,
+    prices: Metrics,
+    first: int,
+    restart: int,
+    jumps: npt.NDArray[np.int32],
 ) -> Metrics:
     """Return the cheapest price of each place one window later.
 

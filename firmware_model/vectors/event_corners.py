@@ -25,7 +25,7 @@ def event_cases(design: Design) -> list[Case]:
     cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
     by_time = _event_designs(design)["events_by_time"]
     # finds a device that assumes code 0 for a count of 0 instead of looking the code up
-    turned = [[by_time.code_max - code for code in table] for table in by_time.tables]
+    turned = [tuple(by_time.code_max - code for code in table) for table in by_time.tables]
     return [*cases, _event_case("codes_turned_round", by_time, turned), _many_windows(by_time)]
 
 
