@@ -159,6 +159,35 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
     assert len(list(tmp_path.rglob("*.nb?"))) == 2  # one index and its kernel
 
 
+def test_a_kernel_is_older_than_the_module_whose_kernel_it_calls(tmp_path, monkeypatch):
+    source, called = tmp_path / "one_kernel.py", tmp_path / "called.py"
+    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernels, "_sources", lambda: [source, called])
+    monkeypatch.setattr(kernels, "PRESETS", [])
+    monkeypatch.setattr(kernels, "PROTOCOLS", [])
+    jit = "import numba\n\n@numba.njit(cache=True)\ndef "
+    called.write_text(f"{jit}one():\n    return 1\n")
+    source.write_text(f"from called import one\n{jit}plus_one(x):\n    return x + one()\n")
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    keep = [sys.executable, "-c", "import one_kernel; print(one_kernel.plus_one(1))"]
+
+    def result() -> str:
+        done = subprocess.run(
+            keep, env={**os.environ, **environment}, check=True, capture_output=True, text=True
+        )
+        return done.stdout.strip()
+
+    assert result() == "2"
+    assert only(kernels.check_kernels()).state == "good"
+    called.write_text(f"{jit}one():\n    return 100\n")
+    assert result() == "2"  # Numba loads the caller with the old code of what it calls
+    finding = only(kernels.check_kernels())
+    assert finding.state == "absent" and "of an older source" in finding.text
+    kernels.compile_kernels()
+    assert result() == "101"
+    assert only(kernels.check_kernels()).state == "good"
+
+
 def test_something_wrong_is_marked_and_ends_with_an_error(monkeypatch, capsys):
     found = [Finding("ports", "wrong", "closed", "open it"), Finding("clock", "good", "right")]
     monkeypatch.setattr("edge_vpr_tools.commands.doctor.examine", lambda: found)
