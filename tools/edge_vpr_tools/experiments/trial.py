@@ -75,7 +75,7 @@ class Trial:
     @property
     def operations(self) -> int:
         """Number of differences of counters to compare one query window with the whole map."""
-        return len(self.reference.pixel_map) * len(self.reference)
+        return self.reference.places.counts.size
 
     def to_json(self) -> dict[str, Any]:
         """Return the figures as values that JSON can hold."""
