@@ -94,10 +94,16 @@ def systems_table(results: Results, titles: Mapping[str, str]) -> str:
                 str(Summary([e.recall_at_99_precision for _, e in trials])),
                 f"{max(c.bytes_per_place for c, _ in trials):,}",
                 f"{trials[0][0].operations:,}",
-                *(f"{np.median([time_us(c) for c, _ in trials]):,.0f} us" for time_us in _TIMES),
+                *(_time([time_us(c) for c, _ in trials]) for time_us in _TIMES),
             ]
         )
     return markdown_table(_HEADER, rows)
+
+
+def _time(trials_us: Sequence[float]) -> str:
+    """Return the median of some times, in microseconds."""
+    median = float(np.median(trials_us))
+    return f"{median:,.{0 if median >= 10 else 1}f} us"
 
 
 def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
