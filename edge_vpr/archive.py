@@ -63,8 +63,7 @@ def damaged(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]
     except KeyError as error:
         raise MapError(f"{path} lacks {error}: {remedy}") from error
     # for broken contents, zipfile, zlib and NumPy raise a dozen kinds of error, also MemoryError
-    # and
-    # RecursionError, and document only a few of them
+    # and RecursionError, and document only a few of them
     except Exception as error:
         reason = printable(error, 200) or type(error).__name__
         raise MapError(f"{path} is damaged ({reason}): {remedy}") from error

@@ -17,8 +17,7 @@ def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
     r"""Return text as one printable line for terminals, logs and reports.
 
     File names, names of devices and texts in files come from others. An escape sequence in one of
-    them
-    could clear the screen, or make a failure look like a success.
+    them could clear the screen, or make a failure look like a success.
 
     Parameters
     ----------

@@ -175,8 +175,7 @@ def select_pixels(
 
     if strategy == "seed-code":
         # If all means are below 0.01, this makes an outlier the most probable pixel. It is kept
-        # because
-        # this strategy has to give the results of the released code.
+        # because this strategy has to give the results of the released code.
         weights[weights > weights.mean() + 2 * weights.std()] = 0.01
     elif strategy in ("random", "random-upper"):
         weights[:] = 1.0

@@ -22,24 +22,28 @@ FEW = 4_096
 #: Time that is later than the end of any window.
 NEVER = np.iinfo(np.int64).max
 
-#: Control of the kernel. Fields, in this order: the schedule of matches (see
-#: `edge_vpr.online.schedule.MatchSchedule`) with the next tick and the place of the last match; the
-#: width of the exclusion zone and the number of sums; the lowest trust of a match that is not lost;
-#: for
-#: the place filter, the end of the present window (a time, or the number of an event), the usual
-#: number
-#: of events, the reciprocal of the spread, and place and trust of the window before; the first slot
-#: of
-#: OFF events; and the earliest time that the next event may have.
+#: Control of the kernel; times in microseconds.
 CONTROL = np.dtype(
     [
-        (name, "<i8")
-        for name in (
-            *("every", "interval", "change", "next_tick", "place_told"),
-            *("exclusion", "places", "least_trust"),
-            *("window_end", "usual", "reciprocal", "place", "trust"),
-            *("off_slots", "floor"),
-        )
+        # when to give a match, see `edge_vpr.online.schedule.MatchSchedule`
+        ("every", "<i8"),
+        ("interval", "<i8"),
+        ("change", "<i8"),
+        ("next_tick", "<i8"),  # time of the next match by the interval
+        ("place_told", "<i8"),  # place of the last match
+        # search
+        ("exclusion", "<i8"),  # width of the zone around the best place
+        ("places", "<i8"),  # number of sums that are searched
+        ("least_trust", "<i8"),  # of a match that is not lost
+        # place filter
+        ("window_end", "<i8"),  # of the present window: a time, or the number of an event
+        ("usual", "<i8"),  # number of events in a window
+        ("reciprocal", "<i8"),  # of the spread of the distances
+        ("place", "<i8"),  # of the window before
+        ("trust", "<i8"),
+        # events
+        ("off_slots", "<i8"),  # first slot of OFF events
+        ("floor", "<i8"),  # earliest time that the next event may have
     ]
 )
 

@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-#: One match. Fields, in this order: time in microseconds; best place (ties: the lowest) and best
-#: place
-#: outside the exclusion zone (-1: none); their distances, summed over the L windows of the
-#: sequence;
-#: best divided by second-best distance; number of events at the selected pixels in the newest
-#: window,
-#: and its start; trust, the higher the surer (with the place filter that of
-#: `place_filter.FilterMatch`, with sequences the margin); probability of being right (NaN if not
-#: known);
-#: whether the match is lost at the precision of the settings. With the place filter, metrics
-#: replace
-#: distances, and one window replaces the sequence.
+#: One match. With the place filter, metrics replace distances, and one window the sequence.
 MATCH_DTYPE = np.dtype(
     [
-        ("t", "<i8"),
-        ("place", "<i8"),
-        ("distance_sum", "<i8"),
-        ("second", "<i8"),
-        ("second_sum", "<i8"),
-        ("ratio", "<f8"),
-        ("events", "<i8"),
-        ("start", "<i8"),
+        ("t", "<i8"),  # time, in microseconds
+        ("place", "<i8"),  # the best; of equal ones the first
+        ("distance_sum", "<i8"),  # its distance, summed over the L windows of the sequence
+        ("second", "<i8"),  # the best place outside the exclusion zone; -1: there is none
+        ("second_sum", "<i8"),  # its distance
+        ("ratio", "<f8"),  # best distance / second-best distance
+        ("events", "<i8"),  # in the newest window, at the selected pixels
+        ("start", "<i8"),  # of the newest window, in microseconds
+        # the higher the surer: of `place_filter.FilterMatch`, or with sequences the margin
         ("trust", "<i8"),
-        ("probability", "<f8"),
-        ("lost", "?"),
+        ("probability", "<f8"),  # of being right; NaN: not known
+        ("lost", "?"),  # below the precision of the settings
     ]
 )

@@ -3,10 +3,8 @@
 A sequence consists of L such windows, one directly after the other. They are numbered by their lag:
 lag 0 is the newest window, and lag i holds what lag 0 held i window lengths ago. An event enters at
 lag 0, moves from lag to lag as it ages, and leaves after the last one. Each move subtracts one from
-a
-counter and adds one to another. At time T, lag i of windows of tau microseconds holds the events
-with
-``T - (i+1) tau <= t < T - i tau``; after an event at time t, T is t + 1. Lag i of windows of N
+a counter and adds one to another. At time T, lag i of windows of tau microseconds holds the events
+with ``T - (i+1) tau <= t < T - i tau``; after an event at time t, T is t + 1. Lag i of windows of N
 events holds the i N-th to (i+1) N-th newest event at the selected pixels.
 
 At the end of every non-overlapping window, T = k tau or the k N-th selected event, the lags are
@@ -33,8 +31,7 @@ MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
 #: For each counter: its table, and its smallest and largest count in the map.
 COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
 #: Common part of all distances, number of noted moves that the counters do not include yet, stride
-#: of
-#: `Sliding.columns`, and number of sums in use.
+#: of `Sliding.columns`, and number of sums in use.
 TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
 
 

@@ -9,8 +9,7 @@ from edge_vpr.online.vector_kernels import MAX_STEPS, update_blocks
 from fixedpoint.own_mean import LEVEL_BITS
 
 # Functions that are called for every event take single arrays, or are inlined: reading an array
-# from
-# the state changes a reference count, which takes longer than the processing of the event.
+# from the state changes a reference count, which takes longer than the processing of the event.
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -31,17 +31,21 @@ LATE_US = 100_000
 #: Number of successive events that must agree to confirm a step.
 CONFIRM = 8
 
-# State from chunk to chunk: whether a time is known; the device's newest time, and that time
-# without
-# wraps, in ticks; the number of held events; and counts.
+# State from chunk to chunk, with times in ticks of the device.
 _STATE = np.dtype(
     [
-        (name, "<i8")
-        for name in (
-            "dated", "last", "now", "held", "off_sensor", "late", "leaps", "wraps", "clock_resets",
-        )
+        ("dated", "<i8"),  # whether a time is known
+        ("last", "<i8"),  # newest time of the device
+        ("now", "<i8"),  # the same without wraps, from time 0 on
+        ("held", "<i8"),  # number of events in `_Kept.held`
+        # counts, see `Health`
+        ("off_sensor", "<i8"),
+        ("late", "<i8"),
+        ("leaps", "<i8"),
+        ("wraps", "<i8"),
+        ("clock_resets", "<i8"),
     ]
-)  # fmt: skip
+)
 
 
 class _Kept(NamedTuple):

@@ -1,8 +1,9 @@
-"""From the last byte of a frame on a line to its match, as the next program sees it.
+"""From the last byte of a frame on a line to its match, as a robot's program sees it.
 
-``python tools/bench/byte_to_match.py`` plays a device on a pseudo-terminal, runs `edge-vpr stream`
-as a process of its own, and takes the time from the write of a frame to the arrival of the line
-with the match that the frame gives. Both sides sleep in between, as a robot's do.
+``python tools/bench/byte_to_match.py`` plays a device on a pseudo-terminal, and takes the time from
+the write of a frame to the match that the frame gives: in a program that reads the line with
+`LinkReader` and matches with `LiveLocaliser`, and in a program that reads the output of `edge-vpr
+stream`. All of them sleep in between, as a robot's do.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def frames(rng: np.random.Generator, rate: float, number: int) -> list[Events]:
 
 
 def byte_to_match(
-    rate: float, number: int, burst_filter: str = "causal", more: tuple[str, ...] = ()
+    rate: float, number: int, burst_filter: str = "causal", *, in_program: bool = False
 ) -> npt.NDArray[np.float64]:
     """Measure match by match.
 
@@ -57,13 +58,14 @@ def byte_to_match(
     number : int
         Matches to measure.
     burst_filter : str
-    more : tuple of str
-        Further arguments of `edge-vpr stream`.
+    in_program : bool
+        To the match in the program that reads the line; else to the line of `edge-vpr stream` in
+        the program that reads its output.
 
     Returns
     -------
     ndarray of float64, shape (number,)
-        Microseconds from before the write to after the read of the match.
+        Microseconds from before the write.
     """
     rng = np.random.default_rng(0)
     link, encoder = VirtualLink(), open_encoder("evpr", SENSOR)
@@ -72,17 +74,17 @@ def byte_to_match(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.npz"
         a_map(rng, SENSOR).save(path)
-        words = ["stream", "--port", link.address, "--map", str(path), "--protocol", "evpr"]
-        words += [
-            "--json",
-            "--every",
-            f"{FRAMES * FRAME_US}us",
-            "--burst-filter",
-            burst_filter,
-            *more,
-        ]
-        command = [sys.executable, "-m", "edge_vpr_tools.cli", *words]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0) as process:
+        every_us = FRAMES * FRAME_US
+        if in_program:
+            program = str(Path(__file__).with_name("robot_program.py"))
+            words = [program, link.address, str(path), str(every_us), burst_filter]
+        else:
+            words = ["-m", "edge_vpr_tools.cli", "stream", "--port", link.address]
+            words += ["--map", str(path), "--protocol", "evpr", "--json"]
+            words += ["--every", f"{every_us}us", "--burst-filter", burst_filter]
+        with subprocess.Popen(
+            [sys.executable, *words], stdout=subprocess.PIPE, bufsize=0
+        ) as process:
             Bridge(link, encoder).wait_for_host()
             try:
                 return _played(link, start, sent, process)
@@ -112,7 +114,7 @@ def _played(
                 data, now = os.read(out, 1 << 16), time.perf_counter()
                 *whole, rest = (rest + data).split(b"\n")
                 for row in map(json.loads, whole):
-                    read_s.setdefault(row.get("t", -1), now)
+                    read_s.setdefault(row.get("t", -1), row.get("at_s", now))
         left = memoryview(frame)
         if frame:
             written[number] = time.perf_counter()
@@ -184,8 +186,10 @@ def main() -> None:
     args = parser.parse_args()
     tell("an echo of the bytes", echo(args.matches))
     for rate in args.rates:
-        taken = byte_to_match(rate, args.matches, args.burst_filter)
-        tell(f"{rate:,.0f} events/s, {args.burst_filter}", taken)
+        for in_program in (True, False):
+            taken = byte_to_match(rate, args.matches, args.burst_filter, in_program=in_program)
+            where = "the program that reads the line" if in_program else "the reader of `stream`"
+            tell(f"{rate:,.0f} events/s, {args.burst_filter}, in {where}", taken)
 
 
 if __name__ == "__main__":

@@ -17,20 +17,31 @@ from edge_vpr.stream.timestamp_filter import admit_columns, no_columns, start_cl
 _HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
 #: A frame that was sent less than this before the last one is a repetition.
 REPEAT_US = 1_000_000
-# state between frames: boot (-1: no frame yet), expected sequence number of the next frame,
-# reported drops so far, base time of the last frame
-MEMORY = np.dtype([("boot", "<i8"), ("next", "<i8"), ("dropped", "<i8"), ("last", "<i8")])
-# results of the frames of one chunk: number of each kind, first base time, and time stated by the
-# last frame if it has no events (-1: it has events)
+# State between frames.
+MEMORY = np.dtype(
+    [
+        ("boot", "<i8"),  # number of the device's start; -1: no frame yet
+        ("next", "<i8"),  # expected sequence number of the next frame
+        ("dropped", "<i8"),  # events that the device has reported as dropped
+        ("last", "<i8"),  # base time of the last frame
+    ]
+)
+# Results of the frames of one chunk.
 BROUGHT = np.dtype(
     [
-        (name, "<i8")
-        for name in (
-            "frames", "damaged", "skipped_bytes", "repeats", "gaps", "lost", "dropped", "resets",
-            "base", "idle_at",
-        )
+        # number of each kind
+        ("frames", "<i8"),
+        ("damaged", "<i8"),
+        ("skipped_bytes", "<i8"),
+        ("repeats", "<i8"),
+        ("gaps", "<i8"),
+        ("lost", "<i8"),
+        ("dropped", "<i8"),
+        ("resets", "<i8"),
+        ("base", "<i8"),  # base time of the first frame
+        ("idle_at", "<i8"),  # time that the last frame states without events; -1: it has events
     ]
-)  # fmt: skip
+)
 
 
 class FrameRoom(NamedTuple):

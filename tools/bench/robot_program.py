@@ -1,0 +1,43 @@
+"""The program of a robot: reads a line, and notes when each match is there.
+
+``python tools/bench/robot_program.py PORT MAP.npz`` is what `byte_to_match.py` measures. When the
+line is silent it prints a line of JSON for each match, with the time at which it had it.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+
+from edge_vpr import MatchSchedule, ReferenceMap
+from edge_vpr.stream.link_reader import LinkReader
+from edge_vpr.stream.links import open_link
+from edge_vpr.stream.live import LiveLocaliser
+from edge_vpr.stream.protocols import open_decoder
+
+
+def run(port: str, map_path: str, every_us: int, causal_bursts: bool) -> None:
+    """Match what comes on the line until it is closed."""
+    reference = ReferenceMap.load(map_path)
+    decoder = open_decoder("evpr", reference.pixel_map.sensor)
+    schedule = MatchSchedule(interval_us=every_us)
+    live = LiveLocaliser(decoder, reference, schedule, causal_bursts=causal_bursts)
+    reader = LinkReader(lambda: open_link(port, baud=decoder.baud), setup=decoder.setup())
+    had: list[dict[str, float]] = []
+    while not reader.ended:
+        chunk = reader.take(timeout=0.05)
+        if chunk is None:
+            for row in had:
+                print(json.dumps(row))
+            sys.stdout.flush()
+            had.clear()
+            continue
+        found = live.feed(chunk.data, int(chunk.at_s * 1e6), lost=chunk.lost)
+        if found.matches.size:
+            now = time.perf_counter()
+            had += [{"t": int(match["t"]), "at_s": now} for match in found.matches]
+
+
+if __name__ == "__main__":
+    run(sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4] == "causal")
