@@ -32,7 +32,7 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import CAMERAS, simulate_pair
 
 FEW = {"pixels": 10, "sigma": 1.0}
-STREET = partial(simulate_pair, sensor="tiny", length_m=40.0)
+STREET = partial(simulate_pair, sensor="tiny", length_m=30.0)
 
 
 def nothing(name):
@@ -92,8 +92,8 @@ def test_variants_on_simulated_streets_are_drawn_as_the_table_says(tmp_path, mon
     some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
     monkeypatch.setattr(simulated, "VARIANTS", some)
     kept = drawn_by(simulated, monkeypatch)
-    table = simulated.run(None, 2, nothing, tmp_path / "a.png", tmp_path / "a.svg")
-    assert (tmp_path / "a.png").stat().st_size > 10_000 and (tmp_path / "a.svg").is_file()
+    table = simulated.run(None, 2, nothing, tmp_path / "a.svg", tmp_path / "a.pdf")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000 and (tmp_path / "a.pdf").is_file()
     header = table.splitlines()[0]
     assert header.endswith("| bytes a place | operations a match | time a query |")
     drawn = np.transpose([dots(axes)[0] for axes in kept[0].axes])
@@ -111,7 +111,7 @@ def walks(tmp_path_factory):
     folder = data / speck_walks.FOLDER
     folder.mkdir()
     rng = np.random.default_rng(3)
-    places = rng.gamma(0.5, 0.6, (30, 24, 24)).repeat(30, axis=0)
+    places = rng.gamma(0.5, 0.6, (30, 16, 16)).repeat(30, axis=0)
     for name in ("reference", "query"):
         frames = np.minimum(rng.poisson(places), 255).astype(np.uint8)
         np.savez(folder / f"{name}.npz", frames=frames)
@@ -138,8 +138,8 @@ def test_burst_filters_are_drawn_as_the_table_says(walks, tmp_path, monkeypatch)
     monkeypatch.setattr(burst_filters, "PRESETS", {"default": few})
     monkeypatch.setattr(burst_filters, "RATES", (0.0, 10.0))
     kept = drawn_by(burst_filters, monkeypatch)
-    table = burst_filters.run(walks, 1, nothing, tmp_path / "a.png")
-    assert (tmp_path / "a.png").stat().st_size > 10_000
+    table = burst_filters.run(walks, 1, nothing, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000
     right, same = kept[0].axes
     assert (right.get_xlabel(), same.get_xlabel()) == (burst_filters.RIGHT, burst_filters.SAME)
     shown = [label.get_text() for label in right.get_yticklabels()]
@@ -162,8 +162,8 @@ def test_the_counts_of_brisbane_are_drawn_with_a_curve_for_each_length(tmp_path)
             pixel_x=at, pixel_y=at, window_s=1.0, sensor_width=64, sensor_height=64,
         )  # fmt: skip
         write_log(folder / f"{name}.nmea", 40)
-    table = brisbane.run(tmp_path, 1, nothing, tmp_path / "a.png")
-    assert (tmp_path / "a.png").stat().st_size > 10_000
+    table = brisbane.run(tmp_path, 1, nothing, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000
     (axes,) = brisbane.draw(brisbane.evaluate_lengths(tmp_path)).axes
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert len(labels) == len(brisbane.LENGTHS)
@@ -177,8 +177,8 @@ def test_events_at_each_speed_are_drawn_as_the_table_says(tmp_path, monkeypatch)
     monkeypatch.setattr(event_speed, "cases", lambda: noisy)
     monkeypatch.setattr(event_speed, "LENGTH_M", 10.0)
     kept = drawn_by(event_speed, monkeypatch)
-    table = event_speed.run(None, 2, nothing, tmp_path / "a.png")
-    assert (tmp_path / "a.png").stat().st_size > 10_000
+    table = event_speed.run(None, 2, nothing, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000
     drawn = dots(kept[0].axes[0])
     assert len(drawn) == len(event_speed.SPEEDS_MPS) - 1
     for row, name in enumerate(noisy):
@@ -200,7 +200,7 @@ def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
     monkeypatch.setattr(calibration_streets, "PRESETS", preset)
     monkeypatch.setattr(calibration, "JUDGED", 1)
     kept = drawn_by(calibration, monkeypatch)
-    figure = tmp_path / "a.png"
+    figure = tmp_path / "a.svg"
     arguments = f"experiment calibration --seeds 2 --table {tmp_path} --figure {figure}"
     assert main(arguments.split()) == 0
     shown = capsys.readouterr().out
