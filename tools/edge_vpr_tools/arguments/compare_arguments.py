@@ -17,6 +17,7 @@ MEASURES = (
     "average_precision",
     "recall_at_1",
     "packed_bytes_per_place",
+    "operations_per_match",
     "microseconds_per_match",
 )
 

@@ -27,9 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"names, or others (docs/datasets.md); {', '.join(STREETS_ONLY)} read none, since all of "
         "their drives are simulated",
     )
-    group.add_argument(
-        "--figure", metavar="FILE", help="also draw the figure, if the experiment has one"
-    )
+    group.add_argument("--figure", metavar="FILE", help="also draw the figure of the experiment")
     group.add_argument(
         "--figures",
         metavar="FORMATS",
