@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.sad_kernel import PAD, add_sad
 
@@ -231,7 +231,7 @@ def _range(counts: Integers) -> tuple[int, int]:
     return (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
     for i in range(counts.shape[0]):
         row, packed_row = counts[i], packed[i]
@@ -244,7 +244,7 @@ def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
         excess[i] = beyond
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _match(counts: Any, low: int, high: int, places: Any, out: Any) -> int:
     """Pack a query and compare it in one call; with few places, calls take most of the time."""
     query = np.zeros((1, places.shape[1]), dtype=places.dtype)

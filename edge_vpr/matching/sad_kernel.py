@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import config, njit, types
+from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+from edge_vpr.compiling import kernel
 
 #: bytes to which a row is padded: the narrowest vector that the kernel loads
 PAD = 32
@@ -138,5 +140,5 @@ def _add_sad_in_python(a: Any, b: Any, out: Any) -> None:
 add_sad: Any = (
     _add_sad_in_python
     if config.DISABLE_JIT  # type: ignore[attr-defined]
-    else njit(cache=True, nogil=True)(_add_sad)
+    else kernel(_add_sad)
 )

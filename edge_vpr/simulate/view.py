@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.simulate.camera import Camera
 from edge_vpr.simulate.drive import Drive
 from edge_vpr.simulate.lighting import LEVELS, Textures
@@ -182,7 +182,7 @@ def _rotation(drive: Drive) -> npt.NDArray[np.float64]:
     return np.asarray(about_down @ about_right @ about_ahead)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _render(
     texels: Any, pixels: Any, start: Any, level: Any, share: Any, whole_at: Any, share_at: Any,
     frames: Any,
@@ -209,7 +209,7 @@ def _render(
             frames[n, pixels[i]] = light * full + through * frames[n, pixels[i]]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cut(
     frame: Any, margin: int, right: float, down: float, fixed: Any, veil: float, image: Any
 ) -> None:

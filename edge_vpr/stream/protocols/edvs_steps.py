@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.layout import NOTICE_WORDS
@@ -62,7 +62,7 @@ class StepDecoder(Decoder):
         return [Columns(t[:count], x[:count], y[:count], p[:count])], data[at:]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode whole events; stop at the first bytes that cannot be an event."""
     at, n = 0, 0
@@ -84,7 +84,7 @@ def take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
     return at, n, now, False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
     """Find the first byte from which `words` events (or as many as there are) can be read.
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.evt_words import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
@@ -73,7 +73,7 @@ class EvtDecoder(WordDecoder):
         self._words = WordsDecoder(self._name, 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
     """Return whether a word, or the upper half of a longer one, is not valid."""
     if evt3:
@@ -87,7 +87,7 @@ def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
     return not (_KINDS_EVT2 >> kind) & 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
     """Return the number of words before the first invalid one."""
     for i in range(words.size):
@@ -96,7 +96,7 @@ def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
     return words.size
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyped-def]
     """Return the number of valid words, and the first of them, for each offset."""
     readings = np.zeros((min(size, raw.size - size + 1), 2))

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt import Decoder as WordsDecoder
@@ -78,7 +78,7 @@ class EventRecords(Records):
         return Columns(t[:n], x[:n], y[:n], p[:n])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _events(rows, t, x, y, p, state):  # type: ignore[no-untyped-def]
     half = PERIOD_US // 2
     last, now = state[0], state[1]

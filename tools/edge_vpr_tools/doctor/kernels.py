@@ -26,7 +26,7 @@ from edge_vpr.stream.live import LiveLocaliser
 from edge_vpr.stream.protocols import PROTOCOLS, open_decoder
 from edge_vpr_tools.doctor.finding import Finding
 
-#: "kept": Numba may load it; "older": a source has changed since; "another": processor or Numba
+#: "kept": Numba loads it; "older": a source has changed since; "another": processor or Numba
 _State = Literal["kept", "older", "another"]
 _NUMBA: Any = caching  # has no types
 _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
@@ -59,8 +59,7 @@ def check_kernels() -> Iterator[Finding]:
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
 
-    Kernels of an older source are removed first. Numba notices a change of a kernel's own module,
-    and not of the modules whose kernels it calls.
+    Kernels of an older source, which are not loaded any more, are removed first.
 
     Parameters
     ----------
@@ -115,14 +114,15 @@ def _state_of(index: Path, source: Path, processor: object, changed_s: float) ->
     processor : object
         As Numba describes it.
     changed_s : float
-        When the newest of all sources was changed: a kernel holds the code of those that it calls.
+        When the newest of all sources was changed. A kernel holds the code of those that it calls,
+        so that any change may make it older.
     """
     try:
         with index.open("rb") as file:
             # Numba's own checks: of the version, and of the source
             if pickle.load(file) != numba.__version__:
                 return "another"
-            stamp, kernels = pickle.load(file)
+            (stamp, _), kernels = pickle.load(file)  # see `edge_vpr.compiling`
         backed = SimpleNamespace(_py_file=str(source))
         if stamp != _NUMBA._SourceFileBackedLocatorMixin.get_source_stamp(backed):
             return "older"
@@ -135,7 +135,7 @@ def _state_of(index: Path, source: Path, processor: object, changed_s: float) ->
 
 def _sources() -> list[Path]:
     """Return the modules whose kernels a live run uses."""
-    folders = (Path(package.__file__).parent for package in (edge_vpr, fixedpoint))
+    folders = (Path(str(package.__file__)).parent for package in (edge_vpr, fixedpoint))
     return sorted(source for folder in folders for source in folder.rglob("*.py"))
 
 
