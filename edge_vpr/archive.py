@@ -69,6 +69,11 @@ def damaged(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]
         raise MapError(f"{path} is damaged ({reason}): {remedy}") from error
 
 
+def present(**arrays: npt.NDArray[Any] | None) -> Arrays:
+    """Return arrays by name, without those that are None."""
+    return {name: array for name, array in arrays.items() if array is not None}
+
+
 def write_archive(
     path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
 ) -> None:

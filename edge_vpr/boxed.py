@@ -10,7 +10,9 @@ from __future__ import annotations
 import copy
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from numba import config, njit, types
+from numba import config, types
+
+from edge_vpr.compiling import kernel
 
 if config.DISABLE_JIT:
 
@@ -33,7 +35,7 @@ else:
 
     structref.define_proxy(Boxed, BoxedType, ["value"])
 
-    @njit(cache=True)  # type: ignore[no-redef]
+    @kernel  # type: ignore[no-redef]
     def boxed(value):
         """Put a tuple into a box, which keeps its arrays alive."""
         return Boxed(value)

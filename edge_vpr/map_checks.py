@@ -1,4 +1,4 @@
-"""Checks of a reference map: all arrays that kernels use as indices fit each other."""
+"""Checks of parts of a reference map that kernels use as indices."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ import numpy.typing as npt
 
 from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.descriptors.codes import codes_of
-from edge_vpr.descriptors.descriptors import Descriptors, check_descriptors
-from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError
 from edge_vpr.odometry import MOST_MM
-from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from fixedpoint.errors import FixedPointError
 
@@ -21,59 +18,7 @@ from fixedpoint.errors import FixedPointError
 MOST_JUMPS = 4_096
 
 
-def check_map(
-    settings: Settings,
-    pixel_map: PixelMap,
-    places: Descriptors,
-    saliency: npt.NDArray[Any],
-    hot: npt.NDArray[Any],
-    full_scale: npt.NDArray[Any] | None,
-    mean: npt.NDArray[Any] | None = None,
-    route: Route | None = None,
-    jumps: npt.NDArray[Any] | None = None,
-    odometer_mm: npt.NDArray[Any] | None = None,
-) -> None:
-    """Check that the parts of a map fit each other.
-
-    Parameters
-    ----------
-    settings, pixel_map, places, saliency, hot, full_scale, mean, route, jumps, odometer_mm
-        See `ReferenceMap`.
-
-    Raises
-    ------
-    MapError
-        If an array is of another dtype or shape than documented, or holds what cannot be.
-    """
-    if settings.pixels != len(pixel_map):
-        raise MapError(
-            f"the settings say {settings.pixels} pixels and the pixel map has {len(pixel_map)}: "
-            "expected the same number"
-        )
-    counters = len(pixel_map) * (2 if settings.polarity else 1)
-    check_descriptors(places, counters)
-    shape = (pixel_map.sensor.height, pixel_map.sensor.width)
-    check_array(saliency, "saliency", (np.float32, np.float64), shape)
-    if not np.isfinite(saliency).all():
-        raise MapError("saliency holds values that are not finite: expected variances or means")
-    check_array(hot, "hot", (np.bool_,), shape)
-    if full_scale is not None:
-        check_array(full_scale, "full_scale", (np.uint16,), (counters,))
-    if route is not None and len(route.along_m) != len(places):
-        raise MapError(f"position has {len(route.along_m)} rows for {len(places)} places")
-    _check_ways(len(places), jumps, odometer_mm)
-    own_mean = settings.own_mean_code
-    if own_mean is None:
-        _check_codes(settings, places.counts, full_scale)
-        return
-    if mean is None:
-        raise MapError("the map has own-mean codes and lacks mean: make the map again")
-    check_array(mean, "mean", (np.int32,), (counters,))
-    check_range(mean, "mean", 0, int(own_mean.levels[-1]))
-    check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
-
-
-def _check_ways(
+def check_ways(
     places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
 ) -> None:
     """Check that jumps lead from place to place, and that the distance driven never decreases."""
@@ -91,7 +36,7 @@ def _check_ways(
             raise MapError("odometer_mm falls from place to place: expected the way driven")
 
 
-def _check_codes(
+def check_codes(
     settings: Settings, counts: npt.NDArray[Any], full_scale: npt.NDArray[Any] | None
 ) -> None:
     """Check that all codes of the places occur in the tables of their counters."""

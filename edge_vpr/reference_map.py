@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import damaged, read_archive, write_archive
+from edge_vpr.archive import damaged, present, read_archive, write_archive
+from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.confidence import Confidence, Judge, default_confidence
 from edge_vpr.descriptors.codes import codes_of
-from edge_vpr.descriptors.descriptors import Descriptors, narrow
+from edge_vpr.descriptors.descriptors import Descriptors, check_descriptors, narrow
 from edge_vpr.descriptors.own_mean import encode_own, encode_running
 from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.errors import MapError
 from edge_vpr.events import Sensor
-from edge_vpr.map_checks import check_map
+from edge_vpr.map_checks import check_codes, check_ways
 from edge_vpr.odometry import MOST_MM
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
@@ -60,7 +62,7 @@ class ReferenceMap:
     Raises
     ------
     MapError
-        If an array is of another dtype or shape, or does not fit the others (`check_map`).
+        If an array is of another dtype or shape, or does not fit the others.
     """
 
     settings: Settings
@@ -76,10 +78,7 @@ class ReferenceMap:
     odometer_mm: npt.NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        check_map(
-            self.settings, self.pixel_map, self.places, self.saliency, self.hot,
-            self.full_scale, self.mean, self.route, self.jumps, self.odometer_mm,
-        )  # fmt: skip
+        self.check()
 
     def __len__(self) -> int:
         return len(self.places)
@@ -89,6 +88,42 @@ class ReferenceMap:
             f"ReferenceMap({len(self)} places, {len(self.pixel_map)} pixels of "
             f"{self.pixel_map.sensor}, {self.counter_bits} bits a counter)"
         )
+
+    def check(self) -> None:
+        """Check that all parts fit each other, as they did when the map was made.
+
+        Raises
+        ------
+        MapError
+            If an array is of another dtype or shape than documented, or holds what cannot be.
+        """
+        settings, pixel_map, places = self.settings, self.pixel_map, self.places
+        if settings.pixels != len(pixel_map):
+            raise MapError(
+                f"the settings say {settings.pixels} pixels and the pixel map has "
+                f"{len(pixel_map)}: expected the same number"
+            )
+        counters = len(pixel_map) * (2 if settings.polarity else 1)
+        check_descriptors(places, counters)
+        shape = (pixel_map.sensor.height, pixel_map.sensor.width)
+        check_array(self.saliency, "saliency", (np.float32, np.float64), shape)
+        if not np.isfinite(self.saliency).all():
+            raise MapError("saliency holds values that are not finite: expected variances or means")
+        check_array(self.hot, "hot", (np.bool_,), shape)
+        if self.full_scale is not None:
+            check_array(self.full_scale, "full_scale", (np.uint16,), (counters,))
+        if self.route is not None and len(self.route.along_m) != len(places):
+            raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
+        check_ways(len(places), self.jumps, self.odometer_mm)
+        own_mean = self.own_mean_code
+        if own_mean is None:
+            check_codes(settings, places.counts, self.full_scale)
+            return
+        if self.mean is None:
+            raise MapError("the map has own-mean codes and lacks mean: make the map again")
+        check_array(self.mean, "mean", (np.int32,), (counters,))
+        check_range(self.mean, "mean", 0, int(own_mean.levels[-1]))
+        check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
 
     @property
     def codes(self) -> PixelCodes | None:
@@ -192,14 +227,12 @@ class ReferenceMap:
             "saliency": self.saliency,
             "hot": self.hot,
         }
-        if self.full_scale is not None:
-            arrays["full_scale"] = self.full_scale
-        if self.mean is not None:
-            arrays["mean"] = self.mean
-        if self.jumps is not None:
-            arrays["jumps"] = self.jumps
-        if self.odometer_mm is not None:
-            arrays["odometer_mm"] = self.odometer_mm
+        arrays |= present(
+            full_scale=self.full_scale,
+            mean=self.mean,
+            jumps=self.jumps,
+            odometer_mm=self.odometer_mm,
+        )
         if self.confidence is not None:
             arrays |= self.confidence.to_arrays()
         meta: dict[str, Any] = {
@@ -223,7 +256,7 @@ class ReferenceMap:
         arrays, meta = read_archive(path, KIND)
         with damaged(path, "make the map again"):
             return cls(
-                settings=Settings.from_dict(meta["settings"], source="settings"),
+                settings=Settings.from_dict(meta["settings"]),
                 pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
                 places=Descriptors.from_arrays(arrays),
                 saliency=arrays["saliency"],

@@ -109,7 +109,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
         _sync(target.parent)
 
 
-def check_output(output: str | Path, inputs: Iterable[str | Path]) -> None:
+def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> None:
     """Raise if writing an output would destroy or change an input of the same run.
 
     Parameters
@@ -117,7 +117,7 @@ def check_output(output: str | Path, inputs: Iterable[str | Path]) -> None:
     output : path
         File or folder to write; need not exist.
     inputs : iterable of path
-        Files or folders to read; those that do not exist are left to their readers.
+        Files or folders to read, or None; those that do not exist are left to their readers.
 
     Raises
     ------
@@ -126,6 +126,8 @@ def check_output(output: str | Path, inputs: Iterable[str | Path]) -> None:
     """
     wanted = _followed(Path(output))
     for given in inputs:
+        if given is None:
+            continue
         source = Path(given)
         if not source.exists():
             continue

@@ -23,6 +23,7 @@ import numpy as np
 from firmware_model.build import build_sanitized
 from firmware_model.errors import ToolError
 from firmware_model.image import image
+from firmware_model.vectors.bundle import packed_block
 from firmware_model.vectors.images import image_cases
 from firmware_model.vectors.random_designs import (
     random_adaptive_design,
@@ -102,8 +103,7 @@ class Fuzzer:
         self._images = Path(folder) / "undamaged"
         images = undamaged(seed)
         parts = [struct.pack("<I", len(images))]
-        parts += [struct.pack("<I", len(i)) + i + bytes(-len(i) % 4) for i in images]
-        self._images.write_bytes(b"".join(parts))
+        self._images.write_bytes(b"".join(parts + [packed_block(data) for data in images]))
 
     def run(self, number: int, first: int = 0) -> FuzzResult:
         """Damage and run images, from number `first` of the seed on.

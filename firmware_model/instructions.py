@@ -100,8 +100,14 @@ class Instructions:
     stack_bytes: int
 
 
-class _Run:
-    """The firmware with an opened design, and the instructions of its calls so far."""
+class FirmwareRun:
+    """The firmware with an opened design, and the instructions of its calls so far.
+
+    Parameters
+    ----------
+    emulator : Emulator
+    memories : Memories
+    """
 
     def __init__(self, emulator: Emulator, memories: Memories) -> None:
         self.emulator, self.stack, self.pixels = emulator, 0, memories.pixels
@@ -181,7 +187,7 @@ def measure(target: Target, folder: str | Path) -> Instructions:
         If compiler or emulator are not installed.
     """
     emulator = Emulator(target, build(target, folder, files=(*FIRMWARE, "probe.c"), name="probed"))
-    run = _Run(emulator, _memories(DESIGN))
+    run = FirmwareRun(emulator, _memories(DESIGN))
     ended, matched = run.match(DESIGN.length)
     structures = run.count("probe_struct_bytes")[0]
     pixels = choose_pixels(DESIGN)
@@ -201,11 +207,11 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     distance = run.count("probe_sad", *rows, row)[1]
     stack = run.stack
     per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
-    filters = _Run(emulator, _memories(FILTER))
+    filters = FirmwareRun(emulator, _memories(FILTER))
     own_mean, filtered = filters.match(_WINDOWS)
     filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
     kept = replace(FILTER, keep_distances=True)
-    keeping = _Run(emulator, _memories(kept))
+    keeping = FirmwareRun(emulator, _memories(kept))
     kept_match = keeping.match(_WINDOWS)[1]
     kept_per_place = _per_place(emulator, kept, _WINDOWS, kept_match)
     stack = max(stack, filters.stack, keeping.stack)
@@ -237,7 +243,7 @@ def measure(target: Target, folder: str | Path) -> Instructions:
 def _per_place(emulator: Emulator, design: Design, windows: int, whole: int) -> int:
     """Count what a further place adds to a match, from a map of half as many."""
     half = replace(design, places=design.places // 2)
-    fewer = _Run(emulator, _memories(half)).match(windows)[1]
+    fewer = FirmwareRun(emulator, _memories(half)).match(windows)[1]
     return -(-(whole - fewer) // (design.places - half.places))
 
 

@@ -37,10 +37,7 @@ FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scal
 PATIENCE_S = 3.0
 
 #: faults on a microcontroller: an unaligned access, an index beyond
-SANITISED = (
-    "-fsanitize=alignment,array-bounds",
-    "-fsanitize-trap=alignment,array-bounds",
-)
+SANITISED = ("-fsanitize=alignment,array-bounds", "-fsanitize-trap=alignment,array-bounds")
 
 Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]
@@ -206,12 +203,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the mutants; print which survive, and why; return 1 if one of them has no proof."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="PLACE",
+        "--only", nargs="+", default=[], metavar="PLACE",
         help="run the mutants of these lines (vpr.c:300) or functions alone",
-    )
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     try:
         every = chosen(all_mutants(), options.only)

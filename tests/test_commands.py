@@ -262,7 +262,7 @@ def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
 
 
 def test_experiments_are_put_into_one_page(capsys, tmp_path, monkeypatch):
-    """Two small ones, of which one draws a figure."""
+    """Two small ones, with their figures."""
     ran = []
 
     def drawing(data, seeds, on_start, *figures, baselines=()):
@@ -273,20 +273,24 @@ def test_experiments_are_put_into_one_page(capsys, tmp_path, monkeypatch):
         return "pair:\n\n| way | P@100R |\n| --- | --- |\n| one | 0.500 |"
 
     monkeypatch.setattr(rivals, "run", drawing)
-    text = "| camera |\n| --- |\n| fast |\n\nText."
-    monkeypatch.setattr(event_speed, "run", lambda *unused: text)
+
+    def counting(data, seeds, on_start, *figures):
+        drawing(data, seeds, on_start, *figures)
+        return "| camera |\n| --- |\n| fast |\n\nText."
+
+    monkeypatch.setattr(event_speed, "run", counting)
     page = tmp_path / "page.html"
     arguments = ["experiment", "rivals", "event-speed", "--seeds", "2", "--report", str(page)]
     assert main(arguments) == 0
     shown = capsys.readouterr().out
     assert shown.startswith("rivals:\n\npair:") and "event-speed:\n\n| camera |" in shown
     html = page.read_text()
-    assert html.count("<img") == 1 and "data:image/png;base64," in html
+    assert html.count("<img") == 2 and "data:image/png;base64," in html
     for part in ("with 2 seeds", "0.500", "Systems side by side", "fast", "Text."):
         assert part in html, part
     assert main(["experiment", "rivals", "--with", "hog", "--with", "model:a.onnx"]) == 0
     capsys.readouterr()
-    assert ran == [(2, [".png"], []), (5, [], ["hog", "model:a.onnx"])]
+    assert ran == [(2, [".png"], []), (2, [".png"], []), (5, [], ["hog", "model:a.onnx"])]
     refused(capsys, *arguments, "--figure", "a.png", code=2, says="use --report")
     # before any of them is run
     refused(capsys, "experiment", "all", "--data", tmp_path, code=2, says="experiment speck-walks")

@@ -108,7 +108,8 @@ def test_nowhere_to_keep_kernels_is_wrong(monkeypatch):
     assert only(kernels.check_kernels()).state == "wrong"
 
 
-_ONE_KERNEL = "def plus_one(x):\n    return x + 1\n"
+_KERNEL = "from edge_vpr.compiling import kernel\n\n@kernel\n"
+_ONE_KERNEL = f"{_KERNEL}def plus_one(x):\n    return x + 1\n"
 
 
 def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
@@ -116,9 +117,8 @@ def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
     monkeypatch.setattr(kernels, "_sources", lambda: [tmp_path / "one_kernel.py"])
     assert only(kernels.check_kernels()).state == "absent"
     (tmp_path / "one_kernel.py").write_text(_ONE_KERNEL)
-    program = "import numba, one_kernel; numba.njit(cache=True)(one_kernel.plus_one)(1)"
     environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
-    keep = [sys.executable, "-c", program]
+    keep = [sys.executable, "-c", "import one_kernel; one_kernel.plus_one(1)"]
     elsewhere = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
     subprocess.run(keep, env={**os.environ, **environment, **elsewhere}, check=True)
     finding = only(kernels.check_kernels())
@@ -136,9 +136,8 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(kernels, "_sources", lambda: [source])
     source.write_text(_ONE_KERNEL)
-    program = "import numba, one_kernel; numba.njit(cache=True)(one_kernel.plus_one)(1)"
     environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
-    keep = [sys.executable, "-c", program]
+    keep = [sys.executable, "-c", "import one_kernel; one_kernel.plus_one(1)"]
     subprocess.run(keep, env={**os.environ, **environment}, check=True)
     assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
 
@@ -157,6 +156,35 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
         "compiled kernels", "good", f"1 kept in {tmp_path}"
     )
     assert len(list(tmp_path.rglob("*.nb?"))) == 2  # one index and its kernel
+
+
+def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(tmp_path, monkeypatch):
+    source, called = tmp_path / "one_kernel.py", tmp_path / "called.py"
+    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernels, "_sources", lambda: [source, called])
+    source.write_text(
+        f"from called import STEP, one\n{_KERNEL}def plus(x):\n    return x + STEP * one()\n"
+    )
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    program = (
+        "import one_kernel; k = one_kernel.plus; print(k(1), sum(k.stats.cache_hits.values()))"
+    )
+
+    def result() -> str:
+        keep = [sys.executable, "-c", program]
+        done = subprocess.run(
+            keep, env={**os.environ, **environment}, check=True, capture_output=True, text=True
+        )
+        return done.stdout.strip()
+
+    for step, one in ((1, 1), (1, 100), (7, 100)):
+        called.write_text(f"STEP = {step}\n{_KERNEL}def one():\n    return {one}\n")
+        if (step, one) != (1, 1):
+            finding = only(kernels.check_kernels())
+            assert finding.state == "absent" and "of an older source" in finding.text
+        assert result() == f"{1 + step * one} 0"  # compiled
+        assert result() == f"{1 + step * one} 1"  # loaded
+        assert only(kernels.check_kernels()).text == f"2 kept in {tmp_path}"
 
 
 def test_something_wrong_is_marked_and_ends_with_an_error(monkeypatch, capsys):

@@ -54,7 +54,7 @@ def test_frames_of_the_user_are_matched_and_drawn(tmp_path, monkeypatch):
     simulated, own = text.split("own frames:")
     assert "events, all pixels | 1.000" in simulated and "frames, all pixels | 1.000" in simulated
     assert "events" not in own and "frames, 150 by variance | 1.000" in own
-    assert "frames, 25 by random | 1.000 ± 0.000 |" in own  # of two draws
+    assert "frames, 25 at random | 1.000 ± 0.000 |" in own  # of two draws
     assert (tmp_path / "a.png").stat().st_size > 10_000 and (tmp_path / "a.pdf").is_file()
 
 

@@ -75,25 +75,31 @@ def test_a_row_has_the_position_of_its_place_and_the_time_of_the_host(drive):
     matches = np.zeros(2, dtype=MATCH_DTYPE)
     matches["place"] = 0, 3
     matches["ratio"] = np.nan, 0.5
-    first, second = MatchRows(reference).of(LiveResult(np.empty(0), matches, True), 1_700_000)
+    result = LiveResult(np.empty(0), matches, True)
+    lines = list(MatchRows(reference).lines(result, 1_700_000))
+    first, second = rows = [json.loads(line) for line in lines]
     assert (second["x_m"], second["along_m"]) == (7.5, 7.5)
     assert (second["along_from_m"], second["along_to_m"]) == (5.0, 10.0)
     assert (first["x_m"], first["along_m"], first["along_to_m"]) == (None, None, 2.5)
     assert first["ratio"] is None
     assert first["incomplete"]
     assert first["host_us"] == 1_700_000
-    result = LiveResult(np.empty(0), matches, True)
-    expected = [json.dumps(row, allow_nan=False) for row in (first, second)]
-    for _ in range(2):  # the text of a place is kept
-        assert list(MatchRows(reference).lines(result, 1_700_000)) == expected
+    assert [json.dumps(row, allow_nan=False) for row in rows] == lines
+
+
+def test_a_row_has_every_field_of_its_match():
+    matches = np.zeros(2, dtype=MATCH_DTYPE)
     matches["probability"], matches["lost"] = 0.1, True
     matches["t"], matches["trust"] = 2**60, -(2**40)
-    result = LiveResult(np.empty(0), matches, False)
-    rows = [json.dumps(row) for row in MatchRows().of(result, -5)]
-    assert list(MatchRows().lines(result, -5)) == rows
-    matches[:] = np.zeros(2, dtype=MATCH_DTYPE)
-    (bare, _) = MatchRows().of(LiveResult(np.empty(0), matches, False), 0)
-    assert not {name for name in bare if name.endswith("_m")}
+    for i, name in enumerate(matches.dtype.names):
+        matches[name][1] = i
+    lines = list(MatchRows().lines(LiveResult(np.empty(0), matches, False), -5))
+    rest = {"incomplete": False, "host_us": -5}
+    expected = [
+        {"kind": "match", **dict(zip(matches.dtype.names, values, strict=True)), **rest}
+        for values in matches.tolist()
+    ]
+    assert lines == [json.dumps(row) for row in expected]
 
 
 def test_readers_get_the_rows_that_json_prints(drive, capsys, monkeypatch):
@@ -139,7 +145,7 @@ def test_a_slow_reader_loses_only_lines_of_its_own_and_is_told_how_many(monkeypa
             server.send("match", line)
             while server._readers and i % 25 == 24:
                 # the quick one is given time; what is measured is that nobody waits for the slow
-                others = [r for s, r in server._readers.items() if r.waits]
+                others = [r for r in server._readers if r.waits]
                 if len(others) <= 1:
                     break
                 time.sleep(0.0005)

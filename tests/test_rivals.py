@@ -62,6 +62,13 @@ def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_pa
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     assert len(lines) == 2 * (3 + len(baseline_names()))
     assert "| 9,216 | 184,320 |" in text  # bytes of 96 x 96 pixels, and differences to 20 places
+    assert "| describing | matching | time a query |" in lines[0]
+    for line in lines[2 : 2 + len(baseline_names())]:
+        describing, matching, both = (
+            float(cell.replace(",", "").removesuffix(" us ")) for cell in line.split("|")[-4:-1]
+        )
+        # medians of the trials, which need not be of the same one
+        assert both >= max(describing, matching) > 0, line
 
 
 def test_a_simulated_street_is_counted_by_events():
@@ -172,7 +179,7 @@ def test_what_fires_by_the_clock_makes_fewer_events_in_a_faster_drive():
     assert fast < 0.6 * slow
     slow, fast = (event_speed.events_of(quiet, still, v, 1, 20.0) for v in (3.0, 12.0))
     assert fast > 0.9 * slow
-    text = event_speed.table({"tiny": (quiet, still)}, 1, lambda name: None, 20.0)
+    text = event_speed.table({"tiny": event_speed.events_at_speeds(quiet, still, 1, 20.0)})
     assert "| tiny |" in text and "share at 12 m/s" in text
 
 

@@ -46,8 +46,8 @@ def dds_types():
 def row(**more):
     matches = np.zeros(1, dtype=MATCH_DTYPE)
     matches["probability"], matches["place"] = 0.875, 7
-    (found,) = MatchRows().of(LiveResult(np.empty(0), matches, False), 1_700_000_000_250_001)
-    return {**found, **more}
+    (line,) = MatchRows().lines(LiveResult(np.empty(0), matches, False), 1_700_000_000_250_001)
+    return {**json.loads(line), **more}
 
 
 METRIC = {"x_m": 1.5, "y_m": -2.0, "along_m": 4.0}

@@ -336,8 +336,20 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     # the sweep is map, match and evaluate
     seed_1 = next(row for row in rows_of([folder]) if row.variant == "again")
     alone = rows_of([tmp_path / "alone"])[0]
-    for measure in list(comparison.MEASURES)[:5]:
+    for measure in list(comparison.MEASURES)[:6]:
         assert seed_1.values[measure][0] == alone.values[measure][0]
+    places = json.loads((tmp_path / "alone/metrics.json").read_text())["places"]
+    assert alone.values["operations_per_match"] == (5 * places,)
+    # with polarity, a pixel has two counters
+    polar = f"match {tmp_path}/polar.npz {tmp_path}/tuesday.npz -o {tmp_path}/polar --no-figures"
+    assert cli.main(
+        f"map {tmp_path}/monday.npz -o {tmp_path}/polar.npz --preset paper --pixels 5 --sigma 1 "
+        "--tau 100ms --polarity".split()
+    ) == 0  # fmt: skip
+    assert cli.main(polar.split()) == 0
+    assert cli.main(f"evaluate {tmp_path}/polar {truth}".split()) == 0
+    assert rows_of([tmp_path / "polar"])[0].values["operations_per_match"] == (10 * places,)
+    capsys.readouterr()
     assert cli.main(f"compare {tmp_path}".split()) == 2
     # two folders of one name are told apart, and a name out of a file is no escape sequence
     listed = folder / "sweep.json"

@@ -76,8 +76,7 @@ def published_pairs(
     Parameters
     ----------
     folder : Path
-        Holds recordings and GPS logs under their published names
-        (`edge_vpr.datasets.catalogue`).
+        Holds recordings and GPS logs under their published names (`edge_vpr.datasets.catalogue`).
     files : tuple of {"parquet", "bag"}
         Kinds of files to use, in order of preference.
 

@@ -29,6 +29,7 @@ from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import EVENT_DTYPE, Events
 from edge_vpr.recordings import open_recording
+from edge_vpr.recordings.time_crop import cropped_events
 
 try:
     from tonic import Dataset
@@ -163,15 +164,9 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
 def _between(recording: Iterable[Events], zero: int, end: int, path: Path) -> Iterator[Events]:
     """Keep ``zero <= t < zero + end``, and count times from `zero`."""
     found = False
-    for events in recording:
-        first, last = np.searchsorted(events["t"], (zero, zero + end))
-        if last > first:
-            found = True
-            events = events[first:last].copy()
-            events["t"] -= zero
-            yield events
-        if last < len(events):
-            break
+    for events in cropped_events(iter(recording), zero, zero + end):
+        found = True
+        yield events
     if not found:
         raise RecordingError(
             f"{path} has no event in the {end / 1e6:g} s of the traverse, which begins "

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.compiling import kernel
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 
 #: a burst: more than half of all pixels fire within two neighbouring slots of this length
@@ -150,7 +150,7 @@ class BurstFilter:
         return burst
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel
 def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
     """Assign events at times `t` to slots, after `held` events in two slots.
 

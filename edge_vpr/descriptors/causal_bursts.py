@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from edge_vpr.boxed import Box
+from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
@@ -80,7 +80,7 @@ class CausalBurstFilter:
         return self._fired.room[:0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _keep(box, events, width):  # type: ignore[no-untyped-def]
     """Copy the events outside of bursts known so far; return their number."""
     fired, states, room = box.value

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from edge_vpr.compiling import kernel
 
 # Coordinates are checked in blocks, in a loop that vectorises, so that no event can reach memory
 # outside the table. The block is then still in the cache, and the check costs a tenth of the time.
@@ -21,7 +22,7 @@ OFF_SENSOR = -1
 OFF_COUNTS = -2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _below(column: Any, limit: int) -> bool:
     highest = np.uint16(0)
     for i in range(column.size):
@@ -29,7 +30,7 @@ def _below(column: Any, limit: int) -> bool:
     return bool(highest < limit)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
     """Skip groups of events without any at a selected pixel."""
     while start + _GROUP <= x.size:
@@ -45,7 +46,7 @@ def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
     return start
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _scan(table: Any, width: int, x: Any, y: Any, first: int, index: Any, slots: Any) -> int:
     """Find events at selected pixels in the block from event `first` on; return their number."""
     xs = np.ascontiguousarray(x[first : first + _BLOCK])
@@ -66,7 +67,7 @@ def _scan(table: Any, width: int, x: Any, y: Any, first: int, index: Any, slots:
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_slots(
     table: Any, width: int, x: Any, y: Any, p: Any, counts: Any, slots_end: int, budget: int
 ) -> tuple[int, int]:
@@ -91,7 +92,7 @@ def count_slots(
     return x.size, counted
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def select_slots(
     table: Any, width: int, x: Any, y: Any, p: Any, slots_end: int, index: Any, slots: Any
 ) -> int:
@@ -108,7 +109,7 @@ def select_slots(
     return selected
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_pixels(x: Any, y: Any, flat: Any, width: int) -> int:
     """Count every event at its own pixel."""
     height, row = flat.size // width, np.uint64(width)

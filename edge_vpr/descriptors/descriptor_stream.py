@@ -34,13 +34,7 @@ class DescriptorStream:
     array([[2, 1]], dtype=uint8)
     """
 
-    def __init__(
-        self,
-        pixel_map: PixelMap,
-        window: Window,
-        *,
-        polarity: bool = False,
-    ) -> None:
+    def __init__(self, pixel_map: PixelMap, window: Window, *, polarity: bool = False) -> None:
         self._table = pixel_map.table()
         self._window = window
         self._polarity = polarity

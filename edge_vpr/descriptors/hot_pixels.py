@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 
@@ -51,7 +51,7 @@ def find_hot_pixels(
     return candidates & _above_neighbours(totals, factor)
 
 
-@nb.njit(cache=True)
+@kernel
 def _above_neighbours(totals, factor):  # type: ignore[no-untyped-def]
     height, width = totals.shape
     above = np.zeros((height, width), dtype=np.bool_)

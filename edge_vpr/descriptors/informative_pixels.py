@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
@@ -97,7 +97,7 @@ def informative_pixels(
     return PixelMap(pixel_map.sensor, pixel_map.x[chosen], pixel_map.y[chosen])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _choose(levels: npt.NDArray[np.int32], noise: float, chosen: npt.NDArray[np.int64]) -> int:
     """Write the chosen pixels, and return how many pixels have a variance above 0.
 
@@ -131,7 +131,7 @@ def _choose(levels: npt.NDArray[np.int32], noise: float, chosen: npt.NDArray[np.
     return chosen.size
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _covariance(
     a: npt.NDArray[np.int32], b: npt.NDArray[np.int32], total_a: int, total_b: int
 ) -> float:

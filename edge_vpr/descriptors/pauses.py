@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from edge_vpr.compiling import kernel
 
 #: a window with no event, or less than 1/16 of the usual number, is a pause
 PAUSE_SHIFT = 4
@@ -14,13 +15,13 @@ ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
 EVENTS_TOP = (1 << 23) - 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_pause(events: int, usual: int) -> bool:
     """Return whether a window of `events` selected events is a pause (`usual`: see `Activity`)."""
     return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < usual
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def usual_after(usual: int, events: int) -> int:
     """Return the usual number of events after a window, in units of 1/256 event."""
     # the shift rounds down, negative numbers too

@@ -35,15 +35,10 @@ def isotonic(
     for i, (value, weight) in enumerate(zip(values.tolist(), weights.tolist(), strict=True)):
         begin, total = i, value * weight
         while blocks and blocks[-1][1] * weight >= total * blocks[-1][2]:
-            begin, total, weight = _merged(blocks.pop(), total, weight)
+            begin, more, heavier = blocks.pop()
+            total, weight = more + total, heavier + weight
         blocks.append((begin, total, weight))
     return np.array([begin for begin, _, _ in blocks], dtype=np.int64)
-
-
-def _merged(
-    before: tuple[int, float, float], total: float, weight: float
-) -> tuple[int, float, float]:
-    return before[0], before[1] + total, before[2] + weight
 
 
 def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.bool_]) -> Confidence:

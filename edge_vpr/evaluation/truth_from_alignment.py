@@ -68,8 +68,8 @@ def load_alignment(path: str | Path) -> Alignment:
     Parameters
     ----------
     path : str or Path
-        The columns are ``query_frame`` and ``reference_frame``, or ``query_s`` and
-        ``reference_s`` (``query_time_s`` likewise), in either order.
+        The columns are ``query_frame`` and ``reference_frame``, or ``query_s`` and ``reference_s``
+        (``query_time_s`` likewise), in either order.
 
     Raises
     ------

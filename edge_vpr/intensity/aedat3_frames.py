@@ -66,13 +66,12 @@ class Aedat3Frames:
                         packet.at, "frames of several regions of interest, and one is read"
                     )
                 try:
-                    yield _frame(packet, first)
+                    yield _frame(packet, first, head)
                 except ValueError as error:
                     raise self._file.damaged(packet.at, str(error)) from error
 
 
-def _frame(packet: Packet, first: int) -> IntensityFrame:
-    head = np.frombuffer(packet.data, _HEAD, 1, first)[0]
+def _frame(packet: Packet, first: int, head: np.void) -> IntensityFrame:
     channels = int(head["info"]) >> 1 & 7
     width, height = int(head["width"]), int(head["height"])
     if channels not in _CHANNELS:

@@ -9,12 +9,13 @@ place, and similarly below. The distance is thus exact for every query.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.sad_kernel import PAD, add_sad
 
@@ -26,8 +27,7 @@ Distances = npt.NDArray[np.signedinteger[Any]]
 _LIMIT = 2**32
 # other integers are copied
 _COMPILED = frozenset(map(np.dtype, (np.uint8, np.uint16, np.int32, np.int64)))
-# bytes of a cache line; a vector across two lines takes two loads
-_LINE = 64
+_LINE = 64  # bytes of a cache line
 
 
 class ReferenceIndex:
@@ -156,7 +156,8 @@ class ReferenceIndex:
 
     def _pack(self, counts: Integers) -> tuple[Packed, npt.NDArray[np.int64]]:
         """Clip to the reference's range, subtract its lowest count, pad rows to whole vectors."""
-        packed = _aligned_zeros(len(counts), self._width, self._dtype)
+        shape = (len(counts), self._width)
+        packed = aligned_zeros(math.prod(shape), self._dtype).reshape(shape)
         excess = np.zeros(len(counts), dtype=np.int64)
         _pack(counts, self._low, self._high, packed, excess)
         return packed, excess
@@ -218,19 +219,19 @@ def _sum_dtype(largest: int) -> type[np.signedinteger[Any]]:
     return np.int32 if largest < 2**31 else np.int64
 
 
-def _aligned_zeros(rows: int, width: int, dtype: np.dtype[Any]) -> Packed:
-    """Return zeros that begin at a cache line."""
-    memory = np.zeros(rows * width * dtype.itemsize + _LINE, dtype=np.uint8)
-    start = -memory.ctypes.data % _LINE
-    aligned = memory[start : start + rows * width * dtype.itemsize].view(dtype)
-    return aligned.reshape(rows, width)
+def aligned_zeros(size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return zeros that begin at a cache line, since a vector across two lines takes two loads."""
+    itemsize = np.dtype(dtype).itemsize
+    spacious = np.zeros(size + _LINE // itemsize, dtype=dtype)
+    first = -spacious.ctypes.data % _LINE // itemsize
+    return spacious[first : first + size]
 
 
 def _range(counts: Integers) -> tuple[int, int]:
     return (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
     for i in range(counts.shape[0]):
         row, packed_row = counts[i], packed[i]
@@ -243,7 +244,7 @@ def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
         excess[i] = beyond
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _match(counts: Any, low: int, high: int, places: Any, out: Any) -> int:
     """Pack a query and compare it in one call; with few places, calls take most of the time."""
     query = np.zeros((1, places.shape[1]), dtype=places.dtype)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.matching.step_prices import FRACTION_BITS, METRIC_TOP, Metrics
 
 #: largest evidence: 8 bits
@@ -20,7 +20,7 @@ TRUST_SHIFT, TRUST_BITS = 2, 4
 STANDING_SHIFT = 4
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def trust_after(kept: int, stands: bool, margin: int) -> int:
     """Return the trust after a window, in units of 1/16 of a metric.
 
@@ -43,7 +43,7 @@ def trust_after(kept: int, stands: bool, margin: int) -> int:
     return int(raised)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     """Return ``floor(2**16 / s)``, with s the mean absolute deviation of the distances.
 
@@ -66,7 +66,7 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     return (1 << RECIPROCAL_BITS) // max(int(spread) // distances.size, 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def evidence_of(
     distances: npt.NDArray[np.integer], reciprocal: int, evidence: npt.NDArray[Any]
 ) -> None:
@@ -91,7 +91,7 @@ def evidence_of(
         evidence[k] = min((difference * factor) >> shift, EVIDENCE_TOP)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_evidence(
     prediction: Metrics, distances: npt.NDArray[np.integer], reciprocal: int, metric: Metrics
 ) -> None:
@@ -110,7 +110,7 @@ def add_evidence(
         metric[k] = min(prediction[k] + metric[k], METRIC_TOP)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
     """Return the place of the lowest metric, the best one outside its zone or -1, and ties."""
     best, ties = _first_least(metric, 0, metric.size), -1
@@ -123,7 +123,7 @@ def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
     return best, second, ties
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def margin_of(metric: Metrics, place: int, second: int) -> int:
     """Return the second-best less the best metric; the largest value if there is no second."""
     if second < 0:
@@ -131,7 +131,7 @@ def margin_of(metric: Metrics, place: int, second: int) -> int:
     return int(metric[second]) - int(metric[place])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _first_least(metric: Metrics, begin: int, end: int) -> int:
     """Return the first place of the lowest metric in a range; -1 if the range is empty."""
     if begin >= end:

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.pauses import is_pause, usual_after
 from edge_vpr.matching.filter_arithmetic import (
     TRUST_BITS,
@@ -71,7 +71,7 @@ class WindowRows(NamedTuple):
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def advance_windows(
     numbers: Any,
     predicted: Predictions,
@@ -128,7 +128,7 @@ def advance_windows(
         rows.columns[i, 5] = now.trust
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def write_match(
     metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
 ) -> int:
@@ -148,7 +148,7 @@ def write_match(
     return margin_of(metric, place, second)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def smooth_windows(
     onward: Metrics,
     turned: Metrics,

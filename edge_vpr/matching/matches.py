@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -195,19 +195,7 @@ class Matches:
         return pandas.DataFrame(columns)
 
 
-_COLUMNS = (
-    "query",
-    "time_us",
-    "place",
-    "distance_sum",
-    "second",
-    "second_sum",
-    "ties",
-    "candidates",
-    "trust",
-    "probability",
-    "lost",
-)
+_COLUMNS = tuple(field.name for field in fields(Matches))[2:]  # all arrays
 #: columns of `to_frame`, which has times in seconds
 _TABLE = (
     "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "margin", "ties",

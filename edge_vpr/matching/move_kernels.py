@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.matching.step_prices import Metrics
 
 #: fraction bits of the price of a millimetre
@@ -40,7 +40,7 @@ class StepTable(NamedTuple):
     jumps: npt.NDArray[np.int32]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def leads_to(
     place: int, next_place: int, first: int, last: int, jumps: npt.NDArray[np.int32]
 ) -> bool:
@@ -54,14 +54,14 @@ def leads_to(
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mark_following(place: int, steps: StepTable, follows: npt.NDArray[np.bool_]) -> None:
     """Write which places can be reached from `place` by `leads_to`, shape (K,)."""
     for k in range(follows.size):
         follows[k] = leads_to(place, k, steps.first, steps.last, steps.jumps)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def predict(
     metric: Metrics,
     prices: Metrics,
@@ -104,7 +104,7 @@ def predict(
     return prediction
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def predict_travelled(
     metric: Metrics,
     along: npt.NDArray[np.int64],

@@ -15,12 +15,7 @@ from edge_vpr.matching.move_kernels import (
     predict,
     predict_travelled,
 )
-from edge_vpr.matching.step_prices import (
-    FRACTION_BITS,
-    PAUSE_STEPS,
-    Metrics,
-    StepPrices,
-)
+from edge_vpr.matching.step_prices import FRACTION_BITS, PAUSE_STEPS, Metrics, StepPrices
 from edge_vpr.odometry import MOST_MM
 
 #: with odometry, the price of being one mean spacing away from where the distance leads

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 
 
@@ -81,7 +81,7 @@ def _check_search(distances: npt.NDArray[Any], ndim: int, exclusion: int) -> Non
         raise UsageError(f"exclusion of {exclusion} places is negative: give 0 or more")
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _search(matrix: Any, exclusion: int, best: Any, second: Any, ties: Any) -> None:
     smallest, runner_up = matrix[0].copy(), matrix[0].copy()
     for k in range(1, matrix.shape[0]):

@@ -14,12 +14,7 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.pauses import Activity
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.filter_recursion import (
-    NUMBERS,
-    Predictions,
-    WindowRows,
-    advance_windows,
-)
+from edge_vpr.matching.filter_recursion import NUMBERS, Predictions, WindowRows, advance_windows
 from edge_vpr.matching.moves import Moves
 from edge_vpr.matching.step_prices import Metrics, StepPrices
 

@@ -4,8 +4,8 @@ The loop vectoriser widens a plain Numba loop over 8-bit counts to 32 bits, whic
 slower than the hardware allows. The innermost step is therefore written as LLVM IR, once for all
 processors: load two vectors, zero-extend, subtract, absolute value, add up. LLVM recognises this
 pattern as a sum of absolute differences and uses the instructions of the processor for it:
-``vpsadbw`` on
-x86-64, ``uabd`` and ``udot`` on a Cortex-A76, ``uabd`` and ``uaddl`` on a Cortex-A53.
+``vpsadbw`` on x86-64, ``uabd`` and ``udot`` on a Cortex-A76, ``uabd`` and ``uaddl`` on a
+Cortex-A53.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import config, njit, types
+from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+from edge_vpr.compiling import kernel
 
 #: bytes to which a row is padded: the narrowest vector that the kernel loads
 PAD = 32
@@ -138,5 +140,5 @@ def _add_sad_in_python(a: Any, b: Any, out: Any) -> None:
 add_sad: Any = (
     _add_sad_in_python
     if config.DISABLE_JIT  # type: ignore[attr-defined]
-    else njit(cache=True, nogil=True)(_add_sad)
+    else kernel(_add_sad)
 )

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.pauses import is_pause
 from edge_vpr.matching.filter_arithmetic import (
     add_evidence,
@@ -17,7 +17,7 @@ from edge_vpr.matching.step_prices import METRIC_TOP
 from edge_vpr.online.vector_kernels import least_in
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sequence_answer(sums, total, c, length, row):
     """Write the place with the nearest sequence.
 
@@ -52,7 +52,7 @@ def sequence_answer(sums, total, c, length, row):
     return True
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _second(sums, count, best, exclusion, places):
     """Find the best place outside the exclusion zone; -1 if there is none."""
     second, second_least = -1, sums[best]
@@ -65,7 +65,7 @@ def _second(sums, count, best, exclusion, places):
     return second, second_least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def filter_answer(predicted, metric, sums, c, events, row):
     """Write the place of the lowest metric for the unfinished window.
 
@@ -110,7 +110,7 @@ def filter_answer(predicted, metric, sums, c, events, row):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def judge(row, trust, probability, least_trust):
     """Write the ratio, the probability, and whether the match is lost.
 

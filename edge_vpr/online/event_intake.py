@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events
@@ -63,7 +63,7 @@ def selected_in_order(
     return np.concatenate(some_slots), joined
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def few_in_order(table, events, floor, off_slots, slots, times):
     """Do the same in one pass without columns, and without the reason for an error.
 

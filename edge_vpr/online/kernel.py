@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.matching.filter_recursion import Predictions
 from edge_vpr.online.answers import filter_answer, judge, sequence_answer
@@ -17,7 +17,7 @@ from edge_vpr.online.state_kernels import age, note, take_moves
 DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow(box, slots, times, until):
     """Process selected events, then advance the time to `until`; stop where Python is needed.
 
@@ -101,7 +101,7 @@ def follow(box, slots, times, until):
             given += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow_few(box, events):
     """Process a few events; none if `selected_in_order` would refuse one of them.
 

@@ -13,7 +13,6 @@ from edge_vpr.archive import Arrays
 from edge_vpr.descriptors.windows import FixedTime
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events
-from edge_vpr.map_checks import check_map
 from edge_vpr.matching.drive_matching import check_no_ways
 from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.filter_run import FilterRun
@@ -59,11 +58,7 @@ class LocaliserState:
         self._table = reference.pixel_map.table()
         self._window = window_of(settings)
         self._length = settings.windows_per_match
-        check_map(
-            settings, reference.pixel_map, reference.places, reference.saliency, reference.hot,
-            reference.full_scale, reference.mean, reference.route, reference.jumps,
-            reference.odometer_mm,
-        )  # fmt: skip
+        reference.check()
         places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
         self.now = 0  # T: all earlier events have been processed

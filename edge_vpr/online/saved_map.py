@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_vpr.archive import Arrays
+from edge_vpr.archive import Arrays, present
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pixels import PixelMap
@@ -18,19 +18,17 @@ from edge_vpr.settings import Settings
 
 def map_arrays(reference: ReferenceMap) -> Arrays:
     """Return the arrays of a map that `searched_map` needs, without the places, for an archive."""
-    arrays: Arrays = {"pixel_x": reference.pixel_map.x, "pixel_y": reference.pixel_map.y}
-    if reference.full_scale is not None:
-        arrays["full_scale"] = reference.full_scale
-    if reference.mean is not None:
-        arrays["mean"] = reference.mean
-    if reference.jumps is not None:
-        arrays["jumps"] = reference.jumps
+    arrays = present(
+        pixel_x=reference.pixel_map.x,
+        pixel_y=reference.pixel_map.y,
+        full_scale=reference.full_scale,
+        mean=reference.mean,
+        jumps=reference.jumps,
+    )
     if reference.confidence is not None:
         arrays |= reference.confidence.to_arrays()
     if reference.settings.matching == "filter":
-        arrays["activity"] = reference.places.activity
-        if reference.along_mm is not None:
-            arrays["odometer_mm"] = reference.along_mm
+        arrays |= present(activity=reference.places.activity, odometer_mm=reference.along_mm)
     return arrays
 
 

@@ -124,11 +124,8 @@ def check_state(
             f"bound is {bound.tolist()} and the {n} events in the windows make it "
             f"{expected.tolist()}"
         )
-    if filtered:  # which has a schedule of its own
-        return Clock(now_us, floor_us)
-    check_array(arrays["policy"], "policy", (np.int64,), (2,))
-    tick, place = arrays["policy"].tolist()
-    _check_schedule(tick, place, ends, every, floor_us)
+    if not filtered:  # the place filter has a schedule of its own
+        _check_schedule(arrays, "policy", ends, every, floor_us)
     return Clock(now_us, floor_us)
 
 
@@ -180,9 +177,7 @@ def check_filter_state(
             f"filter_state holds {arrays['filter_state'].tolist()} for {places} places after "
             f"{ended} windows: save the state again"
         )
-    check_array(arrays["filter_schedule"], "filter_schedule", (np.int64,), (2,))
-    tick, told = arrays["filter_schedule"].tolist()
-    _check_schedule(tick, told, places, every, floor_us)
+    _check_schedule(arrays, "filter_schedule", places, every, floor_us)
     if "filter_odometer" in arrays:
         check_array(arrays["filter_odometer"], "filter_odometer", (np.int64,), (4,))
         check_range(arrays["filter_odometer"][:2], "filter_odometer", -MOST_MM, MOST_MM)
@@ -193,8 +188,10 @@ def check_filter_state(
 
 
 def _check_schedule(
-    tick: int, place: int, places: int, every: MatchSchedule, floor_us: int
+    arrays: Arrays, name: str, places: int, every: MatchSchedule, floor_us: int
 ) -> None:
+    check_array(arrays[name], name, (np.int64,), (2,))
+    tick, place = arrays[name].tolist()
     interval = every.interval_us
     if tick != ((floor_us // interval + 1) * interval if interval else 0):
         raise MapError(f"the state says the next time for a match is {tick} us, at {floor_us} us")

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.windows import Window
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
 from edge_vpr.online.state import TOTALS, Sliding, empty_windows
 from edge_vpr.online.vector_kernels import BLOCK, LANES
 from fixedpoint.codes import PixelCodes
-
-_CACHE_LINE = 64
 
 
 def start(
@@ -45,7 +41,7 @@ def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Slidi
     # an odd number of whole vectors: with a power of two, all columns of a place would share the
     # same lines of the cache
     count, stride = len(places) - length + 1, (len(places) // LANES + 2 | 1) * LANES
-    columns = _aligned(places.shape[1] * stride + LANES, places.dtype)
+    columns = aligned_zeros(places.shape[1] * stride + LANES, places.dtype)
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
@@ -68,7 +64,7 @@ def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Slidi
         )
     distances[count:] += largest + 1
     dtype = np.uint16 if 2 * largest + 1 <= np.iinfo(np.uint16).max else np.uint32
-    sums = _aligned(count + LANES + -(-count // BLOCK), dtype)
+    sums = aligned_zeros(count + LANES + -(-count // BLOCK), dtype)
     sums[: count + LANES] = distances - base
     _find_least(sums, count)
     counters = s.counters.copy()
@@ -109,11 +105,3 @@ def _coded(s: Sliding) -> npt.NDArray[np.int64]:
     if s.code.size == 0:
         return s.counts
     return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
-
-
-def _aligned(size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return zeros that begin at a cache line, since a vector across two lines takes two loads."""
-    itemsize = np.dtype(dtype).itemsize
-    spacious = np.zeros(size + _CACHE_LINE // itemsize, dtype=dtype)
-    first = -spacious.ctypes.data % _CACHE_LINE // itemsize
-    return spacious[first : first + size]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.online.vector_kernels import MAX_STEPS, update_blocks
 from fixedpoint.own_mean import LEVEL_BITS
 
@@ -12,7 +12,7 @@ from fixedpoint.own_mean import LEVEL_BITS
 # from the state changes a reference count, which takes longer than the processing of the event.
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def note(moves, totals, slot, left):
     """Note that an event at `slot` has left the lag `left` (-1 for a new event)."""
     at = totals[0].moves
@@ -21,7 +21,7 @@ def note(moves, totals, slot, left):
     totals[0].moves = at + 1
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def age(time, slot, bound, moves, totals, tau, n, until):
     """Note the moves of events that become too old for their lag by T = `until`.
 
@@ -45,7 +45,7 @@ def age(time, slot, bound, moves, totals, tau, n, until):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
     """Update counters and distances by the noted moves; the arrays are those of `s`."""
     total = totals[0]
@@ -86,13 +86,13 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
         update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def settle(s):
     """Update counters and distances of the state by the noted moves."""
     take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.steps)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def advance(s, until):
     """Advance the time to T = `until`, which changes fixed-time windows only."""
     if s.tau > 0:
@@ -100,7 +100,7 @@ def advance(s, until):
             settle(s)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def write_codes(levels, mean, bits, code):
     """Write the own-mean code of each count for each counter, as in `OwnMeanCode.tables`.
 

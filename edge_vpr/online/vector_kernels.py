@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba import config, njit, types
+from numba import config, types
 from numba.extending import intrinsic
+
+from edge_vpr.compiling import kernel
 
 #: places in one vector; arrays end with this many spare elements
 LANES = 64
@@ -193,7 +195,7 @@ if config.DISABLE_JIT:
 
 else:
 
-    @njit(cache=True, nogil=True, inline="always")
+    @kernel(inline="always")
     def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
         """Apply +-1 steps to ``sums[start:stop]``, and return the smallest sum.
 
@@ -219,7 +221,7 @@ else:
         """
         return _vector_step(sums, columns, steps, arrivals, expiries, start, stop)
 
-    @njit(cache=True, nogil=True, inline="always")
+    @kernel(inline="always")
     def _least(sums, start, stop):
         if stop - start >= LANES:
             return _vector_least(sums, start, stop)
@@ -228,7 +230,7 @@ else:
             least = min(least, sums[i])
         return least
 
-    @njit(cache=True, nogil=True, inline="always")
+    @kernel(inline="always")
     def _first_equal(sums, start, stop, value):
         i = start
         while True:
@@ -239,7 +241,7 @@ else:
             i += LANES
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def least_in(sums, count, start, stop):
     """Return the first index of the smallest of ``sums[start:stop]``, and its value.
 
@@ -269,7 +271,7 @@ def least_in(sums, count, start, stop):
     return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def update_blocks(sums, columns, steps, arrivals, expiries, count):
     """Apply steps to the first `count` sums, and store the smallest of each block after them."""
     for start in range(0, count, BLOCK):

@@ -1,12 +1,7 @@
 """Mapping and matching: from a recording to a reference map, or to the matches of a query."""
 
 from edge_vpr.pipeline.cleaned_events import Removed, cleaned
-from edge_vpr.pipeline.describing import (
-    count_windows,
-    describe,
-    describe_query,
-    window_of,
-)
+from edge_vpr.pipeline.describing import count_windows, describe, describe_query, window_of
 from edge_vpr.pipeline.mapping import coded_map, map_traverse
 from edge_vpr.pipeline.query_matching import match_query, match_traverse, query_distances
 from edge_vpr.pipeline.registration import Registration, register

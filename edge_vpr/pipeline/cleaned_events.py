@@ -66,10 +66,7 @@ def cleaned(
 
 
 def event_windows(
-    recording: EventSource,
-    stream: DescriptorStream,
-    settings: Settings,
-    removed: Removed | None,
+    recording: EventSource, stream: DescriptorStream, settings: Settings, removed: Removed | None
 ) -> Iterator[WindowCounts]:
     """Yield the windows of a recording's cleaned events.
 

@@ -121,10 +121,7 @@ def map_traverse(
 
 
 def _most_informative(
-    first: SaliencyPass,
-    recording: EventSource | WindowSource,
-    settings: Settings,
-    listed: PixelMap,
+    first: SaliencyPass, recording: EventSource | WindowSource, settings: Settings, listed: PixelMap
 ) -> PixelMap:
     windows = first.descriptors(listed)
     if windows is None:  # too large for a temporary file: events are counted again

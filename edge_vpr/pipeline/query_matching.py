@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
-
 import numpy as np
 import numpy.typing as npt
 
@@ -68,9 +66,15 @@ def match_query(
     -------
     Matches
     """
-    route = _route_of(reference, odometry)
-    judge = reference.judge.confidence
-    return match_descriptors(reference.places, queries, reference.settings, judge, **route)
+    return match_descriptors(
+        reference.places,
+        queries,
+        reference.settings,
+        reference.judge.confidence,
+        jumps=reference.jumps,
+        along_mm=reference.along_mm,
+        odometry=odometry,
+    )
 
 
 def query_distances(
@@ -83,17 +87,11 @@ def query_distances(
     ndarray of float64, shape (K, Q)
         All finite, see `drive_distances`.
     """
-    route = _route_of(reference, odometry)
-    return drive_distances(reference.places, queries, reference.settings, **route)
-
-
-class _Route(TypedDict):
-    """How places follow one another, for the matching."""
-
-    jumps: npt.NDArray[np.int32] | None
-    along_mm: npt.NDArray[np.int64] | None
-    odometry: Odometry | None
-
-
-def _route_of(reference: ReferenceMap, odometry: Odometry | None) -> _Route:
-    return {"jumps": reference.jumps, "along_mm": reference.along_mm, "odometry": odometry}
+    return drive_distances(
+        reference.places,
+        queries,
+        reference.settings,
+        jumps=reference.jumps,
+        along_mm=reference.along_mm,
+        odometry=odometry,
+    )

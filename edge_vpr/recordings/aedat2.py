@@ -107,7 +107,6 @@ class Aedat2Source(Source):
                 "addresses are not known here: convert it with jAER or DV to AEDAT 4"
             )
         super().__init__(path, options, self._sensor)
-        self.position = 0.0
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
@@ -139,6 +138,4 @@ def read_header(path: Path) -> tuple[int, str | None]:
     return n, chip
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open an AEDAT 2 file."""
-    return Aedat2Source(path, options)
+open_source = Aedat2Source

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.recordings.aedat3_file import POLARITY, Aedat3File, times_of
+from edge_vpr.recordings.aedat3_file import POLARITY, Aedat3File
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import ReadOptions, Source
@@ -26,7 +26,6 @@ class Aedat3Source(Source):
         self._file = Aedat3File(path)
         self._camera = self._file.choose(options.topic)
         super().__init__(path, options, self._file.sensor_of(self._camera))
-        self.position = 0.0
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events, a packet at a time; see :class:`Source`."""
@@ -39,11 +38,12 @@ class Aedat3Source(Source):
                 part = events[i : i + self.options.chunk_events]
                 data = part["data"]
                 yield Columns(
-                    times_of(packet, part["t"]), data >> 17, data >> 2 & 0x7FFF, data & 2 == 2
+                    part["t"].astype(np.int64) + packet.origin_us,
+                    data >> 17,
+                    data >> 2 & 0x7FFF,
+                    data & 2 == 2,
                 )
             self.position = self._file.position
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open an AEDAT 3.1 file."""
-    return Aedat3Source(path, options)
+open_source = Aedat3Source

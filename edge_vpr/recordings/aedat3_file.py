@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
@@ -181,8 +180,3 @@ class Aedat3File:
                 lines.append(line)
             self._begin = file.tell()
         return lines
-
-
-def times_of(packet: Packet, raw: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """Return the times of a packet's events, continued beyond the wraps of the clock."""
-    return raw.astype(np.int64) + packet.origin_us

@@ -31,7 +31,6 @@ class Aedat4Source(Source):
         self._file = Aedat4File(path)
         self._stream = self._file.choose("EVTS", "events", options.topic)
         super().__init__(path, options, self._file.streams[self._stream].sensor)
-        self.position = 0.0
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events, a packet at a time; see :class:`Source`."""
@@ -56,6 +55,4 @@ def _events(data: bytes) -> npt.NDArray[np.void]:
     return np.frombuffer(data, _EVENT, length, vector + 4)
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open an AEDAT 4 file."""
-    return Aedat4Source(path, options)
+open_source = Aedat4Source

@@ -39,7 +39,6 @@ class DatSource(Source):
             )
         if header.start_us is not None:
             self.start_us, self.relative = header.start_us, True
-        self.position = 0.0
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
@@ -61,9 +60,7 @@ class DatSource(Source):
                     log.truncated(leftover, f"byte {size - leftover:,}, within an event")
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open a DAT file."""
-    return DatSource(path, options)
+open_source = DatSource
 
 
 class DatSink:

@@ -21,9 +21,7 @@ from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.source import ReadOptions, Source
 
-_FAERY = np.dtype(
-    [("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")],
-)
+_FAERY = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 
 
 def _es() -> Any:
@@ -39,6 +37,7 @@ class EsSource(Source):
 
     relative = True
     start_us = 0
+    position = None
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with self._decoder(path) as decoder:
@@ -81,9 +80,7 @@ class EsSource(Source):
                     yield Columns(t, packet["x"][part], y, on[part])
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open an Event Stream file."""
-    return EsSource(path, options)
+open_source = EsSource
 
 
 @contextmanager

@@ -123,10 +123,9 @@ class PacketDecoder:
         self._clock = Unwrapper(31)
         self._compressed = LibcaerCmpDecoder()
 
-    @property
-    def undated(self) -> int:
-        """Number of events before the first time word."""
-        return self._evt3.undated
+    def take_undated(self) -> int:
+        """Return the number of events before the first time word, since the last call."""
+        return self._evt3.take_undated()
 
     def read(self, cursor: Cursor) -> Columns:
         """Read the rest of ``event_camera_msgs/EventPacket``; times are on the camera's clock.

@@ -49,8 +49,6 @@ class Decoder:
     ----------
     dtype : dtype
         Type of the words.
-    undated : int
-        Number of dropped events so far that came before the first words of time and place.
     """
 
     def __init__(self, encoding: str, capacity: int, endianness: str = "little") -> None:
@@ -68,10 +66,14 @@ class Decoder:
         self._x, self._y = np.empty(n, np.uint16), np.empty(n, np.uint16)
         self._p = np.empty(n, np.bool_)
 
-    @property
-    def undated(self) -> int:
-        """Number of events before the first time word."""
-        return int(self._state[0].undated)
+    def take_undated(self) -> int:
+        """Return the number of dropped events since the last call.
+
+        These came before the first words of time and place.
+        """
+        n = int(self._state[0].undated)
+        self._state[0].undated = 0
+        return n
 
     def decode(self, words: Words) -> Columns:
         """Decode words; the returned columns are valid until the next call."""
@@ -87,10 +89,9 @@ class Decoder:
 class EvtSource(Source):
     """Source of a RAW file: header lines, then words."""
 
-    def __init__(self, path: Path, options: ReadOptions, encoding: str) -> None:
+    def __init__(self, path: Path, options: ReadOptions) -> None:
         header = read_header(path)
         super().__init__(path, options, header.sensor)
-        self._encoding = encoding
         self._skip, self._endianness = header.n_bytes, header.endianness
         if self._endianness not in ("little", "big", "legacy"):
             raise RecordingError(
@@ -99,29 +100,24 @@ class EvtSource(Source):
             )
         if header.start_us is not None:
             self.start_us, self.relative = header.start_us, True
-        self.position = 0.0
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         size = max(1, self.path.stat().st_size)
         capacity = max(1, self.options.chunk_events)
-        decoder = Decoder(self._encoding, capacity, self._endianness)
-        undated = 0
+        decoder = Decoder(self.options.format, capacity, self._endianness)
         with self.path.open("rb") as file:
             file.seek(self._skip)
             while data := file.read(capacity * decoder.dtype.itemsize):
                 self.position = file.tell() / size
                 words = np.frombuffer(data, decoder.dtype, len(data) // decoder.dtype.itemsize)
                 yield decoder.decode(words)
-                log.undated(decoder.undated - undated)
-                undated = decoder.undated
+                log.undated(decoder.take_undated())
                 if leftover := len(data) % decoder.dtype.itemsize:
                     log.truncated(leftover, f"byte {size - leftover:,}, within a word")
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open a RAW file."""
-    return EvtSource(path, options, format_name)
+open_source = EvtSource
 
 
 class Evt2Sink:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from edge_vpr.compiling import kernel
 
 #: State between two calls: time base and its last raw value; row; first column and polarity of a
 #: vector; low bits of the time (-1 before the first word that states them); and number of events
@@ -21,7 +22,7 @@ STATE = np.dtype(
 )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _advance(s, high, bits):  # type: ignore[no-untyped-def]
     """Advance the unwrapped time base to a new value of the high time bits.
 
@@ -35,7 +36,7 @@ def _advance(s, high, bits):  # type: ignore[no-untyped-def]
     s.high = high
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode 32-bit words: 4 bits type, 6 bits time, 11 bits column, 11 bits row."""
     s, n = state[0], 0
@@ -56,7 +57,7 @@ def decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode 64-bit words: 4 bits type, 6 time, 11 column, 11 row, 32 for one column each."""
     s, n = state[0], 0
@@ -87,7 +88,7 @@ def decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode 16-bit words, each of which changes a part of the state or holds events.
 

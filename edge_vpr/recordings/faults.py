@@ -44,13 +44,8 @@ class Faults:
     @property
     def total(self) -> int:
         """Number of dropped entries; a cut-off end counts as one."""
-        return (
-            self.backwards
-            + self.off_sensor
-            + self.unreadable
-            + self.undated
-            + (1 if self.truncated else 0)
-        )
+        events = self.backwards + self.off_sensor + self.unreadable + self.undated
+        return events + bool(self.truncated)
 
     def __str__(self) -> str:
         parts = [

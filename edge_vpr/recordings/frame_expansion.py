@@ -86,11 +86,7 @@ def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
         begin = end
 
 
-def join(
-    frames: list[Placed],
-    x: npt.NDArray[np.uint16],
-    y: npt.NDArray[np.uint16],
-) -> Columns:
+def join(frames: list[Placed], x: npt.NDArray[np.uint16], y: npt.NDArray[np.uint16]) -> Columns:
     """Join placed events to columns; pixel j lies at ``x[j]``, ``y[j]``."""
     t = np.concatenate([times for times, _ in frames])
     pixel = np.concatenate([pixels for _, pixels in frames])

@@ -92,10 +92,7 @@ class CountFrames:
                 )
                 frame += 1
             return
-        with (
-            foreign_errors(self.path, lambda: f" after frame {frame:,}"),
-            ExitStack() as stack,
-        ):
+        with foreign_errors(self.path, lambda: f" after frame {frame:,}"), ExitStack() as stack:
             stream = self._stream(stack)
             rows = max(1, _BLOCK_BYTES // max(1, stream.row_bytes))
             while frame < self.n_frames:
@@ -271,7 +268,6 @@ class FrameSource(Source):
                 "events: add the pixels, or use the counts as windows (read_count_frames)"
             )
         self.period_us = period * 1_000_000
-        self.position = 0.0
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events of one frame after another; see :class:`Source`."""
@@ -294,6 +290,4 @@ class FrameSource(Source):
             yield join(waiting, x, y)
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open count frames as events."""
-    return FrameSource(path, options)
+open_source = FrameSource

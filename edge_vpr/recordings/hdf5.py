@@ -55,7 +55,6 @@ class Hdf5Source(Source):
         if start is not None:
             self.start_us, self.relative = int(start), True
         self.unit_assumed = start is None and options.time_unit is None
-        self.position = 0.0
 
     def _places(self, file: Any, options: ReadOptions) -> dict[str, dict[str, Any]]:
         """Return the place of t, x, y and p in each group or dataset of events."""
@@ -157,11 +156,5 @@ def _sensor(file: Any, place: Any) -> Sensor | None:
     return None
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open an HDF5 file of events."""
-    return Hdf5Source(path, options)
-
-
-def open_sink(path: Path, sensor: Sensor, start_us: int) -> Hdf5Sink:
-    """Open a file for writing."""
-    return Hdf5Sink(path, sensor, start_us)
+open_source = Hdf5Source
+open_sink = Hdf5Sink

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 
 _DEFLATE, _SHUFFLE, _FLETCHER32, _LZF = 1, 2, 3, 32_000
@@ -171,7 +171,7 @@ def _inflated(data: bytes, most: int) -> bytes | None:
     return expanded if stream.eof or len(expanded) > most else None
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lzf_size(data: npt.NDArray[np.uint8]) -> int:
     """Return the expanded size of LZF data; -1 if it is cut off or refers to before its start.
 

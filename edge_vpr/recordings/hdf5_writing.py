@@ -50,13 +50,7 @@ class ForgivingFile(io.RawIOBase):
         """Return True."""
         return True
 
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def writable(self) -> bool:
-        """Return True."""
-        return True
+    readable = writable = seekable
 
     def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
         """Move to `offset` bytes from the start, the current place, or the end."""

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.recordings.columns import Columns
 
@@ -30,7 +30,7 @@ _EVENTS_A_WORD = 8
 STATE_DTYPE = np.dtype([("column", "<i8"), ("row", "<i8"), ("polarity", "?")])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _decode(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode one packet; return the number of events, or -1 - i if word i is of an unknown kind."""
     n = 0

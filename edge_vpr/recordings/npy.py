@@ -80,7 +80,7 @@ def column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]
     )
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
+def open_source(path: Path, options: ReadOptions) -> Source:
     """Open a ``.npy`` file of events."""
     with path.open("rb") as file:
         stream = ArrayStream(file, str(path))
@@ -90,7 +90,6 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
     if start_us is not None:
         source.start_us, source.relative = start_us, True
     source.unit_assumed = sensor is None and options.time_unit is None
-    source.position = 0.0
     return source
 
 

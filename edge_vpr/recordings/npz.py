@@ -171,7 +171,7 @@ class NpzSource(Source):
                 return
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
+def open_source(path: Path, options: ReadOptions) -> Source:
     """Open a ``.npz`` file of events."""
     with Archive(path) as archive, ExitStack() as stack:
         schema = archive.scalar("schema")
@@ -191,7 +191,6 @@ def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
         start = archive.scalar("start_us")
         if schema is not None and start is not None:
             source.start_us, source.relative = int(start), True
-    source.position = 0.0
     return source
 
 

@@ -55,7 +55,6 @@ class ParquetSource(Source):
         if sensor is not None and _START in facts:
             self.start_us, self.relative = int(facts[_START]), True
         self.unit_assumed = sensor is None and options.time_unit is None
-        self.position = 0.0
 
     def _open(self, path: Path) -> Any:
         try:
@@ -112,9 +111,7 @@ class ParquetSource(Source):
                 ) from error
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open a Parquet file of events."""
-    return ParquetSource(path, options)
+open_source = ParquetSource
 
 
 class ParquetSink:

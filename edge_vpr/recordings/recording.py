@@ -39,14 +39,14 @@ class Recording:
         Reason why the unit of the times is implausible, if the file does not state it; else "".
     """
 
-    def __init__(self, source: Source, format_name: str, on_fault: str = "error") -> None:
+    def __init__(self, source: Source, on_fault: str = "error") -> None:
         if source.sensor is None:
             raise UsageError(
                 f"{source.path} does not say how large its sensor is: "
                 "pass --sensor WIDTHxHEIGHT (sensor=), for example --sensor 346x260"
             )
         self.path: Path = source.path
-        self.format = format_name
+        self.format = source.options.format
         self.sensor: Sensor = source.sensor
         self.faults = Faults()
         self._source = source

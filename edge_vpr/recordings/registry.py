@@ -16,15 +16,15 @@ from edge_vpr.recordings.guard import foreign_errors
 from edge_vpr.recordings.npz import Archive
 from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.recording import Recording
-from edge_vpr.recordings.source import CHUNK_EVENTS, ReadOptions, Source
+from edge_vpr.recordings.source import CHUNK_EVENTS, ReadOptions
 
 
 @dataclass(frozen=True)
 class Format:
     """File format, and the module that reads (and perhaps writes) it.
 
-    The module is imported when the first such file is opened. It has a function ``open_source(path,
-    options, format_name)`` and, if `writable`, ``open_sink(path, sensor, start_us)``.
+    The module is imported when the first such file is opened. It has ``open_source(path, options)``
+    and, if `writable`, ``open_sink(path, sensor, start_us)``.
     """
 
     name: str
@@ -130,12 +130,11 @@ def open_recording(
         raise UsageError(f"format {format!r} is unknown: choose one of {', '.join(FORMATS)}")
     if not path.exists():
         raise RecordingError(f"{path} does not exist: check the path")
-    options = ReadOptions(sensor, frame_period, chunk_events, topic, time_unit, columns)
     with foreign_errors(path):
         name = format or sniff(path)
+        options = ReadOptions(name, sensor, frame_period, chunk_events, topic, time_unit, columns)
         reader = import_module(f"edge_vpr.recordings.{FORMATS[name].module}")
-        source: Source = reader.open_source(path, options, name)
-        return Recording(source, name, on_fault)
+        return Recording(reader.open_source(path, options), on_fault)
 
 
 def sniff(path: Path) -> str:

@@ -10,12 +10,7 @@ from typing import Any
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.columns import Columns
-from edge_vpr.recordings.event_packet import (
-    Cursor,
-    PacketDecoder,
-    read_event_array,
-    read_preamble,
-)
+from edge_vpr.recordings.event_packet import Cursor, PacketDecoder, read_event_array, read_preamble
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.rosbag_file import Bag
 from edge_vpr.recordings.source import ReadOptions, Source
@@ -32,8 +27,8 @@ class BagSource(Source):
     time stamp of the first packet, which fits those of other topics and of GPS.
     """
 
-    def __init__(self, path: Path, options: ReadOptions, ros: int) -> None:
-        self._bag = Bag(path, ros)
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._bag = Bag(path, 1 if options.format == "rosbag1" else 2)
         with self._bag.errors(), self._bag.open() as reader:
             connection = _choose(reader.connections, options.topic, path)
             self._topic = connection.topic
@@ -44,7 +39,6 @@ class BagSource(Source):
         super().__init__(path, options, size)
         if self._packets and preamble is not None:
             self.start_us = preamble.stamp_us
-        self.position = 0.0
 
     def _first(self, reader: Any) -> Any:
         for data in self._bag.messages(reader, self._topic):
@@ -55,7 +49,6 @@ class BagSource(Source):
         """Yield the events, a message at a time; see :class:`Source`."""
         packets = PacketDecoder()
         ros = self._bag.ros
-        undated = 0
         with self._bag.errors(), self._bag.open() as reader:
             for message, data in enumerate(self._bag.messages(reader, self._topic), 1):
                 try:
@@ -73,8 +66,7 @@ class BagSource(Source):
                 step = self.options.chunk_events
                 for i in range(0, columns.t.size, step):
                     yield Columns(*(column[i : i + step] for column in columns))
-                log.undated(packets.undated - undated)
-                undated = packets.undated
+                log.undated(packets.take_undated())
 
 
 def _choose(connections: Any, wanted: str | None, path: Path) -> Any:
@@ -94,6 +86,4 @@ def _choose(connections: Any, wanted: str | None, path: Path) -> Any:
     return known[0]
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open a bag."""
-    return BagSource(path, options, 1 if format_name == "rosbag1" else 2)
+open_source = BagSource

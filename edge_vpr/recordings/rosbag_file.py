@@ -82,9 +82,7 @@ class Bag:
         """Convert exceptions of rosbags' parsers to a RecordingError with a remedy."""
         try:
             yield
-        except EdgeVprError:
-            raise
-        except MemoryError:
+        except (EdgeVprError, MemoryError):
             raise
         except Exception as error:
             raise _unreadable(self.path, self.ros, error) from error

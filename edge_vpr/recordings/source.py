@@ -20,8 +20,9 @@ CHUNK_EVENTS = 1 << 16
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options of the caller for what a file may not state."""
+    """Format of the file (a name of `FORMATS`), and what the caller states beside the file."""
 
+    format: str
     sensor: Sensor | None = None
     frame_period: Fraction | None = None
     chunk_events: int = CHUNK_EVENTS
@@ -51,7 +52,7 @@ class Source(ABC):
 
     start_us: int | None = None
     relative: bool = False
-    position: float | None = None
+    position: float | None = 0.0
     unit_assumed: bool = False
 
     def __init__(self, path: Path, options: ReadOptions, sensor: Sensor | None = None) -> None:

@@ -64,7 +64,6 @@ class TextSource(Source):
         self.unit = options.time_unit or self._unit(head)
         super().__init__(path, options, sensor)
         self.unit_assumed = options.time_unit is None and not self.relative
-        self.position = 0.0
 
     @staticmethod
     def _named(path: Path, names: list[str]) -> list[str]:
@@ -189,9 +188,7 @@ def _number(word: str) -> Decimal | None:
     return value if abs(value.adjusted()) < _MOST_DIGITS else None
 
 
-def open_source(path: Path, options: ReadOptions, format_name: str) -> Source:
-    """Open a text file of events."""
-    return TextSource(path, options)
+open_source = TextSource
 
 
 class TextSink:

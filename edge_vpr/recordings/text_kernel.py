@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from numba import njit
+from edge_vpr.compiling import kernel
 
 #: status of a line: an event, an event with a fraction in its time, blank, or unknown to the kernel
 GOOD, FRACTION, BLANK, STRANGE = range(4)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: ignore[no-untyped-def]
     """Parse whole lines into ``out[field, line]``, and set where each line begins and its status.
 

@@ -15,11 +15,10 @@ from edge_vpr.simulate.surface import (
 )
 
 Noises = tuple[Plane, Plane]
+Random = np.random.Generator
 
 
-def _buildings(
-    far: Surface, start: float, stop: float, rng: np.random.Generator, grain: Noises
-) -> None:
+def _buildings(far: Surface, start: float, stop: float, rng: Random, grain: Noises) -> None:
     """Paint houses wall to wall or with gaps, each with its height, plaster and rows of windows."""
     at = start
     while at < stop - 4:
@@ -45,9 +44,7 @@ def _buildings(
         at += width + (rng.uniform(2, 8) if rng.random() < 0.3 else 0.0)
 
 
-def _woods(
-    far: Surface, start: float, stop: float, rng: np.random.Generator, grain: Noises
-) -> None:
+def _woods(far: Surface, start: float, stop: float, rng: Random, grain: Noises) -> None:
     """Paint a wood's edge: a ragged top and leaves at two scales."""
     columns = slice(int(start / COLUMN_M), int(stop / COLUMN_M))
     top = rng.uniform(5, 9) + 2.5 * grain[1][0, columns] + 0.8 * grain[0][0, columns]
@@ -58,9 +55,7 @@ def _woods(
     far.cover[:, columns] = np.maximum(far.cover[:, columns], solid)
 
 
-def _meadow(
-    far: Surface, start: float, stop: float, rng: np.random.Generator, grain: Noises
-) -> None:
+def _meadow(far: Surface, start: float, stop: float, rng: Random, grain: Noises) -> None:
     """Paint a low bank of grass under an open sky."""
     columns = slice(int(start / COLUMN_M), int(stop / COLUMN_M))
     rows = slice(0, int(rng.uniform(1.0, 2.5) / FAR_ROW_M))
@@ -70,9 +65,7 @@ def _meadow(
     far.cover[rows, columns] = 1.0
 
 
-def _sheds(
-    far: Surface, start: float, stop: float, rng: np.random.Generator, grain: Noises
-) -> None:
+def _sheds(far: Surface, start: float, stop: float, rng: Random, grain: Noises) -> None:
     """Paint long sheds with next to no texture, a gate here and there."""
     at = start
     while at < stop - 4:
@@ -91,7 +84,7 @@ def _roughen(wall: Surface, s0: float, s1: float, noise: Plane, strength: float)
     wall.reflectance[:, columns] *= np.exp(np.float32(strength) * noise[:, columns])
 
 
-def _tree(near: Surface, at: float, rng: np.random.Generator, leaves: Noises) -> None:
+def _tree(near: Surface, at: float, rng: Random, leaves: Noises) -> None:
     """Paint a trunk and a crown that is open at its rim."""
     crown, middle = rng.uniform(1.0, 2.0), rng.uniform(3.2, 4.4)
     box(near, at - 0.15, at + 0.15, 0, middle, rng.uniform(0.05, 0.15), NEAR_ROW_M)
@@ -107,9 +100,7 @@ def _tree(near: Surface, at: float, rng: np.random.Generator, leaves: Noises) ->
     near.cover[:, columns] = np.maximum(near.cover[:, columns], solid)
 
 
-def _hedge(
-    near: Surface, start: float, stop: float, rng: np.random.Generator, leaves: Noises
-) -> None:
+def _hedge(near: Surface, start: float, stop: float, rng: Random, leaves: Noises) -> None:
     columns = slice(int(start / COLUMN_M), int(stop / COLUMN_M))
     rows = slice(0, int(rng.uniform(0.7, 1.3) / NEAR_ROW_M))
     near.reflectance[rows, columns] = 0.12 * np.exp(0.8 * leaves[0][rows, columns])
@@ -120,9 +111,7 @@ def _pole(near: Surface, at: float, value: float) -> None:
     box(near, at - 0.1, at + 0.1, 0, NEAR_TOP_M, value, NEAR_ROW_M)
 
 
-def _street(
-    near: Surface, start: float, stop: float, rng: np.random.Generator, leaves: Noises
-) -> None:
+def _street(near: Surface, start: float, stop: float, rng: Random, leaves: Noises) -> None:
     """Paint lamp posts at a fixed distance, signs, a tree now and then."""
     for at in np.arange(start + rng.uniform(2, 12), stop, rng.uniform(24, 32)):
         _pole(near, at, 0.25)
@@ -133,9 +122,7 @@ def _street(
         _tree(near, at, rng, leaves)
 
 
-def _avenue(
-    near: Surface, start: float, stop: float, rng: np.random.Generator, leaves: Noises
-) -> None:
+def _avenue(near: Surface, start: float, stop: float, rng: Random, leaves: Noises) -> None:
     """Paint trees close together, and a hedge under some of them."""
     if rng.random() < 0.5:
         _hedge(near, start, start + (stop - start) * rng.uniform(0.3, 1.0), rng, leaves)
@@ -145,9 +132,7 @@ def _avenue(
         at += rng.uniform(4, 12)
 
 
-def _fence(
-    near: Surface, start: float, stop: float, rng: np.random.Generator, leaves: Noises
-) -> None:
+def _fence(near: Surface, start: float, stop: float, rng: Random, leaves: Noises) -> None:
     """Paint posts and two rails: the same every few metres."""
     value = rng.uniform(0.1, 0.5)
     for at in np.arange(start, stop, 2.5):
@@ -158,9 +143,7 @@ def _fence(
         _tree(near, at, rng, leaves)
 
 
-def _bare(
-    near: Surface, start: float, stop: float, rng: np.random.Generator, leaves: Noises
-) -> None:
+def _bare(near: Surface, start: float, stop: float, rng: Random, leaves: Noises) -> None:
     """Paint poles only, far between."""
     for at in np.arange(start + rng.uniform(5, 30), stop, rng.uniform(30, 45)):
         _pole(near, at, 0.15)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
@@ -25,7 +25,7 @@ NEVER = -(2**62)
 """Time of the last event of a pixel that has not fired yet, in microseconds."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cross(
     before: Any, after: Any, level: Any, on: Any, off: Any, bright: Any, faint: Any,
     t0: int, t1: int, times: Any, pixels: Any, polarities: Any, n: int, first: int,
@@ -65,7 +65,7 @@ def _cross(
     return n, after.size
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rest(times: Any, pixels: Any, last: Any, refractory: int, keep: Any) -> None:
     """Mark the events that find their pixel ready, and note them as its last."""
     for e in range(times.size):

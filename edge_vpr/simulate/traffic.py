@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.simulate.drive import Drive, Motion
 from edge_vpr.simulate.texture import noise_2d
 from edge_vpr.simulate.view import CAMERA_M, View
@@ -100,11 +100,7 @@ def _premultiplied(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def paint_traffic(
-    movers: list[Mover],
-    view: View,
-    time_us: int,
-    position_m: float,
-    frame: npt.NDArray[np.float32],
+    movers: list[Mover], view: View, time_us: int, position_m: float, frame: npt.NDArray[np.float32]
 ) -> None:
     """Paint the visible objects over a frame of the street, the farthest first.
 
@@ -146,7 +142,7 @@ def paint_traffic(
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _paint(
     picture: Any, width: float, height: float, x: float, ahead: float, across: Any, down: Any,
     top: int, bottom: int, left: int, right: int, frame: Any,

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.simulate.camera import Camera
 from edge_vpr.simulate.drive import Drive
 from edge_vpr.simulate.lighting import LEVELS, Textures
@@ -61,10 +61,7 @@ class View:
     def __init__(self, camera: Camera, drive: Drive, textures: Textures) -> None:
         self.focal = camera.focal_px
         self.margin = int(np.ceil(MARGIN_PX * camera.sensor.width / 128))
-        self.shape = (
-            camera.sensor.height + 2 * self.margin,
-            camera.sensor.width + 2 * self.margin,
-        )
+        self.shape = (camera.sensor.height + 2 * self.margin, camera.sensor.width + 2 * self.margin)
         self.lane_m = LANE_M + drive.lateral_m
         self.turn = _rotation(drive)
         rows, columns = np.indices(self.shape)
@@ -185,7 +182,7 @@ def _rotation(drive: Drive) -> npt.NDArray[np.float64]:
     return np.asarray(about_down @ about_right @ about_ahead)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _render(
     texels: Any, pixels: Any, start: Any, level: Any, share: Any, whole_at: Any, share_at: Any,
     frames: Any,
@@ -212,7 +209,7 @@ def _render(
             frames[n, pixels[i]] = light * full + through * frames[n, pixels[i]]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cut(
     frame: Any, margin: int, right: float, down: float, fixed: Any, veil: float, image: Any
 ) -> None:

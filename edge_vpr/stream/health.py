@@ -134,6 +134,11 @@ class Health:
             + self.retries
         )
 
+    def reject_undated(self, n: int) -> None:
+        """Count `n` decoded events that have no time."""
+        self.undated += n
+        self.decoded += n
+
     def balanced(self) -> bool:
         """Return whether both sums hold."""
         return (

@@ -19,9 +19,9 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
     Parameters
     ----------
     address : str
-        ``/dev/ttyACM0`` or another address of pyserial, ``tcp://HOST:PORT``,
-        ``udp://[HOST]:PORT`` (bound to loopback unless a host is named), ``-`` for standard input,
-        or a file of raw bytes.
+        ``/dev/ttyACM0`` or another address of pyserial, ``tcp://HOST:PORT``, ``udp://[HOST]:PORT``
+        (bound to loopback unless a host is named), ``-`` for standard input, or a file of raw
+        bytes.
     baud : int
         Of a serial port.
     flow_control : bool

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from edge_vpr.boxed import Box, Boxed
+from edge_vpr.compiling import kernel
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.health import Health
@@ -176,14 +176,14 @@ class TimestampFilter:
         health.wraps, health.clock_resets = wraps, clock_resets
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
     """Return the time between two events; on a clock that wraps, forward or slightly late."""
     step = later - earlier
     return ((step + late) & (period - 1)) - late if period else step
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-def]
     """Count dropped events that were held: as late if the first is slightly late, else as leaps."""
     if -late <= _step(last, first, period, late) < 0:
@@ -192,12 +192,12 @@ def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-de
         state["leaps"] += held
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
     return period > 0 and (later & (period - 1)) < (earlier & (period - 1))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def start_clock(box, time):  # type: ignore[no-untyped-def]
     """Set time 0 to the device's `time`, unless there were events before."""
     s = _Kept(*box.value).state[0]
@@ -205,7 +205,7 @@ def start_clock(box, time):  # type: ignore[no-untyped-def]
         s["dated"], s["last"] = 1, time
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
     """Do the work of `TimestampFilter.admit`; return how many events are in `out`."""
     state, held, width, height, period, late, step_limit, silence, tick, confirm = box.value

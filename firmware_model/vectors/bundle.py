@@ -26,7 +26,7 @@ def bundle(images: Sequence[ImageCase], cases: Iterable[Case]) -> bytes:
     """
     parts = [struct.pack("<I", len(images))]
     for one in images:
-        parts += [struct.pack("<I", one.opens), _block(one.image)]
+        parts += [struct.pack("<I", one.opens), packed_block(one.image)]
     packed = [data for case in cases if (data := _case(case)) is not None]
     return b"".join([*parts, struct.pack("<I", len(packed)), *packed])
 
@@ -39,8 +39,9 @@ def _case(case: Case) -> bytes | None:
     expected = to_binary(records(in_order(case.trace())))
     start = case.start % (1 << 32)
     head = struct.pack("<II", start, ram_bytes(case.design))
-    return head + _block(flash) + _block(events) + _block(expected)
+    return head + packed_block(flash) + packed_block(events) + packed_block(expected)
 
 
-def _block(data: bytes) -> bytes:
+def packed_block(data: bytes) -> bytes:
+    """Return the length of the data, the data, and zeros up to a whole word."""
     return struct.pack("<I", len(data)) + data + bytes(-len(data) % 4)

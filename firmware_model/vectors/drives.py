@@ -8,7 +8,7 @@ from dataclasses import replace
 from firmware_model.design import Design
 from firmware_model.memories import Memories
 from firmware_model.vectors.case import Case
-from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes, unselected_pixel
 
 #: stands for a window without events at selected pixels
 PAUSE = -1
@@ -35,12 +35,8 @@ def drive(
         else:
             stream.fill(counts_at(design, place)[0])
     stream.close()
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places, None, None, mean)
-    shown = Stream(design, pixels)
-    for place in range(design.places):
-        shown.fill(counts_at(design, place)[0])
-    shown.close()
-    codes = [window.codes for window in ended_windows(blank, shown)]
+    every = (counts_at(design, place)[0] for place in range(design.places))
+    codes = shown_codes(Stream.showing(design, pixels, every), mean=mean)
     places = [codes[0 if alike else place] for place in range(design.places)]
     memories = Memories(design, pixels, places, None, None, mean, activity)
     return Case(name, memories, tuple(stream.events))

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from firmware_model.design import Design
-from firmware_model.memories import Memories
+from firmware_model.memories import Codes, Memories
 from firmware_model.vectors.case import Case
-from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes, unselected_pixel
 
 
 def event_cases(design: Design) -> list[Case]:
@@ -25,7 +25,7 @@ def event_cases(design: Design) -> list[Case]:
     cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
     by_time = _event_designs(design)["events_by_time"]
     # finds a device that assumes code 0 for a count of 0 instead of looking the code up
-    turned = [[by_time.code_max - code for code in table] for table in by_time.tables]
+    turned = [tuple(by_time.code_max - code for code in table) for table in by_time.tables]
     return [*cases, _event_case("codes_turned_round", by_time, turned), _many_windows(by_time)]
 
 
@@ -80,7 +80,7 @@ def _scales(design: Design) -> tuple[int, ...]:
     return scale, scale // 2 or 2, 3, scale // 3 or 1, 1
 
 
-def _event_case(name: str, design: Design, codes: Sequence[Sequence[int]] | None = None) -> Case:
+def _event_case(name: str, design: Design, codes: Sequence[Codes] | None = None) -> Case:
     """Make a case whose stream has every kind of event and window."""
     pixels = choose_pixels(design)
     tables = [slot % len(design.full_scales) for slot in range(design.slots)]
@@ -176,12 +176,11 @@ def _off_everything(stream: Stream) -> None:
 
 
 def _case(
-    name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Sequence[int]] | None = None
+    name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Codes] | None = None
 ) -> Case:
     """Make a case whose map holds windows of the stream at every other place."""
     design, pixels = stream.design, stream.pixels
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places, tables, codes)
-    seen = [window.codes for window in ended_windows(blank, stream)]
+    seen = shown_codes(stream, tables, codes)
     places = []
     for k in range(design.places):
         row = seen[(k * 3) % len(seen)]

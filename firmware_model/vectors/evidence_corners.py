@@ -8,7 +8,7 @@ from dataclasses import replace
 from firmware_model.design import Design
 from firmware_model.memories import Memories
 from firmware_model.vectors.case import Case
-from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows
+from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes
 
 
 def evidence_cases(design: Design) -> list[Case]:
@@ -30,12 +30,9 @@ def _far(design: Design) -> Case:
     """Show a count that is equally far from all places, then the places' own counts."""
     design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
     pixels = choose_pixels(design)
-    stream = Stream(design, pixels)
-    for count in (101, 1, 201, 1):
-        stream.fill([count] + [0] * (design.slots - 1))
-    stream.close()
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places)
-    shown = [window.codes for window in ended_windows(blank, stream)]
+    rest = [0] * (design.slots - 1)
+    stream = Stream.showing(design, pixels, [[count, *rest] for count in (101, 1, 201, 1)])
+    shown = shown_codes(stream)
     # only one place is near, so that the second best is a far one
     places = [shown[1 if k == design.places // 2 else 2] for k in range(design.places)]
     return Case("far", Memories(design, pixels, places), tuple(stream.events))
@@ -52,13 +49,9 @@ def _beyond_a_byte(design: Design) -> Case:
     design = replace(design, window_events=411, steps=(0,), back=(), restart=0)
     pixels = choose_pixels(design)
     rest = [0] * max(0, design.slots - 2)
-    stream = Stream(design, pixels)
     kinds = [[counts, counts][: design.slots] + rest for counts in (1, 101, 181, 201)]
-    for counts in (*kinds, *kinds):
-        stream.fill(counts)
-    stream.close()
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places)
-    shown = [window.codes for window in ended_windows(blank, stream)]
+    stream = Stream.showing(design, pixels, kinds * 2)
+    shown = shown_codes(stream)
     places = [shown[(0, 2, 1, 3)[place * 4 // design.places]] for place in range(design.places)]
     return Case("distances_beyond_a_byte", Memories(design, pixels, places), tuple(stream.events))
 
@@ -73,23 +66,16 @@ def _small_spreads(design: Design) -> list[Case]:
     near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
     near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
     pixels = choose_pixels(near)
-    stream = Stream(near, pixels)
-    for first in (20, 20, 20, 1, 20, 20):
-        stream.fill([first] + [3] * (near.slots - 1))
-    stream.close()
-    blank = Memories(near, pixels, [[0] * near.slots] * near.places)
-    shown = ended_windows(blank, stream)[0].codes
+    rest = [3] * (near.slots - 1)
+    stream = Stream.showing(near, pixels, [[first, *rest] for first in (20, 20, 20, 1, 20, 20)])
+    shown = shown_codes(stream)[0]
     memories = Memories(near, pixels, _at_distances(near, shown, lambda place: 1 + place * 5 % 4))
     alike = Memories(near, pixels, _at_distances(near, shown, lambda _: 1))
-    kept = replace(near, keep_distances=True)
+    kept, events = replace(near, keep_distances=True), tuple(stream.events)
     return [
-        Case("spread_of_one", memories, tuple(stream.events)),
-        Case(
-            "spread_of_one_of_kept_distances",
-            replace(memories, design=kept),
-            tuple(stream.events),
-        ),
-        Case("spread_of_none", alike, tuple(stream.events)),
+        Case("spread_of_one", memories, events),
+        Case("spread_of_one_of_kept_distances", replace(memories, design=kept), events),
+        Case("spread_of_none", alike, events),
     ]
 
 

@@ -17,7 +17,7 @@ from firmware_model.vectors.drives import PAUSE, counts_at, drive
 from firmware_model.vectors.event_corners import adaptive_event_cases
 from firmware_model.vectors.evidence_corners import evidence_cases
 from firmware_model.vectors.ram_corners import ram_cases
-from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows
+from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
 
 
@@ -231,12 +231,8 @@ def _counted(name: str, design: Design, means: list[int], windows: list[list[int
     pixels = choose_pixels(design)
     if design.window == "count":
         design = replace(design, window_events=max(map(sum, windows)))
-    stream = Stream(design, pixels)
-    for counts in windows:
-        stream.fill(counts)
-    stream.close()
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places, None, None, means)
-    codes = [window.codes for window in ended_windows(blank, stream)]
+    stream = Stream.showing(design, pixels, windows)
+    codes = shown_codes(stream, mean=means)
     places = [codes[-1 - place % len(codes)] for place in range(design.places)]
     memories = Memories(design, pixels, places, None, None, means)
     return Case(name, memories, tuple(stream.events))

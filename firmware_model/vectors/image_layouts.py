@@ -12,16 +12,8 @@ from firmware_model.vectors.image_draft import NOBODY, Named, base, deep_draft
 def refused_layouts() -> Named:
     """Yield names and images whose tables lie at forbidden places."""
     whole = base().pack()
-    for size in (
-        0,
-        4,
-        64,
-        112,
-        HEADER_WORDS * 4 - 4,
-        HEADER_WORDS * 4,
-        len(whole) - 16,
-        len(whole) - 4,
-    ):
+    header, end = HEADER_WORDS * 4, len(whole)
+    for size in (0, 4, 64, 112, header - 4, header, end - 16, end - 4):
         yield f"cut_to_{size}", whole[:size]
         cut = bytearray(whole[:size])
         if size >= 12:

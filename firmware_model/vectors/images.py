@@ -99,10 +99,7 @@ def _refused_words() -> Named:
     yield _words(pixels=2, slots=4)
     yield _words(pixels=4, slots=8)
     yield _words(stride=8)
-    yield (
-        "stride_32",
-        base().header(stride=32).grow(Word.PLACES_TABLE, 6 * 32).pack(),
-    )
+    yield "stride_32", base().header(stride=32).grow(Word.PLACES_TABLE, 6 * 32).pack()
     yield _words(count_max=8)
     yield _words(places=1)
     yield _words(places=7)
@@ -139,10 +136,7 @@ def _refused_words() -> Named:
 
 def _accepted_tables() -> Named:
     yield "gaps_between_tables", base().pack(gap=16)
-    yield (
-        "displacement_at_its_limit",
-        base().poke(Word.DISPLACEMENT_TABLE, "H", 4, 15).pack(),
-    )
+    yield "displacement_at_its_limit", base().poke(Word.DISPLACEMENT_TABLE, "H", 4, 15).pack()
     yield "nobody_has_any_slots", _nobody(base()).pack()
     yield "largest_height", one_pixel_draft(height=1 << 15).pack()
     yield "largest_width", one_pixel_draft(1 << 15, height=1, lookup_depth=0).pack()
@@ -202,25 +196,13 @@ def _refused_tables() -> Named:
         nothing.tables[zeroed][:] = bytes(len(nothing.tables[zeroed]))
     yield "no_code_but_zero", nothing.pack()
     yield "code_beyond_the_largest", base().poke(Word.CODE_TABLE, "B", 0, 4).pack()
-    yield (
-        "last_code_beyond_the_largest",
-        base().poke(Word.CODE_TABLE, "B", 7, 4).pack(),
-    )
+    yield "last_code_beyond_the_largest", base().poke(Word.CODE_TABLE, "B", 7, 4).pack()
     yield "code_table_beyond", base().poke(Word.WHICH_CODE_TABLE, "B", 0, 2).pack()
-    yield (
-        "last_code_table_beyond",
-        base().poke(Word.WHICH_CODE_TABLE, "B", 5, 2).pack(),
-    )
+    yield "last_code_table_beyond", base().poke(Word.WHICH_CODE_TABLE, "B", 5, 2).pack()
     for name, at in {"first": 0, "last": 5 * 16 + 5}.items():
-        yield (
-            f"{name}_place_beyond",
-            base().poke(Word.PLACES_TABLE, "B", at, 4).pack(),
-        )
+        yield f"{name}_place_beyond", base().poke(Word.PLACES_TABLE, "B", at, 4).pack()
     for name, at in {"first": 6, "last": 6 * 16 - 1}.items():
-        yield (
-            f"{name}_padding_not_zero",
-            base().poke(Word.PLACES_TABLE, "B", at, 1).pack(),
-        )
+        yield f"{name}_padding_not_zero", base().poke(Word.PLACES_TABLE, "B", at, 1).pack()
 
 
 def _at_products() -> Named:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from firmware_model.design import Design
 from firmware_model.memories import Codes, Memories
 from firmware_model.vectors.case import Case
-from firmware_model.vectors.stimulus import Stream, choose_pixels, ended_windows, unselected_pixel
+from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes, unselected_pixel
 
 
 def match_cases(design: Design) -> list[Case]:
@@ -92,8 +92,7 @@ def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
         for _ in range(windows):
             stream.fill([1 + (slot % 3 == 0) for slot in range(design.slots)])
     stream.close()
-    blank = Memories(design, pixels, [[0] * design.slots] * design.places)
-    query = ended_windows(blank, stream)[0].codes
+    query = shown_codes(stream)[0]
     furthest = tuple(0 if 2 * code > design.code_max else design.code_max for code in query)
     row = {"n": query, "f": furthest}
     for steps in (1, 2):

@@ -80,11 +80,7 @@ def _learnt(design: Design, rng: np.random.Generator) -> _Learnt:
 
 
 def _stream(
-    design: Design,
-    pixels: list[tuple[int, int]],
-    start: int,
-    rng: np.random.Generator,
-    number: int,
+    design: Design, pixels: list[tuple[int, int]], start: int, rng: np.random.Generator, number: int
 ) -> list[Event]:
     longest = (1 << (design.timestamp_bits - 1)) - design.tau_us
     # about thirty windows by time in EVENTS events, with rare pauses of up to three windows

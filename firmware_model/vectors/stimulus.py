@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
+from typing import Self
 
 from firmware_model.descriptor import DescriptorModel, Event, WindowResult
 from firmware_model.design import Design
-from firmware_model.memories import Memories, Pixel
+from firmware_model.memories import Codes, Memories, Pixel
 
 
 class Stream:
@@ -62,6 +63,17 @@ class Stream:
         """Let the time of some windows pass without events."""
         self._window += windows
 
+    @classmethod
+    def showing(
+        cls, design: Design, pixels: Sequence[Pixel], windows: Iterable[Sequence[int]]
+    ) -> Self:
+        """Make the stimulus of windows with these counts of each slot."""
+        stream = cls(design, pixels)
+        for counts in windows:
+            stream.fill(counts)
+        stream.close()
+        return stream
+
     def close(self) -> None:
         """Add an event after the last window by time, so that a device ends this window."""
         if self.design.window == "time":
@@ -98,8 +110,15 @@ def unselected_pixel(design: Design, pixels: Sequence[Pixel]) -> Pixel:
     return design.width, 0
 
 
-def ended_windows(memories: Memories, stream: Stream) -> list[WindowResult]:
-    """Return the windows that a stimulus ends."""
+def shown_codes(
+    stream: Stream,
+    tables: Sequence[int] | None = None,
+    codes: Sequence[Codes] | None = None,
+    mean: Sequence[int] | None = None,
+) -> list[Codes]:
+    """Return the codes of each window that a stimulus ends; see `Memories` for the arguments."""
+    no_places = [[0] * stream.design.slots] * stream.design.places
+    memories = Memories(stream.design, stream.pixels, no_places, tables, codes, mean)
     model = DescriptorModel(memories, stream.start)
     results = [result for event in stream.events for result in model.take(event)]
-    return [result for result in results if isinstance(result, WindowResult)]
+    return [result.codes for result in results if isinstance(result, WindowResult)]

@@ -15,7 +15,7 @@ from edge_vpr_tools.output.compiling import compiling_noted
 from edge_vpr_tools.output.messages import Verbosity, error_line, verbosity
 from edge_vpr_tools.verbs import EXAMPLES, GENERAL_FLAGS, GROUPS, VERBS, find_verb, module_name
 
-EXIT_FAILED, EXIT_WRONG_USE, EXIT_INTERRUPTED = 1, 2, 130
+EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:

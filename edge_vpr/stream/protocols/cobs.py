@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from edge_vpr.compiling import kernel
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -28,7 +29,7 @@ def stuff(data: bytes) -> bytes:
     return out[:n].tobytes()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _stuff(data: Any, out: Any) -> Any:
     code_at, n, code = 0, 1, 1
     for i in range(data.size):
@@ -44,7 +45,7 @@ def _stuff(data: Any, out: Any) -> Any:
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def unstuff(data: Any, out: Any) -> Any:
     """Decode `data`, which has no zero, into `out`; return its length, or -1 if it is damaged."""
     i, n = 0, 0

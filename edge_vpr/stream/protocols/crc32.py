@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from edge_vpr.compiling import kernel
 
 _POLYNOMIAL = 0xEDB88320
 
@@ -26,7 +27,7 @@ def _tables() -> npt.NDArray[np.int64]:
 _TABLES = _tables()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def crc32(data: Any, start: Any, stop: Any) -> Any:
     """Return the checksum of ``data[start:stop]``.
 

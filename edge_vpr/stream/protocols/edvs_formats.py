@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.stream.protocols.layout import Field, Layout, read_words
 from edge_vpr.stream.protocols.words import Raw
 
@@ -79,7 +79,7 @@ def _share(raw: Raw, layout: Layout) -> tuple[float, float]:
     return best, min(pace for share, pace in found if share > best - 0.1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _share_of_steps(raw, sync):  # type: ignore[no-untyped-def]
     """Return the readable events with steps, as a share of these and the unreadable places.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.layout import NOTICE_WORDS
@@ -36,7 +36,7 @@ class StepDecoder(Decoder):
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         raw = np.frombuffer(data, dtype=np.uint8)
         if raw.size // 3 >= self._room.t.size:
-            self._room = room_for(raw.size)
+            self._room = no_columns(raw.size // 3 + 1)
         t, x, y, p = self._room
         at, count = 0, 0
         while True:
@@ -62,7 +62,7 @@ class StepDecoder(Decoder):
         return [Columns(t[:count], x[:count], y[:count], p[:count])], data[at:]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode whole events; stop at the first bytes that cannot be an event."""
     at, n = 0, 0
@@ -84,7 +84,7 @@ def take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
     return at, n, now, False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
     """Find the first byte from which `words` events (or as many as there are) can be read.
 
@@ -119,11 +119,6 @@ def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
             if best_time < 0 or 2 * time < best_time:
                 best, best_time = start, time
     return best, first >= 0
-
-
-def room_for(size: int) -> Columns:
-    """Return columns for the events that `size` bytes of steps can hold."""
-    return no_columns(size // 3 + 1)
 
 
 def encode_steps(events: Events, since_us: int, sync: int) -> bytes:

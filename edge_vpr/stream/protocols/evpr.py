@@ -13,11 +13,7 @@ from edge_vpr.stream.health import EXACT
 from edge_vpr.stream.protocols.cobs import Bytes
 from edge_vpr.stream.protocols.evpr_encoder import EvprEncoder
 from edge_vpr.stream.protocols.evpr_frames import FRAME_END, MAX_FRAME, MAX_STUFFED
-from edge_vpr.stream.protocols.evpr_kernels import (
-    MEMORY,
-    FrameRoom,
-    decode_frames,
-)
+from edge_vpr.stream.protocols.evpr_kernels import MEMORY, FrameRoom, decode_frames
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
 from edge_vpr.stream.timestamp_filter import Clock
 

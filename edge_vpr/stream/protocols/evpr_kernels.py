@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.cobs import Bytes, unstuff
 from edge_vpr.stream.protocols.crc32 import crc32
@@ -69,7 +69,7 @@ class FrameRoom(NamedTuple):
         return cls(plain, no_columns(size // 3), memory, brought)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def decode_frames(box, clock, raw, out):  # type: ignore[no-untyped-def]
     """Decode whole frames, and filter their events.
 
@@ -106,7 +106,7 @@ def decode_frames(box, clock, raw, out):  # type: ignore[no-untyped-def]
     return n, admit_columns(clock, t[:n], x[:n], y[:n], p[:n], out)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _number(data, at, size):  # type: ignore[no-untyped-def]
     number = np.int64(0)
     for i in range(size):
@@ -114,7 +114,7 @@ def _number(data, at, size):  # type: ignore[no-untyped-def]
     return number
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
     """Decode a frame whose checksum is at `end`, and compare the device's totals with ours.
 
@@ -168,7 +168,7 @@ def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
     return events
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _take_words(data, form, base, columns, first):  # type: ignore[no-untyped-def]
     """Decode little-endian words: from the lowest bit x, y, polarity, time since the last word.
 

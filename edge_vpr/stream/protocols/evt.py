@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.evt_words import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
@@ -43,16 +43,12 @@ class EvtDecoder(WordDecoder):
         )  # fmt: skip
         self._name = name
         self._shift = np.uint64(32 if name == "evt21" else 0)  # to the upper half of a long word
-        self._fresh()
+        self._words = WordsDecoder(name, 1)
 
     def _samples(self) -> Iterable[bytes]:
-        words = _ENCODERS[self._name](self.sensor).encode(synthetic_events())
+        words = ENCODERS[self._name](self.sensor).encode(synthetic_events())
         # a byte in the middle is missing
         yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
-
-    def _fresh(self) -> None:
-        self._words = WordsDecoder(self._name, 1)
-        self._undated = 0
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
         found = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)
@@ -68,19 +64,16 @@ class EvtDecoder(WordDecoder):
         words = raw.view(self._words.dtype)
         used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
         columns = self._words.decode(words[:used])
-        undated = self._words.undated
-        self.health.undated += undated - self._undated
-        self.health.decoded += undated - self._undated
-        self._undated = undated
+        self.health.reject_undated(self._words.take_undated())
         return used, columns, used < words.size
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
         # time and row of the words before are no longer valid
-        self._fresh()
+        self._words = WordsDecoder(self._name, 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
     """Return whether a word, or the upper half of a longer one, is not valid."""
     if evt3:
@@ -94,7 +87,7 @@ def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
     return not (_KINDS_EVT2 >> kind) & 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
     """Return the number of words before the first invalid one."""
     for i in range(words.size):
@@ -103,7 +96,7 @@ def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
     return words.size
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyped-def]
     """Return the number of valid words, and the first of them, for each offset."""
     readings = np.zeros((min(size, raw.size - size + 1), 2))
@@ -200,7 +193,8 @@ def _interleaved(
     return pairs.tobytes()
 
 
-_ENCODERS: dict[str, type[Encoder]] = {
+#: Encoders of the words, by the name of the protocol.
+ENCODERS: dict[str, type[Encoder]] = {
     "evt2": Evt2Encoder,
     "evt21": Evt21Encoder,
     "evt3": Evt3Encoder,
@@ -214,4 +208,4 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
 
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     """Make an encoder."""
-    return _ENCODERS[name](sensor)
+    return ENCODERS[name](sensor)

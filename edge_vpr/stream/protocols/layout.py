@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.columns import Columns
@@ -151,7 +151,7 @@ def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
     return [Reading(*row) for row in _read(raw, most, form).tolist()]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode words up to one with wrong sync bits, or with one odd time step too many.
 
@@ -187,7 +187,7 @@ def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-unt
     return words
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _read(raw, most, form):  # type: ignore[no-untyped-def]
     """Count words with the right sync bits and a plausible time after the previous word."""
     f = form[0]

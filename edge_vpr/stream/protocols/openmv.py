@@ -17,13 +17,7 @@ from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.openmv_device import CameraEncoder, PushingEncoder
 from edge_vpr.stream.protocols.openmv_host import POLL_S, Session
 from edge_vpr.stream.protocols.openmv_listening import ListeningDecoder, PacketDecoder
-from edge_vpr.stream.protocols.openmv_packets import (
-    BAUD,
-    Flag,
-    Opcode,
-    Packet,
-    PacketFinder,
-)
+from edge_vpr.stream.protocols.openmv_packets import BAUD, Flag, Opcode, Packet, PacketFinder
 from edge_vpr.stream.protocols.openmv_records import (
     FORMATS,
     EventRecords,

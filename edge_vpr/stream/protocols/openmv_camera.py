@@ -119,8 +119,7 @@ class Camera:
 
     def _again(self, sent: _Sent) -> bytes:
         self._stats[4] += 1
-        packet = sent.packet._replace(flags=sent.packet.flags | Flag.RTX)
-        return pack(packet.opcode, packet.sequence, packet.channel, packet.flags, packet.payload)
+        return sent.packet._replace(flags=sent.packet.flags | Flag.RTX).packed()
 
     def _next_command(self) -> Packet | None:
         """Find the next packet; a whole SYNC behind an incomplete packet is accepted."""
@@ -269,9 +268,7 @@ class Camera:
         while self._outbox and self._sent is None:
             packet = self._outbox.popleft()
             self._stats[0] += 1
-            out += pack(
-                packet.opcode, packet.sequence, packet.channel, packet.flags, packet.payload
-            )
+            out += packet.packed()
             if packet.flags & Flag.ACK_REQ:
                 self._sent = _Sent(packet)
         return bytes(out)

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from edge_vpr.compiling import kernel
 
 
 def _tables(polynomial: int, bits: int, count: int) -> npt.NDArray[np.int64]:
@@ -42,7 +43,7 @@ def crc(data: bytes, bits: int) -> int:
     return int(crc32(raw, 0, raw.size, TABLES32))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def crc16(data: Any, start: Any, stop: Any, tables: Any) -> Any:
     """Process one byte a step, since headers are short."""
     value = np.int64(0xFFFF)
@@ -51,7 +52,7 @@ def crc16(data: Any, start: Any, stop: Any, tables: Any) -> Any:
     return value
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def crc32(data: Any, start: Any, stop: Any, tables: Any) -> Any:
     """Process eight bytes a step, since their remainders do not depend on each other."""
     value = np.int64(0xFFFFFFFF)

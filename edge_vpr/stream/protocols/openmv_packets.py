@@ -18,8 +18,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.stream.health import Health
 from edge_vpr.stream.protocols.openmv_checksums import TABLE16, TABLES32, crc, crc16, crc32
 
@@ -96,6 +96,10 @@ class Packet(NamedTuple):
     flags: int
     opcode: int
     payload: bytes
+
+    def packed(self) -> bytes:
+        """Return its bytes."""
+        return pack(self.opcode, self.sequence, self.channel, self.flags, self.payload)
 
 
 def pack(
@@ -198,7 +202,7 @@ class PacketFinder:
         health.resyncs += resyncs
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _find(  # type: ignore[no-untyped-def]
     data, state, out, limit, channel, trust, table16, tables32
 ):

@@ -7,14 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt import Decoder as WordsDecoder
 from edge_vpr.stream.health import Health
-from edge_vpr.stream.protocols.evt import Evt2Encoder, Evt3Encoder, Evt21Encoder
-from edge_vpr.stream.protocols.protocol import Encoder
+from edge_vpr.stream.protocols.evt import ENCODERS
 from edge_vpr.stream.timestamp_filter import Clock
 
 Raw = npt.NDArray[np.uint8]
@@ -75,12 +74,11 @@ class EventRecords(Records):
         x, y = np.empty(len(rows), dtype=np.uint16), np.empty(len(rows), dtype=np.uint16)
         p = np.empty(len(rows), dtype=np.bool_)
         n, odd = _events(rows, t, x, y, p, self._state)
-        health.undated += odd
-        health.decoded += odd
+        health.reject_undated(odd)
         return Columns(t[:n], x[:n], y[:n], p[:n])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _events(rows, t, x, y, p, state):  # type: ignore[no-untyped-def]
     half = PERIOD_US // 2
     last, now = state[0], state[1]
@@ -123,21 +121,17 @@ class EvtRecords(Records):
         # a checksum protects each word
         self.clock = Clock(bits, confirm=1)
         self._words = WordsDecoder(name, 1)
-        self._undated = 0
 
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
         """See `Records.decode`."""
         columns = self._words.decode(raw.view(self._words.dtype))
-        health.undated += self._words.undated - self._undated
-        health.decoded += self._words.undated - self._undated
-        self._undated = self._words.undated
+        health.reject_undated(self._words.take_undated())
         # the decoder's columns are valid until its next call, but a reply may come in two parts
         return Columns(*(np.array(column) for column in columns))
 
     def lose(self) -> None:
         """See `Records.lose`; time and place of the missing words are not known."""
         self._words = WordsDecoder(self.name, 1)
-        self._undated = 0
 
 
 class AerRecords(Records):
@@ -170,12 +164,7 @@ def open_maker(records_format: str, sensor: Sensor) -> Callable[[Events], bytes]
         return _event_rows
     if records_format == "aer":
         return _aer_bytes
-    encoders: dict[str, Callable[[Sensor], Encoder]] = {
-        "evt2": Evt2Encoder,
-        "evt21": Evt21Encoder,
-        "evt3": Evt3Encoder,
-    }
-    return encoders[records_format](sensor).encode
+    return ENCODERS[records_format](sensor).encode
 
 
 def _event_rows(events: Events) -> bytes:

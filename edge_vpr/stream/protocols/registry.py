@@ -11,8 +11,8 @@ from edge_vpr.events import Sensor
 from edge_vpr.plugins import load_plugin, names_with_plugins
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader
 
-#: An entry point of this group names a module with `TITLE`, ``open_decoder(sensor, options)`` and
-#: ``open_encoder(sensor, options)``; both functions take an `OptionReader`.
+#: An entry point of this group names a module with ``open_decoder(name, sensor, options)`` and
+#: ``open_encoder(name, sensor, options)``; both functions take an `OptionReader`.
 GROUP = "edge_vpr.protocols"
 
 
@@ -81,7 +81,8 @@ def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
         If the protocol or an option is unknown, or the sensor is too large for it.
     """
     name, options = parse_protocol(protocol)
-    decoder: Decoder = _module(name).open_decoder(name, sensor, reader := _reader(name, options))
+    reader = OptionReader(name, options)
+    decoder: Decoder = _module(name).open_decoder(name, sensor, reader)
     reader.done()
     return decoder
 
@@ -89,13 +90,10 @@ def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
 def open_encoder(protocol: str, sensor: Sensor) -> Encoder:
     """Make the encoder of a protocol; see `open_decoder`."""
     name, options = parse_protocol(protocol)
-    encoder: Encoder = _module(name).open_encoder(name, sensor, reader := _reader(name, options))
+    reader = OptionReader(name, options)
+    encoder: Encoder = _module(name).open_encoder(name, sensor, reader)
     reader.done()
     return encoder
-
-
-def _reader(name: str, options: dict[str, str]) -> OptionReader:
-    return OptionReader(name, options)
 
 
 def _module(name: str) -> ModuleType:

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from edge_vpr.compiling import kernel
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.protocol import Decoder
@@ -149,7 +149,7 @@ class WordDecoder(Decoder):
         return first if first > 0 else min(raw.size, max(1, most // 2) * size)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def word_at(raw, at, size, big):  # type: ignore[no-untyped-def]
     """Join `size` bytes to a word, as an unsigned integer of 64 bits."""
     word, eight = np.uint64(0), np.uint64(8)

@@ -115,10 +115,7 @@ def rows_from(host: str, port: int) -> Iterator[dict[str, Any]]:
     ValueError
         If what it sends is no line of JSON.
     """
-    with (
-        socket.create_connection((host, port), timeout=5) as sock,
-        sock.makefile("rb") as lines,
-    ):
+    with socket.create_connection((host, port), timeout=5) as sock, sock.makefile("rb") as lines:
         sock.settimeout(None)
         while line := lines.readline(_LONGEST):
             row = json.loads(line)

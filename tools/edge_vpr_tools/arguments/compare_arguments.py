@@ -17,6 +17,7 @@ MEASURES = (
     "average_precision",
     "recall_at_1",
     "packed_bytes_per_place",
+    "operations_per_match",
     "microseconds_per_match",
 )
 
@@ -24,11 +25,9 @@ MEASURES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "runs",
-        metavar="RUN",
-        nargs="+",
+        "runs", metavar="RUN", nargs="+",
         help="folder that edge-vpr sweep wrote, or folder of matches that were evaluated",
-    )
+    )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o", "--output", metavar="DIR",

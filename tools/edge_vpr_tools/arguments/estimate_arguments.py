@@ -39,26 +39,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pixels", type=int, metavar="J", help=f"number of selected pixels {_default('pixels')}"
     )
     design.add_argument(
-        "--places",
-        type=int,
-        metavar="K",
+        "--places", type=int, metavar="K",
         help=f"number of places (default: that of the route or of the map, else {PLACES})",
-    )
+    )  # fmt: skip
     design.add_argument(
-        "--sequence-length",
-        "-L",
-        type=int,
-        metavar="L",
-        help="windows in a sequence (default: 5)",
+        "--sequence-length", "-L", type=int, metavar="L", help="windows in a sequence (default: 5)"
     )
     design.add_argument(
         "--matching", metavar="KIND", help=f"method: sequence or filter {_default('matching')}"
     )
     design.add_argument(
-        "--counter-code",
-        metavar="KIND",
+        "--counter-code", metavar="KIND",
         help=f"code of the counters: linear, sqrt, log or own-mean {_default('counter_code')}",
-    )
+    )  # fmt: skip
     design.add_argument(
         "--counter-bits", type=int, metavar="B", help=f"bits per code {_default('counter_bits')}"
     )
@@ -76,40 +69,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     mission = parser.add_argument_group("mission")
     mission.add_argument(
-        "--event-rate",
-        type=float,
-        metavar="N",
+        "--event-rate", type=float, metavar="N",
         help=f"events per second of the sensor (default: the map's, or {EVENTS_PER_S:g})",
-    )
+    )  # fmt: skip
     mission.add_argument(
         "--selected-share", type=float, metavar="S",
         help="share of these events at the selected pixels, 0 to 1 (default: the map's, or their "
         "share of all pixels)",
     )  # fmt: skip
     mission.add_argument(
-        "--match-rate",
-        type=float,
-        metavar="N",
+        "--match-rate", type=float, metavar="N",
         help="matches per second (default: one in each window)",
-    )
+    )  # fmt: skip
     mission.add_argument(
         "--every", metavar="WHEN", default="window",
         help="when to match, as in edge-vpr match: window, event, a number of events, or a time "
         "such as 100ms",
     )  # fmt: skip
     mission.add_argument(
-        "--route-km",
-        type=float,
-        metavar="KM",
+        "--route-km", type=float, metavar="KM",
         help="length of the route in kilometres, in place of --places",
-    )
+    )  # fmt: skip
     mission.add_argument(
-        "--places-per-metre",
-        type=float,
-        metavar="N",
-        default=0.1,
+        "--places-per-metre", type=float, metavar="N", default=0.1,
         help="number of places per metre of the route",
-    )
+    )  # fmt: skip
     asked = parser.add_argument_group("answers")
     asked.add_argument(
         "--target", action="append", metavar="NAME",
@@ -125,10 +109,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "one --target; may be repeated",
     )  # fmt: skip
     asked.add_argument(
-        "--calibrate",
-        metavar="PROFILE.json",
+        "--calibrate", metavar="PROFILE.json",
         help="take the energy per clock cycle from a profile of your board",
-    )
+    )  # fmt: skip
     asked.add_argument(
         "--pareto", metavar="DIR",
         help="draw the accuracy of all evaluated runs below DIR against energy and bytes",

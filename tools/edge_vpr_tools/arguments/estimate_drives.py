@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.recordings import open_recording
 from edge_vpr_tools.estimate import accuracy
 from edge_vpr_tools.estimate.accuracy import Drives
 from edge_vpr_tools.estimate.candidates import evaluated_runs
 from edge_vpr_tools.estimate.estimation import Tried
-from edge_vpr_tools.experiments.trial import Kept, Times
+from edge_vpr_tools.experiments.trial import Kept
 from edge_vpr_tools.output.progress import status
 from edge_vpr_tools.runs.truth_files import load_truth
 from firmware_model.design import Design
@@ -48,11 +48,7 @@ def _drives(args: argparse.Namespace) -> Drives:
             "a query recording with --ground-truth"
         )
     reference, query = (Kept(open_recording(path)) for path in args.accuracy_on)
-
-    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
-        return load_truth(
-            args.ground_truth, places_us, queries_us,
-            tolerance=args.tolerance, rows=None, frame_period=None,
-        )  # fmt: skip
-
+    truth_of = partial(
+        load_truth, args.ground_truth, tolerance=args.tolerance, rows=None, frame_period=None
+    )
     return Drives(" and ".join(args.accuracy_on), reference, query, truth_of)

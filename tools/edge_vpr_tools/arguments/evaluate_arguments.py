@@ -35,8 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the map and did not get it (all-with-place)",
     )
     metrics.add_argument(
-        "--thresholds",
-        type=int,
-        metavar="N",
+        "--thresholds", type=int, metavar="N",
         help="use N evenly spaced thresholds (default: every value that occurs)",
-    )
+    )  # fmt: skip

@@ -16,12 +16,9 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "names",
-        nargs="+",
-        metavar="NAME",
-        choices=(*EXPERIMENTS, "all"),
+        "names", nargs="+", metavar="NAME", choices=(*EXPERIMENTS, "all"),
         help=f"experiments: {', '.join(EXPERIMENTS)}, or all",
-    )
+    )  # fmt: skip
     group = parser.add_argument_group("experiment")
     group.add_argument(
         "--data",
@@ -30,9 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"names, or others (docs/datasets.md); {', '.join(STREETS_ONLY)} read none, since all of "
         "their drives are simulated",
     )
-    group.add_argument(
-        "--figure", metavar="FILE", help="also draw the figure, if the experiment has one"
-    )
+    group.add_argument("--figure", metavar="FILE", help="also draw the figure of the experiment")
     group.add_argument(
         "--figures",
         metavar="FORMATS",
@@ -40,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: by the suffix of FILE)",
     )
     group.add_argument(
-        "--report",
-        metavar="FILE",
-        help="also write tables and figures to one page of HTML",
+        "--report", metavar="FILE", help="also write tables and figures to one page of HTML"
     )
     group.add_argument(
         "--with",
@@ -54,10 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
     )
     group.add_argument(
-        "--table",
-        metavar="DIR",
+        "--table", metavar="DIR",
         help="folder to write the two tables of probabilities to (calibration only)",
-    )
+    )  # fmt: skip
     group.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
     )

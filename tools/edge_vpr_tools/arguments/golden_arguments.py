@@ -22,17 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     vectors = parser.add_argument_group("vectors")
     vectors.add_argument(
-        "--recording",
-        metavar="QUERY",
+        "--recording", metavar="QUERY",
         help="with --map, also write vectors of a recorded drive, as suite `recording`",
-    )
+    )  # fmt: skip
     vectors.add_argument(
-        "--max-events",
-        metavar="N",
-        type=int,
-        default=20_000,
+        "--max-events", metavar="N", type=int, default=20_000,
         help="number of events to take from the start of the recording",
-    )
+    )  # fmt: skip
     vectors.add_argument(
         "--suite",
         action="append",
@@ -42,10 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     vectors.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
     vectors.add_argument(
-        "--rtl",
-        action="store_true",
+        "--rtl", action="store_true",
         help="also write the hardware core, its parameters for each case, and a testbench",
-    )
+    )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     output.add_argument(

@@ -21,8 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--case", metavar="SUITE/NAME", help="case to which results without a case belong"
     )
     group.add_argument(
-        "--only",
-        metavar="KINDS",
-        default="event,window,match",
+        "--only", metavar="KINDS", default="event,window,match",
         help="kinds of result that the device returns, separated by commas",
-    )
+    )  # fmt: skip

@@ -24,10 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
     output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
     output.add_argument(
-        "--matrix",
-        metavar="FILE.npy",
+        "--matrix", metavar="FILE.npy",
         help="also write the distance of every place (row) to every query window (column)",
-    )
+    )  # fmt: skip
     online = parser.add_argument_group("online matching")
     online.add_argument(
         "--online", action="store_true",

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from functools import partial
 
 from edge_vpr.pipeline import check_sensor, cleaned, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import open_from
 from edge_vpr_tools.energy.designs import of_map
 from edge_vpr_tools.energy.drives import Load, simulated_load
-from edge_vpr_tools.experiments.trial import Times
 from edge_vpr_tools.runs.truth_files import load_truth
 
 
@@ -32,13 +31,10 @@ def load_of(args: argparse.Namespace) -> Load:
     inputs = [args.map, args.recording]
     if args.ground_truth is not None:
         inputs += args.ground_truth
-
-        def truth_of(places_us: Times, queries_us: Times) -> Any:
-            return load_truth(
-                args.ground_truth, places_us, queries_us, tolerance=args.tolerance, rows=args.rows,
-                frame_period=args.frame_period,
-            )  # fmt: skip
-
+        truth_of = partial(
+            load_truth, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
+            frame_period=args.frame_period,
+        )  # fmt: skip
         # so that a wrong ground truth is an error now, and not after minutes of measuring
         queries = describe_query(reference, recording)
         truth_of(reference.places.centre_us, queries.centre_us)

@@ -17,31 +17,25 @@ def add_reading_arguments(
     )
     if on_fault:
         group.add_argument(
-            "--on-fault",
-            choices=("error", "drop"),
-            default="error",
+            "--on-fault", choices=("error", "drop"), default="error",
             help="stop at the first faulty event, or leave faulty events out and count them",
-        )
+        )  # fmt: skip
     group.add_argument(
-        "--frame-period",
-        metavar="S",
+        "--frame-period", metavar="S",
         help="duration of a frame of counts in seconds, for example 1/30",
-    )
+    )  # fmt: skip
     group.add_argument(
-        "--format",
-        metavar="NAME",
+        "--format", metavar="NAME",
         help="format of the file (default: recognised by its name and content)",
-    )
+    )  # fmt: skip
     group.add_argument(
-        "--topic",
-        metavar="NAME",
+        "--topic", metavar="NAME",
         help="topic or stream to read, if the file has several (default: the only one)",
-    )
+    )  # fmt: skip
     group.add_argument(
-        "--time-unit",
-        choices=("s", "ms", "us", "ns"),
+        "--time-unit", choices=("s", "ms", "us", "ns"),
         help="unit of the times in a table (default: s if they have decimals, else us)",
-    )
+    )  # fmt: skip
     group.add_argument(
         "--columns",
         metavar="ORDER",
@@ -65,7 +59,6 @@ def add_reading_arguments(
 def add_window_argument(group: argparse._ArgumentGroup) -> None:
     """Add the further flag that `reading.open_source` reads."""
     group.add_argument(
-        "--frames-as-windows",
-        action="store_true",
+        "--frames-as-windows", action="store_true",
         help="take each frame of counts as one window, instead of turning it into events",
-    )
+    )  # fmt: skip

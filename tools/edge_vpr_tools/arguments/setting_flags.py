@@ -7,13 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr.settings import (
-    PRESETS,
-    SETTING_FIELDS,
-    SettingField,
-    Settings,
-    resolve_settings,
-)
+from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
 from edge_vpr_tools.output.messages import warning
 
 DEFAULT_PRESET = "default"

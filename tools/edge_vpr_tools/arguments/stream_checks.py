@@ -75,7 +75,7 @@ def _check_files(args: argparse.Namespace) -> None:
         if path.resolve() in seen:
             raise UsageError(f"{path} is named twice: give each file another name")
         seen.add(path.resolve())
-        check_output(path, [given for given in (args.port, args.map) if given])
+        check_output(path, (args.port, args.map))
         if path.exists() and not args.overwrite:
             raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
         if not path.absolute().parent.is_dir():

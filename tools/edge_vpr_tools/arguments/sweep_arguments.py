@@ -23,8 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of processes on this machine (default: its number of cores)",
     )  # fmt: skip
     group.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
+        "--scheduler", metavar="ADDRESS",
         help="run on the Dask cluster of this scheduler instead, for example tcp://10.0.0.1:8786",
-    )
+    )  # fmt: skip
     group.add_argument("--retry-failed", action="store_true", help="try again what failed before")

@@ -24,10 +24,9 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         "alignment; needed for both",
     )
     group.add_argument(
-        "--rows",
-        choices=("reference", "query"),
+        "--rows", choices=("reference", "query"),
         help="whether the rows of a matrix are reference places or queries; needed for a matrix",
-    )
+    )  # fmt: skip
     group.add_argument(
         "--offset",
         nargs=2,
@@ -37,7 +36,6 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         "the track began earlier (default: 0 0)",
     )
     group.add_argument(
-        "--frame-period",
-        metavar="S",
+        "--frame-period", metavar="S",
         help="duration of a frame in seconds, for an alignment in frames, for example 1/30",
-    )
+    )  # fmt: skip

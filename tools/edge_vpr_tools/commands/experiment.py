@@ -53,15 +53,15 @@ def run(args: argparse.Namespace) -> None:
     page = None if args.report is None else ExperimentPage(args.seeds)
     for name, module in modules.items():
         more: dict[str, Any] = {"baselines": args.baselines} if args.baselines else {}
+        if args.table is not None:
+            more["table"] = Path(args.table)
         files = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
-        files += [] if args.table is None else [Path(args.table)]
         with status("starting") as show:
             if page is None:
                 table = module.run(data, args.seeds, show, *files, **more)
             else:
-                drawn = hasattr(module, "draw")
-                with page.figures(drawn) as kept:
-                    table = module.run(data, args.seeds, show, *files, *kept, **more)
+                with page.figures() as kept:
+                    table = module.run(data, args.seeds, show, *files, kept, **more)
                     page.add(name, _summary(module), table)
         print(f"{name}:\n\n{table}\n" if len(names) > 1 else table)
         if page is not None:  # what is done is kept, if a later one fails
@@ -71,9 +71,7 @@ def run(args: argparse.Namespace) -> None:
 def _check(name: str, module: ModuleType, args: argparse.Namespace, data: Path | None) -> None:
     """Refuse what the experiment has not got."""
     folder = getattr(module, "FOLDER", None)
-    if args.figure is not None and not hasattr(module, "draw"):
-        raise UsageError(f"experiment {name} draws no figure: leave --figure out")
-    if args.table is not None and name != "calibration":
+    if args.table is not None and "table" not in inspect.signature(module.run).parameters:
         raise UsageError(f"experiment {name} writes no table: leave --table out")
     if args.baselines and "baselines" not in inspect.signature(module.run).parameters:
         raise UsageError(f"experiment {name} compares no systems: leave --with out")

@@ -33,8 +33,7 @@ def run(args: argparse.Namespace) -> None:
     if "recording" in args.suite and args.recording is None:
         raise UsageError("--suite recording needs a drive: name one with --recording")
     output = Path(args.output)
-    inputs = (args.design, args.map, args.recording)
-    check_output(output, [given for given in inputs if given is not None])
+    check_output(output, (args.design, args.map, args.recording))
     check_vectors_folder(output, args.overwrite)
     recorded: list[Case] = []
     if args.map is None:

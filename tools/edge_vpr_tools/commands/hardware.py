@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     if (args.design is None) == (args.map is None):
         raise UsageError("hardware needs either --design or --map: give one of them")
     output = Path(args.output)
-    check_output(output, [given for given in (args.design, args.map) if given is not None])
+    check_output(output, (args.design, args.map))
     check_parent(output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise UsageError(f"{output} is not an empty folder: name a new one")

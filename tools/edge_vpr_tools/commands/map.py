@@ -14,10 +14,7 @@ from edge_vpr.evaluation.jump_files import load_jumps
 from edge_vpr.evaluation.odometry_files import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.whole_files import check_output
-from edge_vpr_tools.arguments.reading import (
-    describe_faults,
-    open_source,
-)
+from edge_vpr_tools.arguments.reading import describe_faults, open_source
 from edge_vpr_tools.arguments.setting_flags import map_settings
 from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
 from edge_vpr_tools.output.messages import detail_settings, summary
@@ -45,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
         args.hot_pixels if listed else None,
         getattr(args, "config", None),
     ]
-    check_output(output, [given for given in inputs if given is not None])
+    check_output(output, inputs)
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
     run_file = output.with_suffix(".run.json")

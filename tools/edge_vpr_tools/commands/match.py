@@ -12,21 +12,17 @@ from edge_vpr.pipeline import query_distances
 from edge_vpr.reference_map import KIND as MAP_KIND
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.whole_files import check_output
-from edge_vpr_tools.arguments.reading import (
-    describe_faults,
-    open_source,
-)
+from edge_vpr_tools.arguments.reading import describe_faults, open_source
 from edge_vpr_tools.arguments.setting_flags import match_flags, with_match_flags
 from edge_vpr_tools.commands.match_online import match_online
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import detail_settings, summary
 from edge_vpr_tools.output.progress import tracked
-from edge_vpr_tools.output.registration import report_shift
 from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.runs.match_folder import write_match_folder
 from edge_vpr_tools.runs.matching import match_recording
-from edge_vpr_tools.runs.registration import mounted
+from edge_vpr_tools.runs.registration import registered
 
 
 def run(args: argparse.Namespace) -> None:
@@ -38,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
         If an argument is wrong or the recording cannot be matched.
     """
     output = Path(args.output)
-    inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
+    inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
     if kind_of(args.map) != MAP_KIND and kind_of(args.recording) == MAP_KIND:
         raise UsageError(
@@ -61,16 +57,13 @@ def run(args: argparse.Namespace) -> None:
         match_online(args, asked, odometry)
         return
     recording = open_source(args, args.recording)
-
-    camera = mounted(reference, recording, args.register)
-    report_shift(camera, reference)
-    reference = camera.reference
+    reference, shift = registered(reference, recording, args.register)
     asked = reference.matched_with(
         reference.settings.replaced(match_flags(args), "the command line")
     )
     found = match_recording(asked, tracked(recording, "counting"), odometry)
     queries, matches = found.queries, found.matches
-    metrics = found.metrics(reference, recording.faults, camera.shift)
+    metrics = found.metrics(reference, recording.faults, shift)
     with results.results_folder(output, args.overwrite) as folder:
         write_match_folder(folder, reference, matches, found.removed, metrics, inputs, queries)
         if not args.no_figures:

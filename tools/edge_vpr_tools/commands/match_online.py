@@ -15,11 +15,10 @@ from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.output.progress import tracked
-from edge_vpr_tools.output.registration import report_shift
 from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.runs.match_folder import write_match_folder
 from edge_vpr_tools.runs.online import localise, made_causal
-from edge_vpr_tools.runs.registration import mounted
+from edge_vpr_tools.runs.registration import registered
 from edge_vpr_tools.runs.schedule import parse_every
 
 
@@ -51,15 +50,13 @@ def match_online(
     settings, every = reference.settings, args.every or "event"
     recording = open_from(args, args.recording)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
-    camera = mounted(reference, recording, args.register)
-    report_shift(camera, reference)
-    reference = camera.reference
+    reference, shift = registered(reference, recording, args.register)
     schedule = parse_every(every, reference)
     found = localise(reference, tracked(recording, "localising"), schedule, odometry)
     matches = found.matches
-    metrics = found.metrics(every, recording.faults, camera.shift)
+    metrics = found.metrics(every, recording.faults, shift)
     with results.results_folder(output, args.overwrite) as folder:
-        inputs = [args.map, args.recording, *([] if args.odometry is None else [args.odometry])]
+        inputs = list(filter(None, (args.map, args.recording, args.odometry)))
         write_match_folder(folder, reference, matches, found.removed, metrics, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_online_figure

@@ -59,10 +59,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _profile(args: argparse.Namespace, request: Request, plan: Plan) -> Profile:
     sensor, missing = choose_sensor(
-        request.root,
-        name=args.sensor_name,
-        meter_port=args.meter_port,
-        shunt_mohm=args.shunt_mohm,
+        request.root, name=args.sensor_name, meter_port=args.meter_port, shunt_mohm=args.shunt_mohm
     )
     try:
         return profile(load_of(args), request, plan, sensor, missing)

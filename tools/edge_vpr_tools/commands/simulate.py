@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.odometry import Odometry
+from edge_vpr.evaluation.odometry_files import save_odometry
 from edge_vpr.recordings import write_recording
 from edge_vpr.simulate import QUERY, SimulatedRecording, simulate_pair
 from edge_vpr.simulate.odometer import wheel_odometry
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
             )
             write_track(folder / f"{name}_track.csv", recording)
             wheel = wheel_odometry(recording.track, np.random.default_rng((recording.seed, _WHEEL)))
-            write_odometry(folder / f"{name}_odometry.csv", wheel)
+            save_odometry(folder / f"{name}_odometry.csv", wheel)
             seconds = recording.duration_us / 1e6
             lines.append(
                 f"{output / path.name}: {written:,} events of {recording.sensor} over "
@@ -64,16 +64,6 @@ def run(args: argparse.Namespace) -> None:
         write_json(folder / RUN, run_record(settings, ()))
     for line in lines:
         summary(line)
-
-
-def write_odometry(path: Path, odometry: Odometry) -> None:
-    """Write readings of an odometer as ``time_s,distance_m``, for map and match."""
-    with path.open("w", encoding="utf-8") as file:
-        file.write("time_s,distance_m\n")
-        for time_us, way_mm in zip(
-            odometry.time_us.tolist(), odometry.distance_mm.tolist(), strict=True
-        ):
-            file.write(f"{time_us / 1e6:.6f},{way_mm / 1e3:.3f}\n")
 
 
 def write_track(path: Path, recording: SimulatedRecording) -> None:

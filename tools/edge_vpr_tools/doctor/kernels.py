@@ -17,6 +17,7 @@ from numba.core import caching
 from numba.core.registry import cpu_target
 
 import edge_vpr
+import fixedpoint
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import map_traverse, match_traverse
 from edge_vpr.settings import PRESETS, resolve_settings
@@ -25,7 +26,7 @@ from edge_vpr.stream.live import LiveLocaliser
 from edge_vpr.stream.protocols import PROTOCOLS, open_decoder
 from edge_vpr_tools.doctor.finding import Finding
 
-#: "kept": Numba loads it; "older": its source has changed since; "another": processor or Numba
+#: "kept": Numba loads it; "older": a source has changed since; "another": processor or Numba
 _State = Literal["kept", "older", "another"]
 _NUMBA: Any = caching  # has no types
 _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
@@ -58,13 +59,17 @@ def check_kernels() -> Iterator[Finding]:
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
 
-    Kernels that are still there of an older source, which Numba does not load, are removed.
+    Kernels of an older source, which are not loaded any more, are removed first.
 
     Parameters
     ----------
     show : callable
         Called with a description of each step before it begins.
     """
+    for index, state in list(_indexes(_cache_folder())):
+        if state == "older":
+            for file in (*_compiled(index), index):
+                file.unlink(missing_ok=True)
     first, second = simulate_pair(0, length_m=20.0)
     # sums of few pixels have narrower integers, and therefore kernels of their own
     for preset, pixels in product(PRESETS, (25, None)):
@@ -80,33 +85,48 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     for protocol in PROTOCOLS:
         show(f"decoding protocol {protocol}")
         open_decoder(protocol, first.sensor).warm_up()
-    for index, state in list(_indexes(_cache_folder())):
-        if state == "older":
-            for file in (*index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"), index):
-                file.unlink(missing_ok=True)
 
 
 def _indexes(folder: Path) -> Iterator[tuple[Path, _State]]:
     """Yield the indexes of Numba's cache that belong to this package, and whether they are used."""
     processor = cpu_target.target_context.codegen().magic_tuple()
-    for source in _sources():
+    sources = _sources()
+    changed_s = max((each.stat().st_mtime for each in sources if each.exists()), default=0.0)
+    for source in sources:
         # beside the sources, or in a subfolder for each of their folders
         subpath = _NUMBA._CacheLocator.get_suitable_cache_subpath(str(source))
         for place in (source.parent / "__pycache__", folder / subpath):
             for index in place.glob(f"{glob.escape(source.stem)}.*.nbi"):
-                yield index, _state_of(index, source, processor)
+                yield index, _state_of(index, source, processor, changed_s)
 
 
-def _state_of(index: Path, source: Path, processor: object) -> _State:
-    """Return whether Numba would load a kernel from an index on this processor."""
+def _compiled(index: Path) -> list[Path]:
+    """Return the files of compiled code that belong to an index."""
+    return list(index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"))
+
+
+def _state_of(index: Path, source: Path, processor: object, changed_s: float) -> _State:
+    """Return whether a kernel from an index is of the sources as they are, and for this processor.
+
+    Parameters
+    ----------
+    index, source : Path
+    processor : object
+        As Numba describes it.
+    changed_s : float
+        When the newest of all sources was changed. A kernel holds the code of those that it calls,
+        so that any change may make it older.
+    """
     try:
         with index.open("rb") as file:
             # Numba's own checks: of the version, and of the source
             if pickle.load(file) != numba.__version__:
                 return "another"
-            stamp, kernels = pickle.load(file)
+            (stamp, _), kernels = pickle.load(file)  # see `edge_vpr.compiling`
         backed = SimpleNamespace(_py_file=str(source))
         if stamp != _NUMBA._SourceFileBackedLocatorMixin.get_source_stamp(backed):
+            return "older"
+        if any(file.stat().st_mtime < changed_s for file in _compiled(index)):
             return "older"
         return "kept" if any(key[1] == processor for key in kernels) else "another"
     except Exception:  # an invalid pickle raises anything; Numba then compiles again
@@ -114,8 +134,9 @@ def _state_of(index: Path, source: Path, processor: object) -> _State:
 
 
 def _sources() -> list[Path]:
-    """Return the modules of the package whose kernels a live run uses."""
-    return sorted(Path(edge_vpr.__file__).parent.rglob("*.py"))
+    """Return the modules whose kernels a live run uses."""
+    folders = (Path(str(package.__file__)).parent for package in (edge_vpr, fixedpoint))
+    return sorted(source for folder in folders for source in folder.rglob("*.py"))
 
 
 def _cache_folder() -> Path:

@@ -28,7 +28,7 @@ EXTRAS = {
 #: extras that cannot be installed on a processor, and why
 NO_WHEELS = {
     ("tonic", "aarch64"): "tonic needs expelliarmus, which has no wheel for aarch64; "
-    "edge_vpr.datasets.published_drives reads the same files without it",
+    "edge_vpr.datasets.published_drives reads the same files without it"
 }
 
 

@@ -17,6 +17,11 @@ from edge_vpr_tools.output.json_records import (
 )
 
 Bounds = tuple[float, float]
+#: the figures that have an interval
+BOUNDED = (
+    "marginal_j_per_match", "saturated_j_per_match", "mission_j_per_match", "matches_per_joule",
+    "idle_w",
+)  # fmt: skip
 
 
 class Bounded(NamedTuple):
@@ -69,23 +74,9 @@ class Figures:
         """Whether the energy of the work is larger than the noise."""
         return self.marginal_j_per_match is not None
 
-    def bounded(self) -> dict[str, Bounded]:
-        """Return the figures that have an interval, by name."""
-        return {
-            "marginal_j_per_match": Bounded(
-                self.marginal_j_per_match, *self.marginal_j_per_match_interval
-            ),
-            "saturated_j_per_match": Bounded(
-                self.saturated_j_per_match, *self.saturated_j_per_match_interval
-            ),
-            "mission_j_per_match": Bounded(
-                self.mission_j_per_match, *self.mission_j_per_match_interval
-            ),
-            "matches_per_joule": Bounded(
-                self.matches_per_joule, *(self.matches_per_joule_interval or ())
-            ),
-            "idle_w": Bounded(self.idle_w, *self.idle_w_interval),
-        }
+    def bounded(self, name: str) -> Bounded:
+        """Return one of the figures `BOUNDED` with its interval."""
+        return Bounded(getattr(self, name), *(getattr(self, f"{name}_interval") or ()))
 
 
 class PowerTrace(NamedTuple):

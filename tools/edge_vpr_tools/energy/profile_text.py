@@ -164,7 +164,7 @@ def _provenance(of: Provenance) -> str:
 
 
 def _joules(figures: Figures, name: str) -> str:
-    value, low, high = figures.bounded()[name]
+    value, low, high = figures.bounded(name)
     assert value is not None
     return quantity(value, "J", low, high, digits=4)
 

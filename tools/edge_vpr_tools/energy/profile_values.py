@@ -6,13 +6,9 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import NamedTuple
 
-from edge_vpr_tools.energy.energy_record import Energy, Outcome
+from edge_vpr_tools.energy.energy_record import BOUNDED, Energy, Outcome
 from edge_vpr_tools.energy.profile_record import Profile
 
-_ENERGY = (
-    "marginal_j_per_match", "saturated_j_per_match", "mission_j_per_match", "matches_per_joule",
-    "idle_w",
-)  # fmt: skip
 NOT_MEASURED, NOT_RESOLVED, VOID = "not measured", "not resolved", "void: throttled"
 
 
@@ -43,7 +39,7 @@ def _numbers(found: Profile) -> Iterator[Number]:
             yield Number(f"{name}_{pixels}_pixels", count)
             yield Number(f"{name}_{pixels}_s_per_{against.unit.split()[-1]}", *seconds)
         yield Number(f"{name}_times_faster", *against.times)
-    for name in _ENERGY:
+    for name in BOUNDED:
         yield _of_energy(found.energy, name, name, found.void)
     for design in found.designs:
         prefix = design.name
@@ -51,14 +47,14 @@ def _numbers(found: Profile) -> Iterator[Number]:
         yield Number(f"{prefix}: bytes_per_place", design.bytes_per_place)
         cpu = (design.cpu_s_per_match, *design.cpu_s_per_match_interval)
         yield Number(f"{prefix}: cpu_s_per_match", *cpu)
-        yield _of_energy(design.energy, _ENERGY[0], f"{prefix}: {_ENERGY[0]}", found.void)
+        yield _of_energy(design.energy, BOUNDED[0], f"{prefix}: {BOUNDED[0]}", found.void)
 
 
 def _of_energy(energy: Outcome | None, key: str, name: str, void: bool) -> Number:
     figures = energy.figures if isinstance(energy, Energy) else None
     if void or figures is None:
         return Number(name, None, why=VOID if void else NOT_MEASURED)
-    bounded = figures.bounded()[key]
+    bounded = figures.bounded(key)
     if bounded.value is None:
         return Number(name, None, why=NOT_RESOLVED)
     return Number(name, *bounded)

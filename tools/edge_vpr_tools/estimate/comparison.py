@@ -65,16 +65,13 @@ class Comparison:
 
 
 def compare(
-    ours: tuple[Design, Mission],
-    theirs: tuple[Design, Mission],
-    targets: Iterable[Target],
-    measured: Constant | None = None,
+    ours: Side, theirs: Side, targets: Iterable[Target], measured: Constant | None = None
 ) -> Comparison:
     """Count and model two designs.
 
     Parameters
     ----------
-    ours, theirs : pair of Design and Mission
+    ours, theirs : Side
     targets : iterable of Target
     measured : Constant, optional
         See `cost`.
@@ -83,16 +80,15 @@ def compare(
     -------
     Comparison
     """
-    first, second = Side(*ours), Side(*theirs)
-    a, b = counted(*first), counted(*second)
+    a, b = counted(*ours), counted(*theirs)
     return Comparison(
-        first,
-        second,
+        ours,
+        theirs,
         {name: Pair(a.get(name, 0), value) for name, value in b.items()},
         tuple(
             Costs(
                 target,
-                *(cost(side.design, target, side.mission, measured) for side in (first, second)),
+                *(cost(side.design, target, side.mission, measured) for side in (ours, theirs)),
             )
             for target in targets
         ),

@@ -6,7 +6,7 @@ its plain oracle does when every operation and every access is counted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from firmware_model.cost import Memory, memories, operations
@@ -144,14 +144,8 @@ def window_work(design: Design) -> Work:
 
 def match_work(design: Design) -> Work:
     """Count what a match does when L windows have been seen, in a window that does not pause."""
-    done = operations(design)
-    return Work(
-        absolute_differences=done.absolute_differences,
-        additions=done.additions,
-        comparisons=done.comparisons,
-        multiplications=done.multiplications,
-        traffic=_filter_traffic(design) if design.filters else _sequence_traffic(design),
-    )
+    traffic = _filter_traffic(design) if design.filters else _sequence_traffic(design)
+    return Work(**operations(design)._asdict(), traffic=traffic)
 
 
 def _sequence_traffic(design: Design) -> dict[str, Traffic]:
@@ -240,19 +234,18 @@ def block_memories(design: Design, shapes: Shapes) -> int:
     shapes : sequence of (depth, width)
         In which a block can be used.
     """
-    return sum(
-        min(memory.tiles(*shape) for shape in shapes)
-        for memory in memories(design).values()
-        if memory.depth
-    )
+    return _blocks(memories(design).values(), shapes)
 
 
 def large_and_small_blocks(design: Design, large: Shapes, small: Shapes) -> tuple[int, int]:
     """Count large blocks for the places, which are only read, and small ones for the rest."""
     sized = memories(design)
     places = sized.pop("places")
-    rest = sum(min(memory.tiles(*s) for s in small) for memory in sized.values() if memory.depth)
-    return min(places.tiles(*shape) for shape in large), rest
+    return _blocks([places], large), _blocks(sized.values(), small)
+
+
+def _blocks(sized: Iterable[Memory], shapes: Shapes) -> int:
+    return sum(min(memory.tiles(*shape) for shape in shapes) for memory in sized if memory.depth)
 
 
 def _traffic(design: Design, **accesses: tuple[int, int]) -> dict[str, Traffic]:

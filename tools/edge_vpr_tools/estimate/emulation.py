@@ -9,7 +9,6 @@ stands beside the C sources.
 from __future__ import annotations
 
 import csv
-import struct
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,12 +20,12 @@ import numpy as np
 
 from firmware_model import Design, Memories
 from firmware_model.build import EMULATED, Target, build
-from firmware_model.image import image, ram_bytes, stride
+from firmware_model.emulator import Emulator
+from firmware_model.image import stride
+from firmware_model.instructions import FirmwareRun, compiler
 
 SCALING = Path(__file__).parent / "scaling.csv"
 
-# addresses are not needed inside: the structures are opaque here
-_STRUCT_BYTES = 512
 _WINDOW = ("window_call", "window_per_slot")
 _OWN_WINDOW = ("own_mean_call", "own_mean_per_slot")
 _MATCH = (
@@ -128,36 +127,12 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
     ToolError
         If the emulator is not installed.
     """
-    from firmware_model.emulator import Emulator
-
-    emulator = Emulator(target, elf)
     rng = np.random.default_rng(seed)
     places = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
     flat = rng.choice(design.width * design.height, design.pixels, replace=False).tolist()
     pixels = [(at % design.width, at // design.width) for at in flat]
-    flash = image(Memories(design, pixels, places))
-    at_image = emulator.put(flash)
-    at_design, at_state, at_found = (emulator.put(bytes(_STRUCT_BYTES)) for _ in range(3))
-    at_ram = emulator.put(bytes(ram_bytes(design)))
-    if not emulator.call("vpr_open", at_design, at_image, len(flash)) & 1:
-        raise AssertionError("the firmware refuses its own design")
-    emulator.call("vpr_reset", at_design, at_state, at_ram, 0)
-    x, y = pixels[0]
-    at_event = emulator.put(struct.pack("<IHH", 1, x, y))
-
-    def see() -> None:
-        at_next = emulator.put(at_event.to_bytes(8, "little"))
-        emulator.call("vpr_events", at_design, at_state, at_next, at_event + 8)
-
-    for _ in range(2 if design.filters else design.length - 1):
-        see()
-        emulator.call("vpr_window_end", at_design, at_state)
-        emulator.call("vpr_match_places", at_design, at_state, at_found)
-    see()
-    emulator.call("vpr_window_end", at_design, at_state, count=True)
-    window = emulator.instructions
-    emulator.call("vpr_match_places", at_design, at_state, at_found, count=True)
-    return Counted(window, emulator.instructions)
+    run = FirmwareRun(Emulator(target, elf), Memories(design, pixels, places))
+    return Counted(*run.match(3 if design.filters else design.length))
 
 
 def fit(designs: Sequence[Design], counted: Sequence[Counted]) -> dict[str, float]:
@@ -259,8 +234,6 @@ def _solve(terms: Sequence[Sequence[int]], counted: Sequence[int]) -> list[float
 
 def main() -> None:
     """Emulate, solve, and write the table."""
-    from firmware_model.instructions import compiler
-
     lines = [",".join(("target", "compiler", *chain(*_GROUPS)))]
     with tempfile.TemporaryDirectory() as folder:
         for target in EMULATED:

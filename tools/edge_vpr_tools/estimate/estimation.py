@@ -176,7 +176,7 @@ def estimate(question: Question) -> Estimation:
         costs={one.name: cost(design, one, mission, measured) for one in question.targets},
         fit=fits,
         comparison=None if other is None
-        else compare((design, mission), other.side, question.targets, measured),
+        else compare(Side(design, mission), other.side, question.targets, measured),
         answers=None if question.tried is None else _answers(question, question.tried),
     )  # fmt: skip
 

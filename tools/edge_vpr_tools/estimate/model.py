@@ -191,7 +191,7 @@ def cost(
     if target.idle_power:
         basis.append(constants()[target.idle_power])
         idle = basis[-1].value
-    marginal = None if energy is None else _per_second(energy, mission)
+    marginal = None if energy is None else per_second(energy, mission)
     whole = None if marginal is None or idle is None else marginal + idle
     a_match = 1 / mission.matches_per_s
     return Cost(
@@ -199,7 +199,7 @@ def cost(
         logic_cells=cells,
         cycles=taken,
         seconds=seconds,
-        load=_per_second(seconds, mission),
+        load=per_second(seconds, mission),
         energy_j=energy,
         marginal_w=marginal,
         idle_w=idle,
@@ -225,7 +225,8 @@ def instructions_of(design: Design, core: str, mission: Mission) -> dict[str, fl
     }
 
 
-def _per_second(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
+def per_second(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
+    """Add up what the units of work of a second of the mission take."""
     total = _ZERO
     for unit, rate in mission.rates.items():
         total = total + of_unit[unit] * rate

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from edge_vpr_tools.estimate.answers import answer_lines, cells_text, memory_text
 from edge_vpr_tools.estimate.candidates import Candidate
 from edge_vpr_tools.estimate.estimation import Estimation, Question
 from edge_vpr_tools.estimate.fit import Fit
-from edge_vpr_tools.estimate.model import Cost, Mission
+from edge_vpr_tools.estimate.model import Cost, Mission, per_second
 from edge_vpr_tools.estimate.show_comparison import show_comparison
 from edge_vpr_tools.estimate.sources import sources
-from edge_vpr_tools.estimate.targets import Spread, Target
+from edge_vpr_tools.estimate.targets import Target
 from edge_vpr_tools.estimate.wording import (
     UNKNOWN,
     busy,
@@ -148,19 +148,12 @@ def _units(found: Cost, target: Target, mission: Mission) -> None:
     if found.instructions is not None:
         each = found.instructions
         told = f"{sum(each[unit] * rate for unit, rate in mission.rates.items()):,.0f}"
-    every_second = _sum(found.cycles, mission)
+    every_second = per_second(found.cycles, mission)
     rows.append(
         ["a second of the mission", told, count(every_second), spread(found.load, "s"),
          UNKNOWN if found.marginal_w is None else spread(found.marginal_w, "J")]
     )  # fmt: skip
     table([target.name, "instructions", "cycles", "time", "energy (modelled)"], rows)
-
-
-def _sum(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
-    total = Spread(0.0, 0.0, 0.0)
-    for unit, rate in mission.rates.items():
-        total = total + of_unit[unit] * rate
-    return total
 
 
 def _fits(found: Sequence[Fit], asked: Question, target: Target) -> None:

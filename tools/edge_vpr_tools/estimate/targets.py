@@ -198,7 +198,6 @@ def _is_size(value: object) -> bool:
 
 
 def _check_processor(target: Target, path: str | Path) -> None:
-
     if target.core not in scaling():
         raise UsageError(
             f"{path}: core = {target.core!r}: the firmware was emulated on {', '.join(scaling())}"

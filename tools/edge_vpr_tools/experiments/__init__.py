@@ -1,6 +1,7 @@
 """Experiments whose figures the README and the documentation quote."""
 
-#: each is a module of this package with a function run(data, seeds, on_start) -> Markdown
+#: each is a module of this package with a function run(data, seeds, on_start, *figures), which
+#: returns Markdown, and a function draw, which returns its figure
 EXPERIMENTS = {
     "simulated": "simulated",
     "speck-walks": "speck_walks",

@@ -37,7 +37,8 @@ from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
 NUMBERS = (5, 10, 25, 50, 150)
 #: number of pixels whose events are drawn
 SHOWN = 25
-STRATEGIES = ("variance", "random")
+#: with what each is called
+STRATEGIES = {"variance": "by variance", "random": "at random"}
 PROFILE, DISTANCES, PLACES = "events a second", "distances", "same place"
 MEASURES = (PROFILE, DISTANCES, PLACES)
 Floats = npt.NDArray[np.float64]
@@ -93,7 +94,7 @@ def score(trial: Trial, found: Found) -> None:
     dense, places = _matched(pair, open_baseline("all-pixels"))
     every = timed.images.mean(axis=(1, 2), dtype=np.float64)
     found.profiles.setdefault("all pixels", every)
-    for strategy in STRATEGIES:
+    for strategy, called in STRATEGIES.items():
         for number in NUMBERS:
             changes = {"pixels": number, "strategy": strategy, "seed": trial.seed}
             settings = pair.settings.replaced(changes, strategy)
@@ -105,7 +106,7 @@ def score(trial: Trial, found: Found) -> None:
             at = chosen.pixel_map
             profile = timed.images[:, at.y, at.x].mean(axis=1, dtype=np.float64)
             if number == SHOWN:
-                found.profiles.setdefault(f"{number} by {strategy}", profile)
+                found.profiles.setdefault(f"{number} {called}", profile)
             near = np.abs(matched - places) <= settings.exclusion
             for measure, value in (
                 (PROFILE, correlation(profile, every)),
@@ -161,10 +162,10 @@ def run(data: Path | None, seeds: int, on_start: Callable[[str], None], *figures
 def _table(found: Found) -> str:
     rows = []
     for measure in MEASURES:
-        for strategy in STRATEGIES:
+        for strategy, called in STRATEGIES.items():
             values = [found.figures.get((strategy, number, measure)) for number in NUMBERS]
             shown = ("-" if v is None else str(Summary(v)) for v in values)
-            rows.append([f"{measure}, by {strategy}", *shown])
+            rows.append([f"{measure}, {called}", *shown])
     return markdown_table(("pixels", *map(str, NUMBERS)), rows)
 
 
@@ -180,10 +181,10 @@ def draw(results: Mapping[str, Found]) -> Figure:
                 above.plot(relative, label=name, **look)
             above.set(title=pair, xlabel="window", ylim=(0, None))
             for i, measure in enumerate(MEASURES):
-                for dashes, strategy in zip(DASHES, STRATEGIES, strict=False):
+                for dashes, (strategy, called) in zip(DASHES, STRATEGIES.items(), strict=False):
                     numbers = [n for n in NUMBERS if (strategy, n, measure) in found.figures]
                     values = [found.figures[strategy, n, measure] for n in numbers]
-                    label = f"{measure}, by {strategy}"
+                    label = f"{measure}, {called}"
                     mean_line(below, numbers, values, color=CYCLE[i], linestyle=dashes, label=label)
             below.set(xscale="log", xlabel="pixels", ylim=(0, 1.03))
             below.set_xticks(NUMBERS, [str(number) for number in NUMBERS])

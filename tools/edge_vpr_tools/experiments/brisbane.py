@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.precounted import PublishedWindows
 from edge_vpr.evaluation.metrics import RECALL_AT, Evaluation, evaluate
@@ -15,6 +16,8 @@ from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import map_traverse, match_traverse
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.trial import markdown_table
+from edge_vpr_tools.report.figures import precision_recall
+from edge_vpr_tools.report.style import save
 
 FOLDER = "brisbane_sparse49"
 TOLERANCE_M = 70.0
@@ -45,7 +48,7 @@ def evaluate_lengths(data: Path) -> dict[int, Evaluation]:
     return found
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Return the figures of each sequence length as a Markdown table.
 
     Parameters
@@ -56,8 +59,13 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
         Not used: nothing is drawn, since all 49 locations are compared.
     on_start : callable
         Called with a description before each part begins.
+    *figures : path
+        Path of the figure.
     """
     on_start("matching sunset 1 against sunset 2")
+    by_length = evaluate_lengths(data)
+    if figures:
+        save(draw(by_length), *figures)
     rows = [
         [
             str(length),
@@ -65,10 +73,15 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
             f"{found.recall_at_99_precision:.3f}",
             *(f"{found.recall_at[n]:.3f}" for n in RECALL_AT),
         ]
-        for length, found in evaluate_lengths(data).items()
+        for length, found in by_length.items()
     ]
     header = ("L", "P@100R", "R@99P", *(f"Recall@{n}" for n in RECALL_AT))
     return markdown_table(header, rows) + "\n\n" + _faults(data)
+
+
+def draw(found: Mapping[int, Evaluation]) -> Figure:
+    """Draw precision against recall for each length of a sequence."""
+    return precision_recall({f"sequences of {length}": each for length, each in found.items()})
 
 
 def _faults(data: Path) -> str:

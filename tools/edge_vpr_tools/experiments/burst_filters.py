@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.bursts import BurstFilter
 from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
@@ -20,6 +21,8 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.speck_walks import FOLDER, FRAME_PERIOD, truth_of_walks
 from edge_vpr_tools.experiments.trial import Kept, Summary, markdown_table
+from edge_vpr_tools.report.dot_plot import dot_plot
+from edge_vpr_tools.report.style import save
 from edge_vpr_tools.runs.online import made_causal
 
 #: Flashes per second that are added to the query: from none over a failing lamp to a strobe.
@@ -32,6 +35,11 @@ FILTERS: Mapping[str, type[BurstFilter] | type[CausalBurstFilter] | None] = {
     "causal": CausalBurstFilter,
     "none": None,
 }
+
+
+#: values of each draw, by flashes per second and name of the filter
+Scores = dict[tuple[float, str], list[float]]
+RIGHT, SAME = "P@100R", "places as with the exact filter"
 
 
 class Flashed:
@@ -89,7 +97,7 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
     return Matches.of_rows(np.concatenate(rows), reference.settings, len(reference))
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Match the query under flashes with each filter, and return a Markdown table.
 
     Parameters
@@ -100,6 +108,8 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
         Number of draws of pixels and flashes. No setting is chosen by the result.
     on_start : callable
         Called with a description before each part begins.
+    *figures : path
+        Path of the figure.
     """
     on_start("reading the walks")
     folder = data / FOLDER
@@ -108,8 +118,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
         for name in ("reference", "query")
     )
     truth_of = truth_of_walks(folder)
-    right: dict[tuple[float, str], list[float]] = {}
-    same: dict[tuple[float, str], list[float]] = {}
+    scores: dict[str, Scores] = {RIGHT: {}, SAME: {}}
     for seed in range(seeds):
         settings = PRESETS["default"].replaced({"seed": seed}, "seed")
         reference = made_causal(map_traverse(walked, settings))
@@ -122,16 +131,32 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
                 exact = matches if exact is None else exact
                 truth = truth_of(reference.places.centre_us, matches.time_us)
                 found = evaluate(matches, truth)
-                right.setdefault((rate, name), []).append(found.precision_at_100_recall)
                 equal = float(np.mean(matches.place == exact.place))
-                same.setdefault((rate, name), []).append(equal)
+                for measure, value in ((RIGHT, found.precision_at_100_recall), (SAME, equal)):
+                    scores[measure].setdefault((rate, name), []).append(value)
+    if figures:
+        save(draw(scores), *figures)
     rows = [
-        [f"{rate:g}", name, str(Summary(right[rate, name])), str(Summary(same[rate, name]))]
+        [f"{rate:g}", name, *(str(Summary(found[rate, name])) for found in scores.values())]
         for rate in RATES
         for name in FILTERS
     ]
-    header = ("flashes a second", "burst filter", "P@100R", "places as with the exact filter")
-    return markdown_table(header, rows)
+    return markdown_table(("flashes a second", "burst filter", *scores), rows)
+
+
+def draw(scores: Mapping[str, Scores]) -> Figure:
+    """Draw each measure against the flashes, for each filter."""
+    return dot_plot(
+        {
+            measure: {
+                f"filter: {name}": {
+                    f"flashes a second: {rate:g}": found[rate, name] for rate in RATES
+                }
+                for name in FILTERS
+            }
+            for measure, found in scores.items()
+        }
+    )
 
 
 __all__ = ["FOLDER", "run"]

@@ -10,69 +10,32 @@ learn from.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
 from edge_vpr import __version__
 from edge_vpr.confidence import DEFAULT_TABLE, SMOOTHED_TABLE, Confidence
-from edge_vpr.descriptors.descriptors import Descriptors
-from edge_vpr.evaluation.calibration import learn_confidence, reliability
+from edge_vpr.evaluation.calibration import Reliability, learn_confidence, reliability
 from edge_vpr.evaluation.rejection import judge_rejection
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
-from edge_vpr.pipeline import count_windows, map_traverse
-from edge_vpr.settings import PRESETS, QueryMean
-from edge_vpr.simulate import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
+from edge_vpr.settings import QueryMean
 from edge_vpr.whole_files import replacing
+from edge_vpr_tools.experiments.calibration_streets import FIRST_SEED, Street, streets
 from edge_vpr_tools.experiments.detours import Case, carried_off, with_detour, without_places
 from edge_vpr_tools.experiments.switching_on import HEADER, first_row
 from edge_vpr_tools.experiments.trial import markdown_table
+from edge_vpr_tools.report.figures import reliability_diagram
+from edge_vpr_tools.report.style import save
 
-#: these streets are not used by any other experiment
-FIRST_SEED = 1_000
-#: Trust compares the best place with those outside the exclusion zone of 3 places, so that it can
-#: only indicate larger errors: a little over 3 places at 6 m/s and with windows of a second.
-TOLERANCE_M = 20.0
-PIXELS = (25, 150)
-WINDOWS = ("time", "count")
-QUERIES: dict[str, Drive] = {
-    "half to double speed, other light": QUERY,
-    "the same light": replace(
-        REFERENCE, speed_range=1.3, traffic_per_km=8.0, lateral_m=-0.2, yaw_deg=-0.5
-    ),
-    "faster, with halts, at dusk": replace(
-        QUERY,
-        speed_mps=8.0,
-        speed_range=1.5,
-        stops=2,
-        light=Light(sun=0.1, ambient=0.5, azimuth_deg=150.0, elevation_deg=15.0, glare=0.1),
-    ),
-}
-_ELSEWHERE = "the same light"
 #: number of streets that judge the table, after those from which it is learnt
 JUDGED = 2
 PRECISION = 0.99
 _CUTS = 7  # random stream that decides where drives are cut
-
-
-class Street(NamedTuple):
-    """Simulated street that is mapped, and one drive along it.
-
-    Attributes
-    ----------
-    seed : int
-    case : Case
-    elsewhere : Descriptors or None
-        Counts of a drive through the previous street, at the same pixels.
-    """
-
-    seed: int
-    case: Case
-    elsewhere: Descriptors | None
 
 
 class Sample(NamedTuple):
@@ -81,46 +44,6 @@ class Sample(NamedTuple):
     trust: npt.NDArray[np.int64]
     correct: npt.NDArray[np.bool_]
     has_place: npt.NDArray[np.bool_]
-
-
-def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
-    """Simulate streets, and describe each drive with each number of pixels and kind of window."""
-    before: SimulatedRecording | None = None
-    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
-        on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
-        drives: dict[str, SimulatedRecording] = {}
-        reference: SimulatedRecording | None = None
-        for name, profile in QUERIES.items():
-            first, second = simulate_pair(seed, query=profile)
-            reference = first.keep() if reference is None else reference
-            drives[name] = second.keep()
-        assert reference is not None
-        for pixels in PIXELS:
-            for window in WINDOWS:
-                changes = {
-                    "pixels": pixels,
-                    "window": window,
-                    "events_per_pixel": None,
-                    "seed": seed,
-                }
-                settings = PRESETS["default"].replaced(changes, "calibration")
-                mapped = map_traverse(reference, settings)
-                elsewhere = (
-                    None
-                    if before is None
-                    else count_windows(before, mapped.pixel_map, mapped.settings)
-                )
-                for driven in drives.values():
-                    counted = count_windows(driven, mapped.pixel_map, mapped.settings)
-                    truth = from_tracks(
-                        reference.track,
-                        driven.track,
-                        mapped.places.centre_us,
-                        counted.centre_us,
-                        TOLERANCE_M,
-                    )
-                    yield Street(seed, Case(mapped, counted, truth), elsewhere)
-        before = drives[_ELSEWHERE]
 
 
 def versions_of(
@@ -199,7 +122,11 @@ def write_table(path: Path, confidence: Confidence, seeds: int, learnt: Sample) 
 
 
 def run(
-    data: object, seeds: int, on_start: Callable[[str], None], table: Path | None = None
+    data: object,
+    seeds: int,
+    on_start: Callable[[str], None],
+    *figures: Path,
+    table: Path | None = None,
 ) -> str:
     """Learn both tables on simulated streets, and return a report as Markdown.
 
@@ -211,6 +138,8 @@ def run(
         Number of streets.
     on_start : callable
         Called with the name of each street before it begins.
+    *figures : path
+        Path of the reliability diagram of the streets that judge the tables.
     table : path, optional
         Folder to which the two tables are written.
     """
@@ -226,20 +155,32 @@ def run(
         for lot in lots.values():
             lot.take(street, judging)
     parts = []
+    judged: dict[str, Reliability] = {}
     for smooth, lot in lots.items():
         learnt = joined(lot.found)
         confidence = learn_confidence(learnt.trust, learnt.correct)
         if table is not None:
             write_table(table / (SMOOTHED_TABLE if smooth else DEFAULT_TABLE), confidence, seeds,
                         learnt)  # fmt: skip
-        parts += ["Smoothed:" if smooth else "Window by window:",
+        pooled = joined([some for version in lot.held.values() for some in version])
+        given = confidence.probability_of(pooled.trust)
+        how = "Smoothed" if smooth else "Window by window"
+        judged[how] = reliability(given, pooled.correct)
+        parts += [f"{how}:",
                   f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
                   f"{1 - learnt.has_place.mean():.3f} off the map",
                   _steps(confidence), _judged(confidence, lot.held)]  # fmt: skip
         if not smooth:
             rows = [first_row(name, confidence, live[name]) for name in live]
             parts += ["Switched on in mid-route:", markdown_table(HEADER, rows)]
+    if figures:
+        save(draw(judged), *figures)
     return "\n\n".join(parts)
+
+
+def draw(judged: Mapping[str, Reliability]) -> Figure:
+    """Draw how often matches of each probability are right on streets that were not learnt from."""
+    return reliability_diagram(judged)
 
 
 class _Lot:

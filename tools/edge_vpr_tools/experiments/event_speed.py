@@ -9,15 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
 
 from edge_vpr.simulate import CAMERAS, Camera, Drive, SimulatedRecording, World
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.report.dot_plot import dot_plot
+from edge_vpr_tools.report.style import save
 
 LENGTH_M = 40.0
 SPEEDS_MPS = (3.0, 6.0, 12.0)
+#: number of events of each street at each speed, shape (seeds, speeds)
+Events = npt.NDArray[np.int64]
 _STILL = {"traffic_per_km": 0.0, "shake_px": 0.0}
 
 
@@ -43,7 +50,7 @@ def events_of(
     return sum(int(events.size) for events in street)
 
 
-def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
+def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Drive several streets at each speed, and return a Markdown table.
 
     Parameters
@@ -54,34 +61,58 @@ def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
         Number of streets.
     on_start : callable
         Called with a description before each part begins.
+    *figures : path
+        Path of the figure.
     """
-    return table(cases(), seeds, on_start, LENGTH_M)
-
-
-def table(
-    cameras: Mapping[str, tuple[Camera, Mapping[str, Any]]],
-    seeds: int,
-    on_start: Callable[[str], None],
-    length_m: float,
-) -> str:
-    """Return the events at each speed as a Markdown table, relative to the lowest speed."""
-    rows = []
-    for name, (camera, changes) in cameras.items():
+    found: dict[str, Events] = {}
+    for name, (camera, changes) in cases().items():
         on_start(name)
-        events = np.array(
-            [
-                [events_of(camera, changes, speed, seed, length_m) for speed in SPEEDS_MPS]
-                for seed in range(seeds)
-            ]
-        )
-        shares = events / events[:, :1]
-        rows.append(
-            [
-                name,
-                f"{events[:, 0].mean():,.0f}",
-                *(str(Summary(column.tolist())) for column in shares.T[1:]),
-            ]
-        )
-    slow, *faster = SPEEDS_MPS
-    header = ("camera", f"events at {slow:g} m/s", *(f"share at {v:g} m/s" for v in faster))
+        found[name] = events_at_speeds(camera, changes, seeds, LENGTH_M)
+    if figures:
+        save(draw(found), *figures)
+    return table(found)
+
+
+def events_at_speeds(
+    camera: Camera, changes: Mapping[str, Any], seeds: int, length_m: float
+) -> Events:
+    """Count the events of several streets at each of `SPEEDS_MPS`, as an array (seeds, speeds)."""
+    return np.array(
+        [
+            [events_of(camera, changes, speed, seed, length_m) for speed in SPEEDS_MPS]
+            for seed in range(seeds)
+        ],
+        dtype=np.int64,
+    )
+
+
+def table(found: Mapping[str, Events]) -> str:
+    """Return the events of each camera as a Markdown table, relative to the lowest speed."""
+    rows = [
+        [
+            name,
+            f"{events[:, 0].mean():,.0f}",
+            *(str(Summary(values)) for values in _shares(events).values()),
+        ]
+        for name, events in found.items()
+    ]
+    header = ("camera", f"events at {SPEEDS_MPS[0]:g} m/s", *_shares(next(iter(found.values()))))
     return markdown_table(header, rows)
+
+
+def draw(found: Mapping[str, Events]) -> Figure:
+    """Draw the events of each camera at the higher speeds, relative to the lowest."""
+    shares = {name: _shares(events) for name, events in found.items()}
+    speeds = next(iter(shares.values()))
+    series = {
+        speed: {name: by_speed[speed] for name, by_speed in shares.items()} for speed in speeds
+    }
+    label = f"events, share of those at {SPEEDS_MPS[0]:g} m/s"
+    return dot_plot({label: series}, limits=None)  # the shares lie close together
+
+
+def _shares(events: Events) -> dict[str, list[float]]:
+    """Return the events at the higher speeds as shares of those at the lowest, by speed."""
+    shares = (events / events[:, :1]).T.tolist()
+    names = (f"share at {speed:g} m/s" for speed in SPEEDS_MPS)
+    return dict(list(zip(names, shares, strict=True))[1:])

@@ -35,12 +35,12 @@ from edge_vpr_tools.experiments.systems import (
 from edge_vpr_tools.report.style import CYCLE, save
 
 #: strategies for choosing pixels, by the name in the table
-STRATEGIES = {"variance": "variance", "mean": "seed-code", "random": "random"}
+STRATEGIES = {"by variance": "variance", "by mean": "seed-code", "at random": "random"}
 NUMBERS = (25, 150)
 #: systems that use every pixel
 DENSE = {"all pixels": "all-pixels", "patch-normalised": "patch-normalised"}
 #: rows of the figure, in which all rows would be too many
-SHOWN = ("all pixels", "patch-normalised", "150 by variance", "150 by random", "25 by variance")
+SHOWN = ("all pixels", "patch-normalised", "150 by variance", "150 at random", "25 by variance")
 
 
 def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> FramedPair:
@@ -79,14 +79,14 @@ def systems(
         for name, strategy in STRATEGIES.items():
             changes = {"pixels": number, "strategy": strategy, "seed": seed}
             settings = PRESETS["paper"].replaced(changes, name)
-            yield f"{number} by {name}", SelectedPixels(name, settings)
+            yield f"{number} {name}", SelectedPixels(name, settings)
 
 
 def titles(baselines: Sequence[str] = ()) -> Mapping[str, str]:
     """Return the titles of all rows by their keys, those of events first."""
     names = {name: name for name in DENSE}
     names |= {name: open_baseline(name).title for name in baselines}
-    names |= {f"{j} by {name}": f"{j} by {name}" for j in NUMBERS for name in STRATEGIES}
+    names |= {f"{j} {name}": f"{j} {name}" for j in NUMBERS for name in STRATEGIES}
     return {
         f"{what}, {name}": f"{what}, {title}"
         for what in ("events", "frames")
@@ -162,7 +162,7 @@ def run(
 
 def draw(results: Mapping[str, Results], rows: Mapping[str, str]) -> Figure:
     """Draw precision against recall of selected rows, with a panel for each pair."""
-    hidden = {f"{j} by {name}" for j in NUMBERS for name in STRATEGIES} - set(SHOWN)
+    hidden = {f"{j} {name}" for j in NUMBERS for name in STRATEGIES} - set(SHOWN)
     shown = {key: title for key, title in rows.items() if _choice(key) not in hidden}
     choices = list(dict.fromkeys(map(_choice, shown)))
     looks = {

@@ -143,7 +143,7 @@ def _table(found: Found, method: str) -> str:
         rows.append([name, *("-" if v is None else str(Summary(v)) for v in values)])
     if method == PAPER:
         rows.append([ALL, *[""] * (len(NUMBERS) - 1), str(Summary(found.every))])
-    return markdown_table(("pixels chosen by", *map(str, NUMBERS)), rows)
+    return markdown_table(("choice of pixels", *map(str, NUMBERS)), rows)
 
 
 def draw(results: Mapping[str, Found]) -> Figure:

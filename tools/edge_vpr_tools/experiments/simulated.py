@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from pathlib import Path
+
+from matplotlib.figure import Figure
 
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.truth_from_tracks import from_tracks
@@ -10,15 +13,9 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
 from edge_vpr_tools.experiments.latency import Latency, measure_latency
-from edge_vpr_tools.experiments.trial import (
-    Summary,
-    Times,
-    Trial,
-    TruthOf,
-    Variant,
-    markdown_table,
-    run_trial,
-)
+from edge_vpr_tools.experiments.trial import Times, Trial, TruthOf, Variant, run_trial
+from edge_vpr_tools.experiments.variants import Trials, draw_variants, variants_table
+from edge_vpr_tools.report.style import save
 
 #: name of the pairs in tables of several experiments
 SIMULATED = "simulated streets"
@@ -105,7 +102,7 @@ def compare_latencies(
     }
 
 
-def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
+def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Simulate several pairs, and return the figures of every variant as a Markdown table.
 
     Parameters
@@ -116,25 +113,19 @@ def run(data: object, seeds: int, on_start: Callable[[str], None]) -> str:
         Number of pairs. Each has its own street, camera, drives, and draw of pixels.
     on_start : callable
         Called with the name of each pair before it begins.
+    *figures : path
+        Path of the figure.
     """
     pairs = []
     for seed in range(seeds):
         on_start(f"pair {seed + 1} of {seeds}")
         pairs.append(run_pair(seed))
-    return summary(pairs)
+    found = {variant.name: [pair[variant.name] for pair in pairs] for variant in VARIANTS}
+    if figures:
+        save(draw(found), *figures)
+    return variants_table(found)
 
 
-def summary(pairs: Sequence[dict[str, Trial]]) -> str:
-    """Return the figures of several pairs as a Markdown table, with their spread."""
-    rows = []
-    for variant in VARIANTS:
-        trials = [pair[variant.name] for pair in pairs]
-        rows.append(
-            [
-                variant.name,
-                str(Summary([t.evaluation.precision_at_100_recall for t in trials])),
-                str(Summary([t.evaluation.recall_at_99_precision for t in trials])),
-                f"{max(t.reference.packed_bytes_per_place for t in trials):,}",
-            ]
-        )
-    return markdown_table(("variant", "P@100R", "R@99P", "bytes per place"), rows)
+def draw(found: Trials) -> Figure:
+    """Draw how often each variant is right."""
+    return draw_variants(found)

@@ -6,19 +6,15 @@ from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.truth_from_alignment import from_alignment, load_alignment
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.trial import (
-    Kept,
-    Summary,
-    Times,
-    TruthOf,
-    Variant,
-    markdown_table,
-    run_trial,
-)
+from edge_vpr_tools.experiments.trial import Kept, Times, Trial, TruthOf, Variant, run_trial
+from edge_vpr_tools.experiments.variants import Trials, draw_variants, variants_table
+from edge_vpr_tools.report.style import save
 
 FOLDER = "speck_walks"
 #: not published with the data; windows have 30 frames whatever the period is
@@ -60,7 +56,7 @@ def truth_of_walks(folder: Path) -> TruthOf:
     return truth_of
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
+def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
     """Run every variant with several draws of pixels, and return a Markdown table.
 
     Parameters
@@ -71,6 +67,8 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
         Number of draws of pixels.
     on_start : callable
         Called with the name of each variant before it begins.
+    *figures : path
+        Path of the figure.
     """
     folder = data / FOLDER
     on_start("reading the walks")
@@ -79,23 +77,22 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None]) -> str:
         for name in ("reference", "query")
     )
     truth_of = truth_of_walks(folder)
-    rows = []
+    found: dict[str, list[Trial]] = {}
     for variant in VARIANTS:
         on_start(variant.name)
         # without a draw, all trials would be the same
         drawn = not variant.all_pixels and variant.changes.get("strategy") != "top"
-        found = [
+        found[variant.name] = [
             run_trial(
                 reference, query, truth_of, SETTINGS.replaced({"seed": seed}, "seed"), variant
-            ).evaluation
+            )
             for seed in range(seeds if drawn else 1)
         ]
-        rows.append(
-            [
-                variant.name,
-                str(Summary([f.precision_at_100_recall for f in found])),
-                str(Summary([f.recall_at_99_precision for f in found])),
-                str(Summary([f.recall_at[5] for f in found])),
-            ]
-        )
-    return markdown_table(("variant", "P@100R", "R@99P", "Recall@5"), rows)
+    if figures:
+        save(draw(found), *figures)
+    return variants_table(found)
+
+
+def draw(found: Trials) -> Figure:
+    """Draw how often each variant is right."""
+    return draw_variants(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,14 @@ from edge_vpr.evaluation.mean_curve import mean_precision
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr_tools.experiments.counted_pairs import CountedPair
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, name_label
+from edge_vpr_tools.report.style import (
+    CYCLE,
+    DASHES,
+    MARKERS,
+    figure,
+    mean_and_spread,
+    name_label,
+)
 
 Result = tuple[Compared, Evaluation]
 #: trials by the name of the system
@@ -26,8 +34,10 @@ Look = tuple[str, Any]
 _RECALL = np.linspace(0.0, 1.0, 501)
 _HEADER = (
     "system", "P@100R", "R@99P", "bytes a place", "operations a match", "describing",
-    "matching a query",
+    "matching", "time a query",
 )  # fmt: skip
+#: of a `Compared`: the last columns
+_TIMES = tuple(map(attrgetter, ("describe_us", "match_us", "query_us")))
 
 
 def compare_systems(
@@ -62,6 +72,8 @@ def compare_systems(
 def systems_table(results: Results, titles: Mapping[str, str]) -> str:
     """Return a Markdown table with a row for each system, and the spread of its trials.
 
+    Times are medians over the trials.
+
     Parameters
     ----------
     results : mapping of name to sequence of (Compared, Evaluation)
@@ -82,22 +94,26 @@ def systems_table(results: Results, titles: Mapping[str, str]) -> str:
                 str(Summary([e.recall_at_99_precision for _, e in trials])),
                 f"{max(c.bytes_per_place for c, _ in trials):,}",
                 f"{trials[0][0].operations:,}",
-                f"{np.median([c.describe_us for c, _ in trials]):,.0f} us",
-                f"{np.median([c.match_us for c, _ in trials]):,.0f} us",
+                *(_time([time_us(c) for c, _ in trials]) for time_us in _TIMES),
             ]
         )
     return markdown_table(_HEADER, rows)
 
 
+def _time(trials_us: Sequence[float]) -> str:
+    """Return the median of some times, in microseconds."""
+    median = float(np.median(trials_us))
+    return f"{median:,.{0 if median >= 10 else 1}f} us"
+
+
 def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
     """Draw right matches against bytes a place, with a panel for each pair of drives."""
-    return _draw_costs(found, titles, "bytes a place", lambda each: each.bytes_per_place)
+    return _draw_costs(found, titles, "bytes a place", attrgetter("bytes_per_place"))
 
 
 def draw_time(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
     """Draw right matches against the time of a query, with a panel for each pair of drives."""
-    label = "describing and matching a query, us"
-    return _draw_costs(found, titles, label, lambda each: each.describe_us + each.match_us)
+    return _draw_costs(found, titles, "time a query, us", attrgetter("query_us"))
 
 
 def _draw_costs(
@@ -113,13 +129,15 @@ def _draw_costs(
             for i, (name, title) in enumerate(titles.items()):
                 if name not in results:
                     continue
-                values = [e.precision_at_100_recall for _, e in results[name]]
+                mean, spread = mean_and_spread(
+                    [e.precision_at_100_recall for _, e in results[name]]
+                )
                 axes.errorbar(
                     float(np.median([cost_of(compared) for compared, _ in results[name]])),
-                    float(np.mean(values)),
-                    float(np.std(values, ddof=1)) if len(values) > 1 else 0,
+                    mean,
+                    spread,
                     color=CYCLE[i % len(CYCLE)],
-                    marker="osD^vP"[i % 6],
+                    marker=MARKERS[i % len(MARKERS)],
                     ms=7,
                     linestyle="none",
                     label=name_label(title),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.baselines import map_all_pixels
+from edge_vpr.baselines.comparing import fastest
 from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
@@ -72,6 +72,11 @@ class Trial:
         """Time to match one query window against the whole map, when compiled and cached."""
         return 1e6 * self.matching_s / len(self.matches)
 
+    @property
+    def operations(self) -> int:
+        """Number of differences of counters to compare one query window with the whole map."""
+        return self.reference.places.counts.size
+
     def to_json(self) -> dict[str, Any]:
         """Return the figures as values that JSON can hold."""
         return {
@@ -113,9 +118,9 @@ def map_and_describe(
 def match_trial(mapped: ReferenceMap, queries: Descriptors, truth_of: TruthOf) -> Trial:
     """Match and evaluate."""
     match_descriptors(mapped.places, queries, mapped.settings)  # compiles, and fills the cache
-    start = time.perf_counter()
-    matches = match_descriptors(mapped.places, queries, mapped.settings)
-    matching_s = time.perf_counter() - start
+    matches, matching_s = fastest(
+        lambda: match_descriptors(mapped.places, queries, mapped.settings)
+    )
     truth = truth_of(mapped.places.centre_us, queries.centre_us)
     return Trial(mapped, queries, matches, truth, evaluate(matches, truth), matching_s)
 

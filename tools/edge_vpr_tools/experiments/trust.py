@@ -80,7 +80,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
 def draw(smoothed: Sample) -> Figure:
     """Draw how often smoothed matches of each probability are right."""
     given = default_confidence(smoothed=True).probability_of(smoothed.trust)
-    return reliability_diagram(reliability(given, smoothed.correct))
+    return reliability_diagram({"Smoothed": reliability(given, smoothed.correct)})
 
 
 _REJECTED = ("drives", "right of those on the map", "found at 99 % precision over all",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -12,26 +12,17 @@ from types import FrameType
 @contextmanager
 def stopped_by_signals(stopping: threading.Event) -> Iterator[None]:
     """Set `stopping` at the first signal; a second one interrupts as usual."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    caught = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.getsignal(number) for number in caught}
-    if before[signal.SIGHUP] is signal.SIG_IGN:
-        del before[signal.SIGHUP]  # `nohup` wants the run to continue
+    caught = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # `nohup` wants the run to continue
+        caught.append(signal.SIGHUP)
 
     def stop(number: int, frame: FrameType | None) -> None:
         if stopping.is_set():
             raise KeyboardInterrupt
         stopping.set()
 
-    for number in before:
-        signal.signal(number, stop)
-    try:
+    with _handled(caught, stop):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 _interrupted = threading.Event()
@@ -49,20 +40,31 @@ def terminated_as_interrupted() -> Iterator[None]:
         _interrupted.set()
         raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     caught = [signal.SIGTERM]
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
         caught.append(signal.SIGINT)
-    before = {number: signal.signal(number, interrupt) for number in caught}
-    _interrupted.clear()
+    with _handled(caught, interrupt):
+        _interrupted.clear()
+        try:
+            yield
+        finally:
+            _interrupted.clear()
+
+
+@contextmanager
+def _handled(
+    caught: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Handle signals within the block; only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in caught}
     try:
         yield
     finally:
-        _interrupted.clear()
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, old in before.items():
+            signal.signal(number, old)
 
 
 def check_interrupted() -> None:

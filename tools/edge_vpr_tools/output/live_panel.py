@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rich.console import Group, RenderableType
 from rich.live import Live
@@ -43,7 +43,7 @@ class Panel:
         Whether the terminal has gone.
     """
 
-    def __init__(self, live: Any) -> None:
+    def __init__(self, live: Live) -> None:
         self._live = live
         self._notices: deque[Notice] = deque(maxlen=_KEPT)
         self._standing: set[str] = set()
@@ -92,7 +92,6 @@ class Panel:
     def _drawn(
         self, rows: Mapping[str, str], share: float | None, *, stale: bool
     ) -> RenderableType:
-
         table = Table.grid(padding=(0, 2))
         table.add_column(style=_STALE, justify="right")
         table.add_column()
@@ -106,17 +105,17 @@ class Panel:
                     "",
                     ProgressBar(1.0, share, _BAR_WIDTH, complete_style=shown, finished_style=shown),
                 )
-        return Group(table, *self._notice_lines(Text))
+        return Group(table, *self._notice_lines())
 
-    def _notice_lines(self, text: Any) -> Iterable[RenderableType]:
+    def _notice_lines(self) -> Iterable[RenderableType]:
         """Give the newest notices, and before them the standing ones that are older."""
         newest = list(self._notices)[-_SHOWN:]
         last = {notice.kind: notice for notice in self._notices}
         older = [last[kind] for kind in self._standing if kind in last and last[kind] not in newest]
-        yield text("")
+        yield Text("")
         for notice in [*older, *newest]:
             stands = notice.kind in self._standing and notice is last[notice.kind]
-            yield text(f"{notice.clock} {notice.text}", style=_WARNING if stands else _STALE)
+            yield Text(f"{notice.clock} {notice.text}", style=_WARNING if stands else _STALE)
 
 
 @contextmanager

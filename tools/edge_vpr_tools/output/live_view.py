@@ -151,7 +151,7 @@ class View:
             self._write(self._health(health))
         if self._panel is not None:
             said = self._said(health, live.filled)
-            share = None if "place" not in said else self._share(live.filled)
+            share = self._position(live.filled) if self._places else None
             self._panel.show(said, share, stale=self._closed or self._silent_s() > SILENT_S)
             self.unread |= self._panel.lost
         elif not self._quiet:
@@ -187,7 +187,7 @@ class View:
         }
 
     def _said(self, health: Health, filled: float) -> dict[str, str]:
-        """Report new notices."""
+        """Return the parts of a line, or of the panel, by name."""
         said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
         if (silent_s := self._silent_s()) > SILENT_S:
             said["silent"] = f"nothing came for {silent_s:.0f} s"
@@ -195,7 +195,7 @@ class View:
             last = json.loads(self._last)
             said["place"] = (
                 f"place {last['place']} of {self._places}"
-                f" ({100 * self._position():.0f} % of the route)"
+                f" ({100 * self._position(filled):.0f} % of the route)"
             )
             if last.get("along_m") is not None:
                 said["place"] += f", at {last['along_m']:,.1f} m"
@@ -218,14 +218,11 @@ class View:
         """Seconds since the newest bytes."""
         return time.monotonic() - self._heard
 
-    def _position(self) -> float:
-        """Share of the route before the newest match."""
-        assert self._last is not None
+    def _position(self, filled: float) -> float:
+        """Share of the route before the newest match, or of the first sequence if there is none."""
+        if self._last is None:
+            return filled
         return float(json.loads(self._last)["place"] / max(1, self._places - 1))
-
-    def _share(self, filled: float) -> float:
-        """Share of the route, or of the first sequence until it is complete."""
-        return filled if self._last is None else self._position()
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)

@@ -50,13 +50,13 @@ def answer(text: str) -> None:
 def note(text: str) -> None:
     """Print a line on standard error; not if quiet."""
     if not is_quiet():
-        _line(text)
+        error_line(text)
 
 
 def detail(text: str) -> None:
     """Print a line on standard error if verbose."""
     if _now[-1] >= Verbosity.VERBOSE:
-        _line(text)
+        error_line(text)
 
 
 def detail_settings(settings: Mapping[str, object]) -> None:
@@ -67,13 +67,9 @@ def detail_settings(settings: Mapping[str, object]) -> None:
 
 def warning(text: str) -> None:
     """Print a warning on standard error, even if quiet."""
-    _line(f"warning: {text}")
+    error_line(f"warning: {text}")
 
 
 def error_line(text: str) -> None:
-    """Print the error that ended a command, on standard error."""
-    _line(text)
-
-
-def _line(text: str) -> None:
+    """Print a line on standard error."""
     print("edge-vpr:", printable(text), file=sys.stderr, flush=True)

@@ -32,14 +32,12 @@ class Tracked:
         return getattr(self._recording, name)
 
     def __iter__(self) -> Iterator[Events]:
-
         console = Console(stderr=True)
         if is_quiet() or not console.is_terminal:
             return iter(self._recording)
         return self._shown(console)
 
-    def _shown(self, console: Any) -> Iterator[Events]:
-
+    def _shown(self, console: Console) -> Iterator[Events]:
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),

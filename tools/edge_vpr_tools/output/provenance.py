@@ -89,9 +89,7 @@ class RunRecord:
 
 
 def run_record(
-    settings: Mapping[str, Any],
-    inputs: Iterable[str | Path],
-    removed: RemovedEvents | None = None,
+    settings: Mapping[str, Any], inputs: Iterable[str | Path], removed: RemovedEvents | None = None
 ) -> RunRecord:
     """Describe this run, for `run.json`.
 

@@ -35,7 +35,7 @@ def check_output_folder(
         If it exists and may not be replaced, does not look like one of ours, or an input would be
         lost.
     """
-    check_output(path, [given for given in inputs if given is not None])
+    check_output(path, inputs)
     check_parent(path)
     clear_dead_runs(path.absolute().parent)
     if not path.exists():
@@ -62,7 +62,7 @@ def check_parent(path: Path) -> None:
     Raises
     ------
     UsageError
-        If it is.
+        If it does not exist, or is not writable.
     """
     parent = path.absolute().parent
     if not parent.is_dir():

@@ -127,7 +127,7 @@ class LineServer:
         host, port = self._server.getsockname()[:2]
         self.address = f"tcp://{bracketed(host)}:{port}"
         self._notices = deque([(f"matches are at {self.address}", True)])
-        self._readers: dict[socket.socket, _Reader] = {}
+        self._readers: frozenset[_Reader] = frozenset()
         self._lock = threading.Lock()  # of the readers and their lines
         self._woken, self._wake = socket.socketpair()
         self._wake.setblocking(False)
@@ -144,7 +144,7 @@ class LineServer:
             return
         data = line.encode() + b"\n"
         with self._lock:
-            for reader in self._readers.values():
+            for reader in self._readers:
                 reader.add(data)
         self._rouse()
 
@@ -175,7 +175,7 @@ class LineServer:
     def _run(self) -> None:
         end_s = None
         while end_s is None or (
-            time.monotonic() < end_s and any(reader.waits for reader in self._readers.values())
+            time.monotonic() < end_s and any(reader.waits for reader in self._readers)
         ):
             if end_s is None and self._closing.is_set():
                 end_s = time.monotonic() + _LAST_S
@@ -186,9 +186,9 @@ class LineServer:
                     self._woken.recv(4096)
                 else:
                     self._serve(key.data, ready)
-            for reader in list(self._readers.values()):
+            for reader in self._readers:
                 self._listen_to(reader)
-        for sock in (*self._readers, self._server, self._woken, self._wake):
+        for sock in (*(r.socket for r in self._readers), self._server, self._woken, self._wake):
             sock.close()
         self._selector.close()
 
@@ -208,7 +208,7 @@ class LineServer:
         reader = _Reader(sock)
         self._selector.register(sock, selectors.EVENT_READ, reader)
         with self._lock:
-            self._readers = {**self._readers, sock: reader}
+            self._readers |= {reader}
 
     def _serve(self, reader: _Reader, ready: int) -> None:
         try:
@@ -232,7 +232,5 @@ class LineServer:
     def _leave(self, reader: _Reader) -> None:
         self._selector.unregister(reader.socket)
         with self._lock:
-            self._readers = {
-                sock: other for sock, other in self._readers.items() if other is not reader
-            }
+            self._readers -= {reader}
         reader.socket.close()

@@ -26,14 +26,17 @@ def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:
             name,
             f"{trial.evaluation.precision_at_100_recall:.3f}",
             f"{trial.evaluation.recall_at_99_precision:.3f}",
-            f"{trial.microseconds_per_match:,.1f}",
             f"{trial.reference.packed_bytes_per_place:,}",
+            f"{trial.operations:,}",
+            f"{trial.microseconds_per_match:,.1f} us",
         )
         for name, trial in trials.items()
     ]
 
 
-HEADER = ("variant", "P@100R", "R@99P", "us per match", "bytes per place")
+HEADER = (
+    "variant", "P@100R", "R@99P", "bytes a place", "operations a match", "time a query",
+)  # fmt: skip
 
 
 def remarks(trials: dict[str, Trial], latencies: dict[str, Latency]) -> list[str]:

@@ -28,11 +28,11 @@ class ExperimentPage:
         self._folder: Path | None = None
 
     @contextmanager
-    def figures(self, drawn: bool) -> Iterator[list[Path]]:
-        """Give the file to draw to, while an experiment runs; none if it draws nothing."""
+    def figures(self) -> Iterator[Path]:
+        """Give the file to draw to, while an experiment runs."""
         with tempfile.TemporaryDirectory() as folder:
             self._folder = Path(folder)
-            yield [self._folder / "figure.png"] if drawn else []
+            yield self._folder / "figure.png"
         self._folder = None
 
     def add(self, name: str, summary: str, markdown: str) -> None:
@@ -51,9 +51,7 @@ class ExperimentPage:
         for block in markdown.split("\n\n"):
             lines = block.strip().split("\n")
             if lines[0].startswith("|"):
-                header, _, *rows = (
-                    [cell.strip() for cell in line.split("|")[1:-1]] for line in lines
-                )
+                header, _, *rows = map(_cells, lines)
                 self._page.table(header, rows)
             elif block.strip():
                 self._page.text(" ".join(lines))

@@ -152,23 +152,41 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
     return drawing
 
 
-def reliability_diagram(found: Reliability) -> Figure:
-    """Draw the share of right matches against their stated probability."""
+def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
+    """Draw the share of right matches against their stated probability.
+
+    Parameters
+    ----------
+    found : mapping of str to Reliability
+        By what the matches are; the name is not shown if there is only one.
+    """
     with figure(6.5, 5.2) as (drawing, axes):
         axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="probability equals share")
-        axes.plot(found.probability, found.right, color=BLUE, lw=1.5)
-        sizes = 15 + 285 * found.matches / found.matches.max()
-        label = f"{found.matches.sum()} matches in {len(found.matches)} bins, larger: more"
-        axes.scatter(found.probability, found.right, s=sizes, color=BLUE, label=label)
+        for (name, one), colour in zip(found.items(), CYCLE, strict=False):
+            axes.plot(one.probability, one.right, color=colour, lw=1.5)
+            sizes = 15 + 285 * one.matches / one.matches.max()
+            label = f"{one.matches.sum()} matches in {len(one.matches)} bins, larger: more"
+            if len(found) > 1:
+                label = f"{name}: {label}\nexpected calibration error {_error(one)}"
+            axes.scatter(one.probability, one.right, s=sizes, color=colour, label=label)
+        single = next(iter(found.values())) if len(found) == 1 else None
         axes.set(
-            title=f"Reliability: expected calibration error {found.expected_calibration_error:.3f}",
+            title="Reliability"
+            + ("" if single is None else f": expected calibration error {_error(single)}"),
             xlabel="probability of being right, from the trust",
             ylabel="share of right matches",
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
-        axes.legend(loc="best")
+        if single is None:
+            axes.legend(loc="upper left", bbox_to_anchor=(0, -0.12), fontsize=9)
+        else:
+            axes.legend(loc="best")
     return drawing
+
+
+def _error(found: Reliability) -> str:
+    return f"{found.expected_calibration_error:.3f}"
 
 
 def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:

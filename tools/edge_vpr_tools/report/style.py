@@ -33,6 +33,7 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
 #: 7 colours and 5 dashes make 35 different curves, which are distinguishable where they overlap
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
+MARKERS = "osD^vP"
 
 _RC: dict[Any, Any] = {
     "font.size": 11,
@@ -70,9 +71,20 @@ def mean_line(
     **look
         Of the line; see `matplotlib.axes.Axes.errorbar`.
     """
-    means = [float(np.mean(values)) for values in trials]
-    spreads = [float(np.std(v, ddof=1)) if len(v) > 1 else 0.0 for v in trials]
+    found = [mean_and_spread(values) for values in trials]
+    means, spreads = ([pair[i] for pair in found] for i in (0, 1))
     axes.errorbar(across, means, spreads, marker="o", ms=3.5, **look)
+
+
+def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:
+    """Return the mean of some trials, and their sample standard deviation; 0 for a single trial.
+
+    Examples
+    --------
+    >>> mean_and_spread([1.0, 2.0, 3.0]), mean_and_spread([2.0])
+    ((2.0, 1.0), (2.0, 0.0))
+    """
+    return float(np.mean(trials)), float(np.std(trials, ddof=1)) if len(trials) > 1 else 0.0
 
 
 def name_label(name: str) -> str:

@@ -86,7 +86,7 @@ def write_report(
         ), "Precision against recall, one step for each threshold.")  # fmt: skip
         certain = found.reliability
         if certain is not None:
-            add("reliability", lambda: figures.reliability_diagram(certain),
+            add("reliability", lambda: figures.reliability_diagram({"": certain}),
                  "Above the line, matches are right more often than their probability; below, less."
                  )  # fmt: skip
     page.heading("Matches")

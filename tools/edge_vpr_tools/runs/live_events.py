@@ -45,13 +45,8 @@ class LineWatch:
         """Report what has changed since the last call."""
         if nothing_came:
             self._look_at_silence()
-        health, decoder, reader, view = (
-            self._decoder.health,
-            self._decoder,
-            self._reader,
-            self._view,
-        )
-        if not self._senseless and (senseless := _senseless(health)):
+        decoder, reader, view = self._decoder, self._reader, self._view
+        if not self._senseless and (senseless := _senseless(decoder.health)):
             self._senseless = senseless
             view.say("senseless", senseless)
         if decoder.remark != self._remark:

@@ -72,9 +72,7 @@ class MatchRun(NamedTuple):
 
 
 def match_recording(
-    reference: ReferenceMap,
-    recording: EventSource | WindowSource,
-    odometry: Odometry | None = None,
+    reference: ReferenceMap, recording: EventSource | WindowSource, odometry: Odometry | None = None
 ) -> MatchRun:
     """Describe a query drive and match it.
 

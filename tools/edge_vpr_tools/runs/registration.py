@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from edge_vpr.pipeline import EventSource, Registration, WindowSource, register
+from edge_vpr.pipeline import EventSource, WindowSource, register
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.output.messages import summary, warning
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,24 +30,10 @@ class MountShift:
     likeness_unmoved: float
 
 
-@dataclass(frozen=True)
-class Mounted:
-    """A map with its pixels moved for a query.
-
-    Attributes
-    ----------
-    reference : ReferenceMap
-        Moved, where a shift is clear.
-    shift : MountShift or None
-        None where none was asked for.
-    """
-
-    reference: ReferenceMap
-    shift: MountShift | None = None
-
-
-def mounted(reference: ReferenceMap, recording: EventSource | WindowSource, asked: bool) -> Mounted:
-    """Register a map with a recording, if that is asked for.
+def registered(
+    reference: ReferenceMap, recording: EventSource | WindowSource, asked: bool
+) -> tuple[ReferenceMap, MountShift | None]:
+    """Move the pixels of a map by the shift of a query's image, if that is asked for, and say so.
 
     Parameters
     ----------
@@ -57,7 +44,10 @@ def mounted(reference: ReferenceMap, recording: EventSource | WindowSource, aske
 
     Returns
     -------
-    Mounted
+    reference : ReferenceMap
+        Moved, where a shift is clear.
+    shift : MountShift or None
+        None where none was asked for.
 
     Raises
     ------
@@ -65,13 +55,18 @@ def mounted(reference: ReferenceMap, recording: EventSource | WindowSource, aske
         As `edge_vpr.pipeline.register` does.
     """
     if not asked:
-        return Mounted(reference)
+        return reference, None
     found = register(reference, recording)
-    return Mounted(found.reference, _shift(found))
-
-
-def _shift(found: Registration) -> MountShift:
-    return MountShift(
+    if found.shifted:
+        pixels = len(reference.pixel_map)
+        warning(
+            f"the camera's image is shifted by ({found.dx}, {found.dy}) pixels: the map's pixels "
+            f"are moved, {pixels - len(found.reference.pixel_map)} of {pixels} are lost: fix the "
+            "mounting, or make a new map"
+        )
+    else:
+        summary(f"no shift of the camera is clear from {found.windows} windows")
+    return found.reference, MountShift(
         dx=found.dx, dy=found.dy, windows=found.windows, likeness=found.likeness,
         likeness_unmoved=found.unmoved,
     )  # fmt: skip

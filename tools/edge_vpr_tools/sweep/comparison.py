@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,8 +24,11 @@ MEASURES = {
     "average_precision": "AP",
     "recall_at_1": "Recall@1",
     "packed_bytes_per_place": "bytes a place",
+    "operations_per_match": "operations a match",
     "microseconds_per_match": "us a match",
 }
+#: shown with thousands and without decimals
+_WHOLE = ("operations_per_match",)
 #: more rows than this are illegible in one figure
 MOST_DRAWN = 60
 _REMEDY = "evaluate it again"
@@ -170,12 +174,14 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
     for trial in store.listed():
         names = trial.variant, trial.drives
         values = found.setdefault(names, {name: [] for name in MEASURES})
-        result = store.result(trial.key)
-        if result is None:
+        kept = store.kept(trial.key)
+        if kept is None:
             failed[names] += 1
             continue
+        operations = _operations(kept.found.pixels, kept.found.places, kept.trial.settings)
+        counted = {**asdict(kept.found), "operations_per_match": operations}
         for measure in MEASURES:
-            values[measure].append(float(getattr(result, measure)))
+            values[measure].append(float(counted[measure]))
     return [
         Row(
             run=name,
@@ -193,6 +199,10 @@ def _of_match(run: Path, name: str) -> Row:
     metrics = read_json(path, "metrics", _REMEDY)
     if "evaluation" not in metrics:
         raise UsageError(f"{run} is not evaluated: run edge-vpr evaluate {run} first")
+    made = run / results.RUN
+    record = read_json(made, "run", "match again")
+    with understood(made, "run", "match again"):
+        settings = dict(record["settings"])
     with understood(path, "metrics", _REMEDY):
         evaluation = metrics["evaluation"]
         values = {name: evaluation[name] for name in list(MEASURES)[:3]}
@@ -200,19 +210,27 @@ def _of_match(run: Path, name: str) -> Row:
         if "packed_bytes_per_place" in metrics:  # absent for matches event by event
             values["packed_bytes_per_place"] = metrics["packed_bytes_per_place"]
             values["microseconds_per_match"] = 1e6 * metrics["matching_s"] / metrics["queries"]
+            values["operations_per_match"] = _operations(
+                metrics["pixels"], metrics["places"], settings
+            )
         numbers = {name: (float(values[name]),) if name in values else () for name in MEASURES}
     return Row(run=name, variant="", drives="", values=numbers)
+
+
+def _operations(pixels: int, places: int, settings: Mapping[str, Any]) -> int:
+    """Return the number of differences of counters between one query window and all places."""
+    return (2 if settings.get("polarity") else 1) * pixels * places
 
 
 def _cells(row: Row) -> list[str]:
     cells = []
     for name in MEASURES:
         mean, spread = row.mean(name), row.spread(name)
-        digits = 3 if name in list(MEASURES)[:4] else 1
+        digits = 0 if name in _WHOLE else 3 if name in list(MEASURES)[:4] else 1
         if np.isnan(mean):
             cells.append("-")
         elif np.isnan(spread):
-            cells.append(f"{mean:.{digits}f}")
+            cells.append(f"{mean:,.{digits}f}")
         else:
-            cells.append(f"{mean:.{digits}f} ± {spread:.{digits}f}")
+            cells.append(f"{mean:,.{digits}f} ± {spread:,.{digits}f}")
     return cells

@@ -113,7 +113,12 @@ class Store:
         write_json(self._path(_FAILURES, failure.key), failure)
 
     def result(self, key: str) -> TrialResult | None:
-        """Return the result under a key; None if there is none.
+        """Return the result under a key; None if there is none. See `kept`."""
+        kept = self.kept(key)
+        return None if kept is None else kept.found
+
+    def kept(self, key: str) -> KeptResult | None:
+        """Return the result under a key, with its trial; None if there is none.
 
         Raises
         ------
@@ -121,7 +126,7 @@ class Store:
             If its file is damaged.
         """
         path = self._path(_RESULTS, key)
-        return self._read(KeptResult, path, _REMEDY).found if path.is_file() else None
+        return self._read(KeptResult, path, _REMEDY) if path.is_file() else None
 
     def failure(self, key: str) -> str | None:
         """Return the error under a key; None if there is none.

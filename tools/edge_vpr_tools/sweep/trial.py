@@ -6,7 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -167,7 +167,7 @@ class KeptResult:
     key: str
     trial: Trial
     found: TrialResult
-    schema: int = field(default=SCHEMA)
+    schema: int = SCHEMA
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +186,7 @@ class KeptFailure:
     trial: Trial
     error: str
     where: str = ""
-    schema: int = field(default=SCHEMA)
+    schema: int = SCHEMA
 
 
 def run_trial(trial: Trial) -> TrialResult:

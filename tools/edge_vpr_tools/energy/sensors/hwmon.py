@@ -68,8 +68,16 @@ WHOLE_BOARD = ("VDD_IN", "POM_5V_IN", "VIN_SYS_5V0", "VIN")
 _PERIOD_MS = 10.0
 
 
-class _Files(Sensor):
-    """Reading of one file, or product of the readings of several."""
+class PowerFiles(Sensor):
+    """File with the power, or files with volts and amperes, whose readings are multiplied.
+
+    Parameters
+    ----------
+    about : About
+    *paths : path
+    unit : float
+        Unit of the product in watts.
+    """
 
     def __init__(self, about: About, *paths: Path, unit: float = 1.0) -> None:
         self.about, self.unit, self.paths = about, unit, paths
@@ -88,20 +96,12 @@ class _Files(Sensor):
             file.close()
 
 
-class EnergyFile(_Files):
-    """File that counts microjoules."""
+class EnergyFile(PowerFiles):
+    """File that counts microjoules; `unit` is in joules."""
 
     def read(self) -> float:
         """Return the joules since the driver was loaded."""
         return self._files[0].read() * self.unit
-
-
-class PowerFile(_Files):
-    """File with the power; `unit` is the unit of its numbers in watts."""
-
-
-class VoltsTimesAmperes(_Files):
-    """Two files, in millivolts and milliamperes."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
         If the sensor has no shunt, or its driver does not state which one it assumes.
     """
     about = sensor.about
-    if not isinstance(sensor, _Files) or about.shunt_mohm is None or not mohm > 0:
+    if not isinstance(sensor, PowerFiles) or about.shunt_mohm is None or not mohm > 0:
         raise UsageError(
             f"--shunt-mohm {mohm:g}: {about.name} does not report the shunt that it assumes: "
             "give its driver the right one (shunt-resistor in the device tree)"
@@ -229,10 +229,10 @@ def _sensor(channel: _Channel) -> Sensor | None:
         return EnergyFile(about("energy", 1e-6), energy, unit=1e-6)
     if power.exists():
         step = _INA260_STEP_W if inside else chip.power_step / (micro_ohms or math.inf)
-        return PowerFile(about("power", step), power, unit=1e-6)
+        return PowerFiles(about("power", step), power, unit=1e-6)
     if volts.exists() and amperes.exists():
         step = 0.0
         if channel.chip == "ina3221" and micro_ohms is not None:
             step = 5.0 * _INA3221_STEP_V / (micro_ohms * 1e-6)  # at 5 V
-        return VoltsTimesAmperes(about("power", step), volts, amperes, unit=1e-6)
+        return PowerFiles(about("power", step), volts, amperes, unit=1e-6)
     return None

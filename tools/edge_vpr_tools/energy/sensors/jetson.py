@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from edge_vpr_tools.energy.sensors.hwmon import CHIPS, SHUNT_TOLERANCE, WHOLE_BOARD, PowerFile
+from edge_vpr_tools.energy.sensors.hwmon import CHIPS, SHUNT_TOLERANCE, WHOLE_BOARD, PowerFiles
 from edge_vpr_tools.energy.sensors.sensor import About, Missing, Sensor, SensorError, read_text
 
 _RESOLUTION_W, _PERIOD_S = 0.04, 0.01
@@ -26,7 +26,7 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
             gain_error=CHIPS["ina3221"].gain_error + SHUNT_TOLERANCE,
             detail=f"the board's own shunts; {CHIPS['ina3221'].source}",
         )
-        sensor = PowerFile(about, label.with_name(f"in_power{number}_input"), unit=1e-3)
+        sensor = PowerFiles(about, label.with_name(f"in_power{number}_input"), unit=1e-3)
         try:
             sensor.read()
         except SensorError as error:

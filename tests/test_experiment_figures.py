@@ -1,0 +1,236 @@
+"""Every experiment draws its figure, and what it draws is what its table says."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from functools import partial
+from importlib import import_module
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.experiments import (
+    EXPERIMENTS,
+    brisbane,
+    burst_filters,
+    calibration,
+    calibration_streets,
+    event_speed,
+    simulated,
+    speck_walks,
+)
+from edge_vpr_tools.experiments.trial import Variant
+from edge_vpr_tools.report.dot_plot import dot_plot
+from edge_vpr_tools.report.figures import reliability_diagram
+from test_datasets import write_log
+
+from edge_vpr.baselines.comparing import fastest
+from edge_vpr.evaluation.calibration import reliability
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulate import CAMERAS, simulate_pair
+
+FEW = {"pixels": 10, "sigma": 1.0}
+STREET = partial(simulate_pair, sensor="tiny", length_m=30.0)
+
+
+def nothing(name):
+    """Hear what begins."""
+
+
+def cells(table, row):
+    """Return the cells of a row of a Markdown table, without its name."""
+    (line,) = (line for line in table.splitlines() if line.startswith(f"| {row} |"))
+    return [cell.strip() for cell in line.removeprefix(f"| {row} |").split("|")[:-1]]
+
+
+def means(table, row):
+    """Return the first numbers of a row's cells."""
+    return [float(re.split("[ ±]", cell)[0].replace(",", "")) for cell in cells(table, row)]
+
+
+def dots(axes):
+    """Return the drawn means of each series of a panel of `dot_plot`."""
+    return [bars[0].get_xdata().tolist() for bars in axes.containers]
+
+
+def drawn_by(module, monkeypatch):
+    """Keep the figures that an experiment draws."""
+    kept = []
+    draw = module.draw
+    monkeypatch.setattr(module, "draw", lambda *a: kept.append(draw(*a)) or kept[-1])
+    return kept
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_has_a_figure(name):
+    module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}")
+    kinds = [parameter.kind for parameter in inspect.signature(module.run).parameters.values()]
+    assert inspect.Parameter.VAR_POSITIONAL in kinds
+    assert inspect.signature(module.draw).return_annotation == "Figure"
+
+
+def test_a_dot_is_the_mean_and_its_bar_the_spread():
+    rows = {"a": [0.2, 0.4, 0.6], "$b": [1.0]}
+    drawing = dot_plot({"P@100R": {"x": rows, "y": rows}, "R@99P": {"x": rows, "y": rows}})
+    left, right = drawing.axes
+    assert [label.get_text() for label in left.get_yticklabels()] == ["a", r"\$b"]
+    assert (left.get_xlabel(), right.get_xlabel()) == ("P@100R", "R@99P")
+    assert left.get_ylim()[0] > left.get_ylim()[1]  # the first row is at the top
+    assert dots(left) == dots(right) == [[pytest.approx(0.4), 1.0]] * 2
+    heights = [bars[0].get_ydata().tolist() for bars in left.containers]
+    assert heights == [[-0.125, 0.875], [0.125, 1.125]]
+    (bar, point) = left.containers[0].lines[2][0].get_segments()
+    assert np.ptp(bar[:, 0]) == pytest.approx(0.4) and np.ptp(point[:, 0]) == 0
+    assert [text.get_text() for text in drawing.legends[0].get_texts()] == ["x", "y"]
+    assert dot_plot({"events": {"": rows}}, limits=None).legends == []
+
+
+def test_variants_on_simulated_streets_are_drawn_as_the_table_says(tmp_path, monkeypatch):
+    monkeypatch.setattr(simulated, "simulate_pair", STREET)
+    some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
+    monkeypatch.setattr(simulated, "VARIANTS", some)
+    kept = drawn_by(simulated, monkeypatch)
+    table = simulated.run(None, 2, nothing, tmp_path / "a.svg", tmp_path / "a.pdf")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000 and (tmp_path / "a.pdf").is_file()
+    header = table.splitlines()[0]
+    assert header.endswith("| bytes a place | operations a match | time a query |")
+    drawn = np.transpose([dots(axes)[0] for axes in kept[0].axes])
+    assert drawn[0] == pytest.approx(means(table, "few")[:3], abs=6e-4)
+    assert drawn[1] == pytest.approx(means(table, "every")[:3], abs=6e-4)
+    size, operations = means(table, "few")[3:5]
+    assert operations % 10 == 0 < operations and size == 10
+    assert cells(table, "few")[5].endswith(" us")
+
+
+@pytest.fixture(scope="module")
+def walks(tmp_path_factory):
+    """Two walks along the same 30 places of a small sensor, a second at each, a little noisy."""
+    data = tmp_path_factory.mktemp("walks")
+    folder = data / speck_walks.FOLDER
+    folder.mkdir()
+    rng = np.random.default_rng(3)
+    places = rng.gamma(0.5, 0.6, (30, 16, 16)).repeat(30, axis=0)
+    for name in ("reference", "query"):
+        frames = np.minimum(rng.poisson(places), 255).astype(np.uint8)
+        np.savez(folder / f"{name}.npz", frames=frames)
+    (folder / "ground_truth.csv").write_text("query_frame,reference_frame\n0,0\n900,900\n")
+    return data
+
+
+def test_variants_on_walks_are_drawn_as_the_table_says(walks, tmp_path, monkeypatch):
+    top = Variant("top", {**FEW, "strategy": "top"})
+    monkeypatch.setattr(speck_walks, "VARIANTS", (Variant("few", FEW), top))
+    kept = drawn_by(speck_walks, monkeypatch)
+    table = speck_walks.run(walks, 2, nothing, tmp_path / "a.pdf")
+    assert (tmp_path / "a.pdf").is_file()
+    drawn = np.transpose([dots(axes)[0] for axes in kept[0].axes])
+    for row, name in zip(drawn, ("few", "top"), strict=True):
+        assert row == pytest.approx(means(table, name)[:3], abs=6e-4)
+    assert "±" in cells(table, "few")[0] and "±" not in cells(table, "top")[0]
+    # differences to 29 places, since the last window is not known to be complete
+    assert means(table, "few")[4] == 10 * 29
+
+
+def test_burst_filters_are_drawn_as_the_table_says(walks, tmp_path, monkeypatch):
+    few = PRESETS["default"].replaced(FEW, "test")
+    monkeypatch.setattr(burst_filters, "PRESETS", {"default": few})
+    monkeypatch.setattr(burst_filters, "RATES", (0.0, 10.0))
+    kept = drawn_by(burst_filters, monkeypatch)
+    table = burst_filters.run(walks, 1, nothing, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000
+    right, same = kept[0].axes
+    assert (right.get_xlabel(), same.get_xlabel()) == (burst_filters.RIGHT, burst_filters.SAME)
+    shown = [label.get_text() for label in right.get_yticklabels()]
+    assert shown == ["flashes a second: 0", "flashes a second: 10"]
+    for i, name in enumerate(burst_filters.FILTERS):
+        for row, rate in enumerate(("0", "10")):
+            drawn = [dots(axes)[i][row] for axes in (right, same)]
+            assert drawn == pytest.approx(means(table, f"{rate} | {name}"), abs=6e-4)
+    assert dots(same)[0] == [1.0, 1.0] and dots(same)[2][1] < 1
+
+
+def test_the_counts_of_brisbane_are_drawn_with_a_curve_for_each_length(tmp_path):
+    folder = tmp_path / brisbane.FOLDER
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    at = np.arange(49)
+    for name in ("sunset1", "sunset2"):
+        np.savez(
+            folder / f"{name}.npz", counts=rng.integers(0, 200, (40, 49), dtype=np.uint8),
+            pixel_x=at, pixel_y=at, window_s=1.0, sensor_width=64, sensor_height=64,
+        )  # fmt: skip
+        write_log(folder / f"{name}.nmea", 40)
+    table = brisbane.run(tmp_path, 1, nothing, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000
+    (axes,) = brisbane.draw(brisbane.evaluate_lengths(tmp_path)).axes
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert len(labels) == len(brisbane.LENGTHS)
+    for length, label in zip(brisbane.LENGTHS, labels, strict=True):
+        right, sure = cells(table, str(length))[:2]
+        assert label == f"sequences of {length}\nP@100R {right}, R@99P {sure}"
+
+
+def test_events_at_each_speed_are_drawn_as_the_table_says(tmp_path, monkeypatch):
+    noisy = {"tiny": (CAMERAS["tiny"], {}), "still": (CAMERAS["tiny"], {"traffic_per_km": 0.0})}
+    monkeypatch.setattr(event_speed, "cases", lambda: noisy)
+    monkeypatch.setattr(event_speed, "LENGTH_M", 10.0)
+    kept = drawn_by(event_speed, monkeypatch)
+    table = event_speed.run(None, 2, nothing, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").stat().st_size > 10_000
+    drawn = dots(kept[0].axes[0])
+    assert len(drawn) == len(event_speed.SPEEDS_MPS) - 1
+    for row, name in enumerate(noisy):
+        assert [each[row] for each in drawn] == pytest.approx(means(table, name)[1:], abs=6e-4)
+    legend = [text.get_text() for text in kept[0].legends[0].get_texts()]
+    assert legend == ["share at 6 m/s", "share at 12 m/s"]
+
+
+def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
+    tmp_path, monkeypatch, capsys
+):
+    """By the command, with --table and --figure together."""
+    monkeypatch.setattr(calibration_streets, "simulate_pair", STREET)
+    monkeypatch.setattr(calibration_streets, "PIXELS", (10,))
+    monkeypatch.setattr(calibration_streets, "WINDOWS", ("time",))
+    some = list(calibration_streets.QUERIES.items())[:2]
+    monkeypatch.setattr(calibration_streets, "QUERIES", dict(some))
+    preset = {"default": PRESETS["default"].replaced({"sigma": 1.0}, "test")}
+    monkeypatch.setattr(calibration_streets, "PRESETS", preset)
+    monkeypatch.setattr(calibration, "JUDGED", 1)
+    kept = drawn_by(calibration, monkeypatch)
+    figure = tmp_path / "a.svg"
+    arguments = f"experiment calibration --seeds 2 --table {tmp_path} --figure {figure}"
+    assert main(arguments.split()) == 0
+    shown = capsys.readouterr().out
+    assert "Smoothed:" in shown and "Window by window:" in shown
+    assert figure.stat().st_size > 10_000
+    learnt = [json.loads(path.read_text()) for path in tmp_path.glob("*.json")]
+    assert [table["street_seeds"] for table in learnt] == [[1000, 1001]] * 2
+    labels = [text.get_text() for text in kept[0].axes[0].get_legend().get_texts()]
+    assert any(label.startswith("Window by window: ") for label in labels)
+    assert any(label.startswith("Smoothed: ") for label in labels)
+
+
+def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
+    rng = np.random.default_rng(0)
+    given = rng.random(200)
+    one = reliability(given, rng.random(200) < given)
+    (axes,) = reliability_diagram({"matches": one}).axes
+    error = f"expected calibration error {one.expected_calibration_error:.3f}"
+    assert axes.get_title() == f"Reliability: {error}"
+    assert axes.get_legend().get_texts()[1].get_text() == "200 matches in 10 bins, larger: more"
+    (axes,) = reliability_diagram({"live": one, "smoothed": one}).axes
+    assert axes.get_title() == "Reliability"
+    labels = [text.get_text() for text in axes.get_legend().get_texts()[1:]]
+    assert labels == [
+        f"{name}: 200 matches in 10 bins, larger: more\n{error}" for name in ("live", "smoothed")
+    ]
+
+
+def test_the_time_of_the_quickest_of_three_is_taken(monkeypatch):
+    ticks = iter([0.0, 5.0, 10.0, 12.0, 20.0, 29.0])
+    monkeypatch.setattr("edge_vpr.baselines.comparing.time.perf_counter", lambda: next(ticks))
+    done = []
+    assert fastest(lambda: done.append(1) or len(done)) == (3, 2.0)
