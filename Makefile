@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # tells a stale environment from a current one without asking pip
 STAMP = $(VENV)/.installed-$(1)
 
-.PHONY: demo test quick coverage test-rtl test-aarch64 test-pythons lint types site bench clean
+.PHONY: demo test quick coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
@@ -42,6 +42,13 @@ test-pythons:
 	PART=whole sh tests/in_debian.sh amd64 3.13
 	PART=whole sh tests/in_debian.sh amd64 3.14
 
+# with the oldest libraries that pyproject.toml allows
+test-oldest:
+	$(PYTHON) -m venv .oldest
+	.oldest/bin/python -m pip install --quiet uv
+	.oldest/bin/uv pip install --quiet --python .oldest/bin/python --resolution lowest-direct --editable '.[test]'
+	.oldest/bin/python -m pytest -n auto --dist worksteal -m "not slow and not alone"
+
 lint: $(call STAMP,test)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -58,7 +65,7 @@ bench: $(call STAMP,bench)
 	$(BIN)/python tools/bench/latency.py >> docs/benchmarks.md
 
 clean:
-	rm -rf $(VENV) .debian results site
+	rm -rf $(VENV) .debian .oldest results site
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

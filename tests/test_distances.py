@@ -217,4 +217,6 @@ def test_each_processor_gets_its_own_instructions(kernel_ir, triple, cpu, instru
     passes.getModulePassManager().run(module, passes)
     assembly = machine.emit_assembly(module)
     for instruction in instructions:
+        if instruction == "udot" and llvm.llvm_version_info < (22,):
+            continue  # older ones add in two steps
         assert f"\t{instruction}" in assembly
