@@ -42,12 +42,12 @@ test-pythons:
 	PART=whole sh tests/in_debian.sh amd64 3.13
 	PART=whole sh tests/in_debian.sh amd64 3.14
 
-# with the oldest libraries that pyproject.toml allows
+# with the oldest libraries that pyproject.toml allows, which may warn of the newer ones they use
 test-oldest:
 	$(PYTHON) -m venv .oldest
 	.oldest/bin/python -m pip install --quiet uv
 	.oldest/bin/uv pip install --quiet --python .oldest/bin/python --resolution lowest-direct --editable '.[test]'
-	.oldest/bin/python -m pytest -n auto --dist worksteal -m "not slow and not alone"
+	.oldest/bin/python -m pytest -n auto --dist worksteal -m "not slow and not alone" -W ignore::DeprecationWarning
 
 lint: $(call STAMP,test)
 	$(BIN)/ruff check .
