@@ -108,8 +108,22 @@ def test_nowhere_to_keep_kernels_is_wrong(monkeypatch):
     assert only(kernels.check_kernels()).state == "wrong"
 
 
+def run_in(folder, program, **more):
+    """What a program prints that imports modules of a folder and keeps its kernels there."""
+    kept = {"NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": str(folder)}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, **kept, **more},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return done.stdout.strip()
+
+
 _KERNEL = "from edge_vpr.compiling import kernel\n\n@kernel\n"
 _ONE_KERNEL = f"{_KERNEL}def plus_one(x):\n    return x + 1\n"
+_CALL = "import one_kernel; one_kernel.plus_one(1)"
 
 
 def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
@@ -117,14 +131,11 @@ def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
     monkeypatch.setattr(kernels, "_sources", lambda: [tmp_path / "one_kernel.py"])
     assert only(kernels.check_kernels()).state == "absent"
     (tmp_path / "one_kernel.py").write_text(_ONE_KERNEL)
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
-    keep = [sys.executable, "-c", "import one_kernel; one_kernel.plus_one(1)"]
-    elsewhere = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-    subprocess.run(keep, env={**os.environ, **environment, **elsewhere}, check=True)
+    run_in(tmp_path, _CALL, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="")
     finding = only(kernels.check_kernels())
     assert finding.state == "absent"
     assert finding.text.startswith(f"0 kept in {tmp_path} for this processor and Numba, 1 for")
-    subprocess.run(keep, env={**os.environ, **environment}, check=True)
+    run_in(tmp_path, _CALL)
     assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
     for index in tmp_path.rglob("*.nbi"):
         index.write_bytes(index.read_bytes()[:-5])
@@ -136,9 +147,7 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(kernels, "_sources", lambda: [source])
     source.write_text(_ONE_KERNEL)
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
-    keep = [sys.executable, "-c", "import one_kernel; one_kernel.plus_one(1)"]
-    subprocess.run(keep, env={**os.environ, **environment}, check=True)
+    run_in(tmp_path, _CALL)
     assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
 
     source.write_text(_ONE_KERNEL.replace("x + 1", "x + 2"))  # Numba compiles it again
@@ -146,7 +155,7 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
     assert finding.state == "absent" and "doctor --compile" in finding.remedy
     assert finding.text.startswith(f"0 kept in {tmp_path}, 1 of an older source")
     source.write_text("\n" + source.read_text())  # at another line it has an index of its own
-    subprocess.run(keep, env={**os.environ, **environment}, check=True)
+    run_in(tmp_path, _CALL)
     assert only(kernels.check_kernels()).text.startswith(f"1 kept in {tmp_path}, 1 of an older")
 
     monkeypatch.setattr(kernels, "PRESETS", [])
@@ -165,25 +174,16 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(tmp_p
     source.write_text(
         f"from called import STEP, one\n{_KERNEL}def plus(x):\n    return x + STEP * one()\n"
     )
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(tmp_path)}
     program = (
         "import one_kernel; k = one_kernel.plus; print(k(1), sum(k.stats.cache_hits.values()))"
     )
-
-    def result() -> str:
-        keep = [sys.executable, "-c", program]
-        done = subprocess.run(
-            keep, env={**os.environ, **environment}, check=True, capture_output=True, text=True
-        )
-        return done.stdout.strip()
-
     for step, one in ((1, 1), (1, 100), (7, 100)):
         called.write_text(f"STEP = {step}\n{_KERNEL}def one():\n    return {one}\n")
         if (step, one) != (1, 1):
             finding = only(kernels.check_kernels())
             assert finding.state == "absent" and "of an older source" in finding.text
-        assert result() == f"{1 + step * one} 0"  # compiled
-        assert result() == f"{1 + step * one} 1"  # loaded
+        assert run_in(tmp_path, program) == f"{1 + step * one} 0"  # compiled
+        assert run_in(tmp_path, program) == f"{1 + step * one} 1"  # loaded
         assert only(kernels.check_kernels()).text == f"2 kept in {tmp_path}"
 
 

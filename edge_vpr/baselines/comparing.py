@@ -84,7 +84,6 @@ def compare(
     """
     baseline.prepare(reference)
     places = baseline.describe(reference)
-    baseline.distances(places, baseline.describe(queries[:1]))  # compiles kernels before timing
     described, describe_s = fastest(lambda: baseline.describe(queries))
     distances, match_s = fastest(lambda: baseline.distances(places, described))
     return Compared(
@@ -99,7 +98,7 @@ def compare(
 def fastest(work: Callable[[], T]) -> tuple[T, float]:
     """Do the same work three times, and return its result and the shortest time in seconds.
 
-    Other programs on the computer can only make it slower.
+    What a first call compiles, and other programs on the computer, can only make it slower.
 
     Parameters
     ----------

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.online.schedule import MatchSchedule
@@ -14,7 +12,7 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
 from edge_vpr_tools.experiments.latency import Latency, measure_latency
 from edge_vpr_tools.experiments.trial import Times, Trial, TruthOf, Variant, run_trial
-from edge_vpr_tools.experiments.variants import Trials, draw_variants, variants_table
+from edge_vpr_tools.experiments.variants import draw_variants, variants_table
 from edge_vpr_tools.report.style import save
 
 #: name of the pairs in tables of several experiments
@@ -126,6 +124,4 @@ def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Pat
     return variants_table(found)
 
 
-def draw(found: Trials) -> Figure:
-    """Draw how often each variant is right."""
-    return draw_variants(found)
+draw = draw_variants

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.truth_from_alignment import from_alignment, load_alignment
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.trial import Kept, Times, Trial, TruthOf, Variant, run_trial
-from edge_vpr_tools.experiments.variants import Trials, draw_variants, variants_table
+from edge_vpr_tools.experiments.variants import draw_variants, variants_table
 from edge_vpr_tools.report.style import save
 
 FOLDER = "speck_walks"
@@ -93,6 +91,4 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
     return variants_table(found)
 
 
-def draw(found: Trials) -> Figure:
-    """Draw how often each variant is right."""
-    return draw_variants(found)
+draw = draw_variants

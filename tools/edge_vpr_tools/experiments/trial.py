@@ -117,7 +117,6 @@ def map_and_describe(
 
 def match_trial(mapped: ReferenceMap, queries: Descriptors, truth_of: TruthOf) -> Trial:
     """Match and evaluate."""
-    match_descriptors(mapped.places, queries, mapped.settings)  # compiles, and fills the cache
     matches, matching_s = fastest(
         lambda: match_descriptors(mapped.places, queries, mapped.settings)
     )
