@@ -47,13 +47,15 @@ def _imported(function: Callable[..., Any]) -> str:
 
     A kernel counts with the stamp of its source, which holds those that it calls in turn.
     """
-    found = []
+    found: list[tuple[Any, ...]] = []
     for name, value in sorted(function.__globals__.items()):
         file = _cache_file(value)
         if file is not None:
             found.append((name, file._source_stamp))
         elif isinstance(value, type) and issubclass(value, tuple):
             found.append((name, getattr(value, "_fields", ())))
+        elif isinstance(value, np.ndarray):
+            found.append((name, value.dtype, value.shape, value.tobytes()))
         elif isinstance(value, _CONSTANTS):
             found.append((name, value))
     return hashlib.sha256(repr(found).encode()).hexdigest()

@@ -168,23 +168,46 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
 
 
 def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(tmp_path, monkeypatch):
-    source, called = tmp_path / "one_kernel.py", tmp_path / "called.py"
+    names = ("one_kernel", "called", "constants")
+    source, called, constants = (tmp_path / f"{name}.py" for name in names)
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(kernels, "_sources", lambda: [source, called])
+    monkeypatch.setattr(kernels, "_sources", lambda: [source, called, constants])
     source.write_text(
-        f"from called import STEP, one\n{_KERNEL}def plus(x):\n    return x + STEP * one()\n"
+        f"from called import one\nfrom constants import FIRST, STEP\n{_KERNEL}"
+        "def plus(x):\n    return x + FIRST[0] + STEP * one()\n"
     )
     program = (
         "import one_kernel; k = one_kernel.plus; print(k(1), sum(k.stats.cache_hits.values()))"
     )
-    for step, one in ((1, 1), (1, 100), (7, 100)):
-        called.write_text(f"STEP = {step}\n{_KERNEL}def one():\n    return {one}\n")
-        if (step, one) != (1, 1):
-            finding = only(kernels.check_kernels())
-            assert finding.state == "absent" and "of an older source" in finding.text
-        assert run_in(tmp_path, program) == f"{1 + step * one} 0"  # compiled
-        assert run_in(tmp_path, program) == f"{1 + step * one} 1"  # loaded
-        assert only(kernels.check_kernels()).text == f"2 kept in {tmp_path}"
+
+    def write_called(one: int) -> None:
+        called.write_text(f"{_KERNEL}def one():\n    return {one}\n")
+
+    def write_constants(first: int, step: int) -> None:
+        constants.write_text(f"import numpy as np\nFIRST = np.array([{first}])\nSTEP = {step}\n")
+
+    def check(result: int) -> None:
+        assert run_in(tmp_path, program) == f"{result} 0"  # compiled
+        assert run_in(tmp_path, program) == f"{result} 1"  # loaded
+
+    def check_older() -> None:
+        finding = only(kernels.check_kernels())
+        assert finding.state == "absent" and "of an older source" in finding.text
+
+    write_called(1)
+    write_constants(0, 1)
+    check(2)
+    assert only(kernels.check_kernels()).text == f"2 kept in {tmp_path}"
+    write_called(100)
+    check_older()
+    check(101)
+    assert only(kernels.check_kernels()).text == f"2 kept in {tmp_path}"
+    write_constants(0, 7)
+    check_older()
+    check(701)
+    write_constants(5, 7)
+    check_older()
+    check(706)
 
 
 def test_something_wrong_is_marked_and_ends_with_an_error(monkeypatch, capsys):
