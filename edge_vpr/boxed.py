@@ -8,7 +8,7 @@ depend on its size.
 from __future__ import annotations
 
 import copy
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 from numba import config, types
 
@@ -16,10 +16,11 @@ from edge_vpr.compiling import kernel
 
 if config.DISABLE_JIT:
 
-    class Boxed(NamedTuple):
+    class Boxed:
         """Box without the compiler; the classes below are the same for compiled code."""
 
-        value: Any
+        def __init__(self, value: Any) -> None:
+            self.value = value
 
     boxed = Boxed
 
@@ -32,6 +33,9 @@ else:
 
     class Boxed(structref.StructRefProxy):  # type: ignore[no-redef]
         """Box that compiled code holds by its address; only kernels may read `value`."""
+
+        # the same without a call of Python, which Numba makes twice for each argument
+        _numba_type_ = structref.StructRefProxy._type
 
     structref.define_proxy(Boxed, BoxedType, ["value"])
 

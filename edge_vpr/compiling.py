@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numba import njit
+from numba.core.dispatcher import Dispatcher
 
 _CONSTANTS = (bool, int, float, tuple, np.dtype, np.integer, np.floating)
 
@@ -40,6 +41,19 @@ def kernel(
     if file is not None:
         file._source_stamp = (file._source_stamp, _imported(function))
     return compiled
+
+
+def entry(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]:
+    """Return the compiled code of a kernel for arguments of the types of these.
+
+    A kernel finds the types of its arguments at each call, which takes 1 us for a box, and longer
+    than the rest of a call when other work has used the caches. The code must never be called with
+    arguments of other types.
+    """
+    if not isinstance(kernel, Dispatcher):
+        return kernel
+    code: Callable[..., Any] = kernel.compile(tuple(map(kernel.typeof_pyval, given)))
+    return code
 
 
 def _imported(function: Callable[..., Any]) -> str:

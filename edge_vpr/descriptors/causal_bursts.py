@@ -7,12 +7,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.boxed import Box
+from edge_vpr.boxed import Box, Boxed
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
-_STATE = np.dtype([("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8")])
+_STATE = np.dtype(
+    [("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8"), ("removed", "<i8")]
+)
 #: Initial room for events.
 _ROOM = 256
 
@@ -21,6 +23,7 @@ class _Fired(NamedTuple):
     """State of the kernel: the slot in which each pixel last fired, and room for events."""
 
     fired: npt.NDArray[np.int64]
+    width: int
     state: npt.NDArray[np.void]
     room: Events
 
@@ -35,35 +38,44 @@ class CausalBurstFilter:
     Parameters
     ----------
     sensor : Sensor
-
-    Attributes
-    ----------
-    removed : int
-        Events removed so far.
+        Without pixels: nothing is removed.
     """
 
     #: Time before which all events have left the filter: the largest one, as no event is held.
     known_us = np.iinfo(np.int64).max
 
     def __init__(self, sensor: Sensor) -> None:
-        self.removed = 0
-        self._width = sensor.width
         state = np.zeros(1, dtype=_STATE)
         state["slot"] = -2
         fired = np.full(sensor.pixels, -2, dtype=np.int64)
-        self._fired = _Fired(fired, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
+        self._fired = _Fired(fired, sensor.width, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
         self._box = Box(self._fired)
+
+    @property
+    def removed(self) -> int:
+        """Events removed so far."""
+        return int(self._fired.state["removed"][0])
+
+    @property
+    def boxed(self) -> Boxed:
+        """State for `keep`; call `make_room` before it."""
+        return self._box.boxed
+
+    def make_room(self, n: int) -> None:
+        """Make room for `n` events."""
+        if n > self._fired.room.size:
+            self._fired = self._fired._replace(room=np.empty(n, dtype=EVENT_DTYPE))
+            self._box = Box(self._fired)
 
     def update(self, events: Events) -> Events:
         """Feed the next events; see `BurstFilter.update`."""
         if not events.size:
             return events
-        if events.size > self._fired.room.size:
-            room = np.empty(events.size, dtype=EVENT_DTYPE)
-            self._fired = self._fired._replace(room=room)
-            self._box = Box(self._fired)
-        n = _keep(self._box.boxed, events, self._width)
-        self.removed += events.size - n
+        self.make_room(events.size)
+        return self.kept(events, keep(self._box.boxed, events))
+
+    def kept(self, events: Events, n: int) -> Events:
+        """Return the `n` of these events that `keep` has kept."""
         return events if n == events.size else self._fired.room[:n].copy()
 
     def pieces(self, events: Events) -> list[Events]:
@@ -81,9 +93,12 @@ class CausalBurstFilter:
 
 
 @kernel
-def _keep(box, events, width):  # type: ignore[no-untyped-def]
-    """Copy the events outside of bursts known so far; return their number."""
-    fired, states, room = box.value
+def keep(box, events):  # type: ignore[no-untyped-def]
+    """Copy the events outside of bursts known so far to `_Fired.room`; return their number."""
+    fired, width, states, room = box.value
+    if fired.size == 0:
+        room[: events.size] = events
+        return events.size
     s = states[0]
     slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
     for i in range(events.size):
@@ -103,4 +118,5 @@ def _keep(box, events, width):  # type: ignore[no-untyped-def]
             room[n] = event
             n += 1
     s["slot"], s["pixels"], s["pixels_before"] = slot, pixels, before
+    s["removed"] += events.size - n
     return n

@@ -44,6 +44,7 @@ CONTROL = np.dtype(
         # events
         ("off_slots", "<i8"),  # first slot of OFF events
         ("floor", "<i8"),  # earliest time that the next event may have
+        ("now", "<i8"),  # T: all earlier events have been processed
     ]
 )
 

@@ -16,6 +16,9 @@ from edge_vpr.online.state_kernels import age, note, take_moves
 # why the kernel returned
 DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
 
+Few = tuple[int, int, int, int, int]
+"""Result of `follow_few`."""
+
 
 @kernel
 def follow(box, slots, times, until):
@@ -126,6 +129,6 @@ def follow_few(box, events):
     selected = few_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
     if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
         return 0, 0, REFUSED, 0, last
-    c.floor = last
+    c.floor, c.now = last, last + 1
     read, given, why = follow(box, f.slots[:selected], f.times[:selected], last)
     return read, given, why, selected, last

@@ -15,6 +15,7 @@ from edge_vpr.matching.drive_matching import check_no_ways
 from edge_vpr.odometry import MOST_MM
 from edge_vpr.online.localiser_state import NO_MATCHES, LocaliserState
 from edge_vpr.online.match_records import MATCH_DTYPE
+from edge_vpr.online.match_run import MatchRun
 from edge_vpr.online.saved_map import searched_map
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sequence_run import SequenceRun
@@ -136,6 +137,16 @@ class Localiser:
         if events.size == 0:
             return NO_MATCHES
         return self._state.take(events)
+
+    @property
+    def run(self) -> MatchRun:
+        """What feeds its kernel, for kernels that decode events too."""
+        return self._state.run
+
+    @property
+    def selected(self) -> int:
+        """Events at the selected pixels so far."""
+        return int(self._state.windows.s.bound[0])
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Advance the time without events to T = `until_us`, and return the matches due until then.

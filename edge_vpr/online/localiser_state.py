@@ -18,6 +18,7 @@ from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.filter_run import FilterRun
 from edge_vpr.online.followed import FEW
 from edge_vpr.online.followed_windows import FollowedWindows
+from edge_vpr.online.kernel import REFUSED, follow_few
 from edge_vpr.online.match_records import MATCH_DTYPE
 from edge_vpr.online.match_run import Found
 from edge_vpr.online.saved_map import map_arrays
@@ -41,8 +42,6 @@ class LocaliserState:
 
     Attributes
     ----------
-    now : int
-        T: all earlier events have been processed.
     run : FilterRun or SequenceRun
     windows : FollowedWindows
     """
@@ -61,7 +60,6 @@ class LocaliserState:
         reference.check()
         places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
-        self.now = 0  # T: all earlier events have been processed
         if reference.own_mean_code is not None and settings.matching != "filter":
             raise UsageError(
                 "own-mean codes follow the mean of a drive, which sequences after every event do "
@@ -79,6 +77,11 @@ class LocaliserState:
             check_no_ways(reference.jumps, odometry=False)
             self.run = SequenceRun(reference, self.windows, every, recent)
         self.run.prepare()
+
+    @property
+    def now(self) -> int:
+        """T: all earlier events have been processed."""
+        return self.run.now_us
 
     def seen_and_whole(self) -> tuple[int, int]:
         """Return how much of the L windows is complete, and their total length."""
@@ -111,31 +114,30 @@ class LocaliserState:
         self.run.resume(arrays)
         self.windows.resume(arrays)
         self.run.prepare()
-        self.now, self.run.floor_us = clock.now_us, clock.floor_us
+        self.run.now_us, self.run.floor_us = clock.now_us, clock.floor_us
 
     def take(self, events: Events) -> npt.NDArray[np.void]:
         """Feed events, at any pixels; see `Localiser.update`."""
         if events.size <= FEW and events.dtype == EVENT_DTYPE and not self._check_every:
             plain = type(events) is np.ndarray and events.flags.carray
-            fed = self.run.feed_few(events if plain else np.array(events, dtype=EVENT_DTYPE))
-            if fed is not None:
-                last, found = fed
-                self.now = last + 1
-                return _joined(found)
+            few = events if plain else np.array(events, dtype=EVENT_DTYPE)
+            result = follow_few(self.run.boxed, few)
+            if result[2] != REFUSED:
+                return _joined(self.run.go_on(result))
         slots, times = selected_in_order(
             self._table, events, self.run.floor_us, self._settings.polarity
         )
         last = int(events["t"][-1])
         self._every.check_ticks(self.run.next_tick, last)
         matches = self._feed(slots, times, last)
-        self.now = last + 1
+        self.run.now_us = last + 1
         return matches
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Advance the time without events; see `Localiser.advance`."""
         self._every.check_ticks(self.run.next_tick, until_us)
         matches = self._feed(_NO_SLOTS, _NO_TIMES, until_us)
-        self.now = max(self.now, until_us)
+        self.run.now_us = max(self.now, until_us)
         return matches
 
     def _feed(

@@ -7,10 +7,9 @@ import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
 from edge_vpr.boxed import Box, Boxed
-from edge_vpr.events import Events
 from edge_vpr.online.followed import Followed
 from edge_vpr.online.followed_windows import FollowedWindows
-from edge_vpr.online.kernel import DONE, REFUSED, RING_FULL, WINDOW_OVER, follow, follow_few
+from edge_vpr.online.kernel import DONE, RING_FULL, WINDOW_OVER, Few, follow
 from edge_vpr.online.match_records import MATCH_DTYPE
 from edge_vpr.online.state import grown
 
@@ -55,6 +54,15 @@ class MatchRun:
     def floor_us(self, time_us: int) -> None:
         self._followed.control["floor"] = time_us
 
+    @property
+    def now_us(self) -> int:
+        """T: all earlier events have been processed."""
+        return int(self._followed.control["now"][0])
+
+    @now_us.setter
+    def now_us(self, time_us: int) -> None:
+        self._followed.control["now"] = time_us
+
     def feed(self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int) -> Found:
         """Process selected events, then advance the time to `until`.
 
@@ -70,30 +78,25 @@ class MatchRun:
         list of ndarray of MATCH_DTYPE
         """
         self.floor_us = until
-        return self._go_on(slots, times, until, follow(self._bound(), slots, times, until))
+        return self._go_on(slots, times, until, follow(self.boxed, slots, times, until))
 
-    def feed_few(self, events: Events) -> tuple[int, Found] | None:
-        """Look events up and process them in one compiled call.
+    def go_on(self, result: Few) -> Found:
+        """Process the events that `follow_few` has left, and return all matches.
 
         Parameters
         ----------
-        events : ndarray of EVENT_DTYPE, shape (n,)
-            1 to `FEW`, in one piece that may be written to.
+        result : Few
+            Which is not that the events are refused.
 
         Returns
         -------
-        last : int
-            Time of the last event.
-        found : list of ndarray of MATCH_DTYPE
-            None in place of both if the events are refused; nothing has changed then.
+        list of ndarray of MATCH_DTYPE
         """
-        read, given, why, selected, last = follow_few(self._bound(), events)
+        read, given, why, selected, last = result
         if why == DONE:
-            return int(last), [self._taken(given)] if given else []
-        if why == REFUSED:
-            return None
+            return [self._taken(given)] if given else []
         slots, times = self._followed.slots[:selected], self._followed.times[:selected]
-        return int(last), self._go_on(slots, times, int(last), (read, given, why))
+        return self._go_on(slots, times, int(last), (read, given, why))
 
     def _go_on(
         self,
@@ -115,14 +118,16 @@ class MatchRun:
                 self.windows.s = grown(self.windows.s)
             elif why == WINDOW_OVER:
                 self._end_window(int(times[begin]) if begin < times.size else until)
-            result = follow(self._bound(), slots[begin:], times[begin:], until)
+            result = follow(self.boxed, slots[begin:], times[begin:], until)
 
     def _taken(self, given: int) -> npt.NDArray[np.void]:
         # as bytes, because NumPy copies records field by field
         room = bytearray(self._out[: given * MATCH_DTYPE.itemsize])
         return np.frombuffer(room, dtype=MATCH_DTYPE)
 
-    def _bound(self) -> Boxed:
+    @property
+    def boxed(self) -> Boxed:
+        """State for `follow` and `follow_few`; call `go_on` after the latter."""
         if self._box is None or self._followed.s is not self.windows.s:
             self._followed = self._followed._replace(s=self.windows.s)
             self._rebound()

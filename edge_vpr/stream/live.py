@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -9,18 +10,15 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.bursts import BurstFilter
 from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
-from edge_vpr.descriptors.counters import select_events
 from edge_vpr.errors import MapError
-from edge_vpr.events import Events, join_events, make_events
+from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.online.followed import FEW
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.stream.following import JUMP_US, MOST_TICKS, Follower, Step
 from edge_vpr.stream.protocols.protocol import Decoder, synthetic_events
 
-#: A step of the clock is a jump if it is longer than this time and than this number of ticks.
-JUMP_US = 1_000_000
-MOST_TICKS = 10_000
 _NEVER_US = 1 << 62
 _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
@@ -78,8 +76,10 @@ class LiveLocaliser:
         self.decoder = decoder
         self._localiser: Localiser | None = None
         self._bursts: BurstFilter | CausalBurstFilter | None = None
+        self._follower: Follower | None = None  # unless the burst filter holds events
         self._losses = 0
-        self._since = 0  # number of events at the selected pixels since the newest loss
+        # number of events at the selected pixels, in all and since the newest loss
+        self._selected = self._since = 0
         self._whole_us = -1  # first time after the newest loss
         self._reached = self._events = 0  # time and events of the decoder, after the newest piece
         self._time = 0  # time that the localiser has reached
@@ -91,14 +91,17 @@ class LiveLocaliser:
                     "use the map of this camera"
                 )
             self._settings = reference.settings
-            self._table = reference.pixel_map.table()
             burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
-            _rehearse(reference, every, burst_filter(sensor), odometry)
+            _rehearse(decoder, reference, every, burst_filter(sensor), odometry)
             self._localiser = Localiser(reference, every=every)
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
-            if reference.settings.remove_bursts:
+            if not reference.settings.remove_bursts:
+                self._bursts = CausalBurstFilter(Sensor(0, 0))
+            else:
                 self._bursts = burst_filter(sensor)
+            if isinstance(self._bursts, CausalBurstFilter):
+                self._follower = Follower(self._bursts, self._localiser)
 
     @property
     def bursts_removed(self) -> int:
@@ -120,12 +123,14 @@ class LiveLocaliser:
         reopened : bool
             Whether the link was lost before them.
         """
-        events = []
+        decoder, follower = self.decoder, self._follower
+        if follower is not None and not (lost or reopened):
+            return self._follow(*decoder.decode_and_follow(data, host_us, follower))
+        early = []
         if lost or reopened:
-            events.append(self.decoder.gap(lost))
-            self.decoder.health.reopened += reopened
-        events.append(self.decoder.feed(data, host_us))
-        return self._follow(join_events(events))
+            early.append(decoder.gap(lost))
+            decoder.health.reopened += reopened
+        return self._clean(join_events([*early, decoder.feed(data, host_us)]))
 
     def read_odometer(self, distance_m: float) -> int:
         """Take a reading of the robot's odometer, at the time that the stream has reached.
@@ -148,23 +153,34 @@ class LiveLocaliser:
 
     def finish(self) -> LiveResult:
         """End the stream, and return the matches of events that were held."""
-        return self._follow(self.decoder.finish(), last=True)
+        return self._clean(self.decoder.finish(), last=True)
 
     @property
     def filled(self) -> float:
         """Share of the first sequence that is complete, 0 to 1; there are matches from 1 on."""
         return 0.0 if self._localiser is None else self._localiser.filled
 
-    def _follow(self, events: Events, *, last: bool = False) -> LiveResult:
-        localiser = self._localiser
-        if localiser is None:
+    def _clean(self, events: Events, *, last: bool = False) -> LiveResult:
+        """Remove bursts, and match the events that are known to be in none."""
+        bursts, reached = self._bursts, self.decoder.reached_us
+        pieces = []
+        if bursts is not None:
+            pieces = bursts.pieces(events)
+            pieces.append(bursts.finish() if last else bursts.advance(reached))
+        return self._follow(events, Step(reached, [], -1, tuple(pieces)))
+
+    def _follow(self, events: Events, step: Step) -> LiveResult:
+        """Match what is left of the events, up to the time that is known."""
+        localiser, bursts = self._localiser, self._bursts
+        if localiser is None or bursts is None:
             return LiveResult(events, _NO_MATCHES, False)
-        reached, before_us = self.decoder.reached_us, self._time
-        matches: list[npt.NDArray[np.void]] = []
-        pieces = self._cleaned(events, reached, last)
-        for piece in pieces:
+        reached, matches, last_us, rest = step
+        before_us = self._time
+        if last_us > before_us:
+            self._time = last_us
+        for piece in rest:
             self._update(localiser, piece, matches)
-        known = reached if self._bursts is None else min(reached, self._bursts.known_us)
+        known = min(reached, bursts.known_us)
         if known > self._time:
             # held events are later than this; the device may have reported that nothing happened
             self._near(localiser, known, matches)
@@ -172,9 +188,10 @@ class LiveLocaliser:
                 # without a tick, the windows age with the next event
                 matches.append(localiser.advance(known))
             self._time = known
-        some = [each for each in matches if each.size]
-        found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]
-        return LiveResult(events, found, self._incomplete(pieces, before_us, reached))
+        found = _NO_MATCHES
+        if matches:
+            found = matches[0] if len(matches) == 1 else np.concatenate(matches)
+        return LiveResult(events, found, self._incomplete(localiser, before_us, reached))
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
@@ -206,15 +223,7 @@ class LiveLocaliser:
             self._time += self._most_us
             matches.append(localiser.advance(self._time))
 
-    def _cleaned(self, events: Events, reached_us: int, last: bool) -> list[Events]:
-        if self._bursts is None:
-            return [events]
-        return [
-            *self._bursts.pieces(events),
-            self._bursts.finish() if last else self._bursts.advance(reached_us),
-        ]
-
-    def _incomplete(self, pieces: list[Events], before_us: int, now: int) -> bool:
+    def _incomplete(self, localiser: Localiser, before_us: int, now: int) -> bool:
         """Return whether there was a loss within the windows that are compared.
 
         The flag can stay one piece too long, but is never removed too early. It is decided for the
@@ -232,23 +241,18 @@ class LiveLocaliser:
         whole_us, since = self._whole_us, self._since
         if whole_us < 0 and moved:
             self._whole_us = now
+        before, self._selected = self._selected, localiser.selected
         if 0 <= whole_us <= before_us:
-            self._since += sum(self._selected(piece) for piece in pieces if piece.size)
+            self._since += self._selected - before
         settings = self._settings
         if settings.window == "time":
             span = settings.windows_per_match * settings.tau_us
             return whole_us < 0 or before_us - whole_us < span
         return since < settings.windows_per_match * settings.events_per_window
 
-    def _selected(self, events: Events) -> int:
-        """Count the events at the selected pixels."""
-        if self._settings.window == "time" or self._localiser is None:
-            return 0
-        p = events["p"] if self._settings.polarity else None
-        return int(select_events(self._table, events["x"], events["y"], p)[0].size)
-
 
 def _rehearse(
+    decoder: Decoder,
     reference: ReferenceMap,
     every: MatchSchedule | None,
     bursts: BurstFilter | CausalBurstFilter,
@@ -258,6 +262,12 @@ def _rehearse(
     # if there are more than a few, the last part is processed by columns
     events = synthetic_events(2 * FEW)
     localiser = Localiser(reference, every=every)
+    if isinstance(bursts, CausalBurstFilter):
+        # a frame of most protocols, and of the others nothing to decode
+        follower = Follower(bursts, localiser)
+        for some in (events[:1], events[:0]):
+            follower.follow(some, 0)
+        copy.deepcopy(decoder).decode_and_follow(b"\0", 0, follower)
     # for Numba an array of one event has another layout: contiguous, and aligned or not
     for some in (events[:1], events[1:2], events[2:]):
         bursts.update(some)

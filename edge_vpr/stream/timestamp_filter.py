@@ -118,19 +118,6 @@ class TimestampFilter:
         return self._box.boxed
 
     @property
-    def most_held(self) -> int:
-        """Largest number of events that are held from chunk to chunk."""
-        return self._held.size
-
-    def reach(self, time: int) -> None:
-        """Advance the clock to the device's `time` without an event."""
-        state = self._state[0]
-        step = time - int(state["last"])
-        if state["dated"] and not self._period and 0 < step <= self._silence:
-            state["now"] += step
-            state["last"] = time
-
-    @property
     def reached_us(self) -> int:
         """Time of the newest event or of a later `reach`; no following event is earlier."""
         return int(self._state["now"].item()) * self._tick
@@ -203,6 +190,34 @@ def start_clock(box, time):  # type: ignore[no-untyped-def]
     s = _Kept(*box.value).state[0]
     if not s["dated"]:
         s["dated"], s["last"] = 1, time
+
+
+@kernel
+def reach(box, time):  # type: ignore[no-untyped-def]
+    """Advance the clock to the device's `time`, unless that is -1, without an event.
+
+    Returns the time from time 0 on, in microseconds.
+    """
+    kept = _Kept(*box.value)
+    s = kept.state[0]
+    known = s["dated"] and not kept.period and time >= 0
+    if known and 0 < time - s["last"] <= kept.silence:
+        s["now"] += time - s["last"]
+        s["last"] = time
+    return s["now"] * kept.tick
+
+
+@kernel
+def room_for(box, n):  # type: ignore[no-untyped-def]
+    """Return an array for `n` events and those that are held."""
+    return np.empty(n + _Kept(*box.value).held.size, EVENT_DTYPE)
+
+
+@kernel
+def counts_of(box):  # type: ignore[no-untyped-def]
+    """Return the counts that `TimestampFilter.report` adds to the health."""
+    s = _Kept(*box.value).state[0]
+    return s["held"], s["off_sensor"], s["late"], s["leaps"], s["wraps"], s["clock_resets"]
 
 
 @kernel

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
 from edge_vpr.boxed import Box
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.events import Events, Sensor
+from edge_vpr.online.followed import FEW
+from edge_vpr.stream.following import Follower, Step
 from edge_vpr.stream.health import EXACT
-from edge_vpr.stream.protocols.cobs import Bytes
 from edge_vpr.stream.protocols.evpr_encoder import EvprEncoder
 from edge_vpr.stream.protocols.evpr_frames import FRAME_END, MAX_FRAME, MAX_STUFFED
-from edge_vpr.stream.protocols.evpr_kernels import MEMORY, FrameRoom, decode_frames
+from edge_vpr.stream.protocols.evpr_kernels import MEMORY, FrameRoom, decode_frames, follow_frames
 from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
 from edge_vpr.stream.timestamp_filter import Clock
 
@@ -44,7 +45,8 @@ class EvprDecoder(Decoder):
                 start = data.index(FRAME_END) + 1
                 self.health.skipped_bytes += start
                 self._endless = False
-            parts.append(self._take_frames(np.frombuffer(data, dtype=np.uint8)[start:end]))
+            if end > start:
+                parts.append(self._take_frames(data[start:end]))
         if self._endless or len(rest) > MAX_STUFFED or (final and rest):
             self.health.skipped_bytes += len(rest)
             if not self._endless:
@@ -55,23 +57,46 @@ class EvprDecoder(Decoder):
         self._endless = self._endless and not final
         return parts, rest
 
-    def _take_frames(self, raw: Bytes) -> Events:
+    def _take_frames(self, data: bytes) -> Events:
         """Decode frames, each with the zero at its end."""
-        room = self._room.value
-        if raw.size // 3 > room.columns.t.size:
-            self._room = Box(FrameRoom.of(raw.size, room.memory))
-            room = self._room.value
-        clock = self._timestamps
-        out = np.empty(raw.size // 3 + clock.most_held, dtype=EVENT_DTYPE)
-        decoded, delivered = decode_frames(self._room.boxed, clock.boxed, raw, out)
-        clock.report(decoded, delivered)
-        self._account(cast("tuple[int, ...]", room.brought.item()))
-        return out[:delivered]
+        self._make_room(data)
+        return self._account(*decode_frames(self._room.boxed, self._timestamps.boxed, data))
 
-    def _account(self, brought: Any) -> None:
+    def decode_and_follow(
+        self, data: bytes, host_us: int, follower: Follower
+    ) -> tuple[Events, Step]:
+        """See `Decoder.decode_and_follow`."""
+        whole = data.endswith(FRAME_END) and not self._pending and not self._endless
+        if not whole or len(data) > 3 * FEW:
+            return super().decode_and_follow(data, host_us, follower)
+        self._make_room(data)
+        call = follower.bound(follow_frames, data, self._room.boxed, self._timestamps.boxed)
+        decoded, result = call(data)
         health = self.health
-        frames, damaged, skipped, repeats, gaps, lost, dropped, resets, _, idle_at = brought
+        before = health.skipped_bytes
+        events = self._account(*decoded)
+        health.bytes += len(data)
+        health.decoded_bytes += len(data) - (health.skipped_bytes - before)
+        return events, follower.go_on(events, decoded[-1], *result)
+
+    def _make_room(self, data: bytes) -> None:
+        room = self._room.value
+        if len(data) // 3 > room.columns.t.size:
+            self._room = Box(FrameRoom.of(len(data), room.memory))
+
+    def _account(
+        self, events: Events, frames: int, decoded: int, same: bool, reached_us: int
+    ) -> Events:
+        """Add the counts of frames to the health, and return their events."""
+        health, delivered = self.health, len(events)
         health.frames += frames
+        if same:
+            health.decoded += decoded
+            health.events += delivered
+            return events
+        self._timestamps.report(decoded, delivered)
+        brought = cast("tuple[int, ...]", self._room.value.brought.item())
+        _, damaged, skipped, repeats, gaps, lost, dropped, resets, _, _ = brought
         health.crc_errors += damaged
         health.resyncs += damaged
         health.skipped_bytes += skipped
@@ -81,8 +106,7 @@ class EvprDecoder(Decoder):
         health.lost_at_most = health.lost
         health.device_dropped += dropped
         health.device_resets += resets
-        if frames:
-            self._idle_at = idle_at
+        return events
 
 
 def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:

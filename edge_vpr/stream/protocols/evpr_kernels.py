@@ -9,10 +9,18 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.recordings.columns import Columns
+from edge_vpr.stream.following import follow_kept
 from edge_vpr.stream.protocols.cobs import Bytes, unstuff
 from edge_vpr.stream.protocols.crc32 import crc32
 from edge_vpr.stream.protocols.evpr_frames import CHECK, HEADER, MAX_STUFFED, VERSION
-from edge_vpr.stream.timestamp_filter import admit_columns, no_columns, start_clock
+from edge_vpr.stream.timestamp_filter import (
+    admit_columns,
+    counts_of,
+    no_columns,
+    reach,
+    room_for,
+    start_clock,
+)
 
 _HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
 #: A frame that was sent less than this before the last one is a repetition.
@@ -70,27 +78,30 @@ class FrameRoom(NamedTuple):
 
 
 @kernel
-def decode_frames(box, clock, raw, out):  # type: ignore[no-untyped-def]
+def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     """Decode whole frames, and filter their events.
 
     Parameters
     ----------
     box : Boxed
-        Box of a `FrameRoom` with room for `raw`.
+        Box of a `FrameRoom` with room for `data`.
     clock : Boxed
         Box of the state of a `TimestampFilter`.
-    raw : ndarray of uint8, shape (n,)
+    data : bytes
         Frames, each with the zero at its end.
-    out : ndarray of EVENT_DTYPE
-        Room for the events of `raw` and those held before.
 
     Returns
     -------
-    decoded, delivered : int
-        Number of events of the frames, and number of events in `out`.
+    events : ndarray of EVENT_DTYPE, shape (n,)
+    frames, decoded : int
+        Number of undamaged frames, and of events in them.
+    same : bool
+        Whether all other counts are as before, in `FrameRoom.brought` and of the clock.
+    reached : int
+        Time up to which the stream is known, see `TimestampFilter.reached_us`.
     """
-    room = FrameRoom(*box.value)
-    brought = room.brought
+    room, raw = FrameRoom(*box.value), np.frombuffer(data, dtype=np.uint8)
+    brought, before = room.brought, counts_of(clock)
     brought.view(np.int64)[:] = 0
     n, start = 0, 0
     for i in range(raw.size):
@@ -100,10 +111,36 @@ def decode_frames(box, clock, raw, out):  # type: ignore[no-untyped-def]
             size = unstuff(raw[start:i], room.plain) if i - start <= MAX_STUFFED else -1
             n += _take_frame(room, size - _CHECK_BYTES, i - start + 1, n)
         start = i + 1
-    if brought[0]["frames"]:
-        start_clock(clock, brought[0]["base"])
+    found = brought[0]
+    if found["frames"]:
+        start_clock(clock, found["base"])
     t, x, y, p = room.columns
-    return n, admit_columns(clock, t[:n], x[:n], y[:n], p[:n], out)
+    out = room_for(clock, n)
+    delivered = admit_columns(clock, t[:n], x[:n], y[:n], p[:n], out)
+    reached = reach(clock, found["idle_at"] if found["frames"] else np.int64(-1))
+    same = not (found["damaged"] or found["repeats"] or found["gaps"] or found["resets"])
+    same = same and not found["dropped"] and counts_of(clock) == before
+    return out[:delivered], found["frames"], n, same, reached
+
+
+@kernel
+def follow_frames(box, data):  # type: ignore[no-untyped-def]
+    """Decode whole frames, and match their events.
+
+    Parameters
+    ----------
+    box : Boxed
+        Of the boxes for `follow_kept` and for `decode_frames`.
+    data : bytes
+        Frames with up to `FEW` events.
+
+    Returns
+    -------
+    tuple
+        Results of `decode_frames` and of `follow_kept`.
+    """
+    decoded = decode_frames(box.value[2], box.value[3], data)
+    return decoded, follow_kept(box, decoded[0])
 
 
 @kernel

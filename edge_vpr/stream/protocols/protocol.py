@@ -11,6 +11,7 @@ import numpy as np
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.recordings.columns import Columns
+from edge_vpr.stream.following import Follower, Step
 from edge_vpr.stream.health import UNKNOWN, Health
 from edge_vpr.stream.timestamp_filter import Clock, TimestampFilter
 
@@ -51,8 +52,6 @@ class Decoder:
         self.health = Health(accounting)
         self._pending = b""
         self._host_us = 0
-        # device time after the newest event, if the protocol states it; else -1
-        self._idle_at = -1
         self._timestamps = TimestampFilter(sensor, clock, self.health)
 
     def adopt(self, health: Health) -> None:
@@ -116,6 +115,27 @@ class Decoder:
         self.health.bytes += len(data)
         return self._take(self._pending + data if self._pending else data, final=False)
 
+    def decode_and_follow(
+        self, data: bytes, host_us: int, follower: Follower
+    ) -> tuple[Events, Step]:
+        """Decode the next bytes and match their events, in one compiled call if possible.
+
+        Parameters
+        ----------
+        data, host_us
+            See `feed`.
+        follower : Follower
+
+        Returns
+        -------
+        events : ndarray of EVENT_DTYPE, shape (n,)
+            See `feed`.
+        step : Step
+            What is matched, and what is left.
+        """
+        events = self.feed(data, host_us)
+        return events, follower.follow(events, self.reached_us)
+
     def gap(self, lost_bytes: int = 0) -> Events:
         """Handle missing bytes before the next ones: an overrun, or a lost link.
 
@@ -152,9 +172,6 @@ class Decoder:
         used = len(data) - len(self._pending)
         self.health.decoded_bytes += used - (self.health.skipped_bytes - before)
         self.health.pending_bytes = len(self._pending)
-        if self._idle_at >= 0:
-            self._timestamps.reach(self._idle_at)
-            self._idle_at = -1
         return join_events(events)
 
     def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:

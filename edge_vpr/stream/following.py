@@ -1,0 +1,122 @@
+"""From events to matches in one compiled call: removal of bursts, then the localiser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from edge_vpr.boxed import Boxed, boxed
+from edge_vpr.compiling import entry, kernel
+from edge_vpr.descriptors.causal_bursts import CausalBurstFilter, keep
+from edge_vpr.events import Events
+from edge_vpr.online.followed import FEW, Followed
+from edge_vpr.online.kernel import DONE, REFUSED, Few, follow_few
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.match_run import Found
+
+#: A step of the clock is a jump if it is longer than this time and than this number of ticks.
+JUMP_US = 1_000_000
+MOST_TICKS = 10_000
+
+Kernel = Callable[..., Any]
+
+
+class Step(NamedTuple):
+    """How far a stream has been matched.
+
+    Attributes
+    ----------
+    reached_us : int
+        Time up to which the stream is known.
+    matches : list of ndarray of MATCH_DTYPE
+    last_us : int
+        Time of the last event matched; -1 if none was.
+    rest : tuple of ndarray of EVENT_DTYPE
+        Events in no burst that have yet to be matched.
+    """
+
+    reached_us: int
+    matches: Found
+    last_us: int
+    rest: tuple[Events, ...] = ()
+
+
+class Follower:
+    """Feeds events to a burst filter and a localiser in one compiled call.
+
+    Parameters
+    ----------
+    bursts : CausalBurstFilter
+    localiser : Localiser
+    """
+
+    def __init__(self, bursts: CausalBurstFilter, localiser: Localiser) -> None:
+        bursts.make_room(FEW)
+        self._bursts, self._run = bursts, localiser.run
+        # of each kernel: its state in parts, and its code with their box
+        self._bound: dict[Kernel, tuple[tuple[Boxed, ...], Kernel]] = {}
+
+    def bound(self, kernel: Kernel, sample: object, *decoder: Boxed) -> Kernel:
+        """Return a kernel that decodes and calls `follow_kept`, without its first argument.
+
+        Parameters
+        ----------
+        kernel : callable
+            Of a box and other arguments.
+        sample : object
+            Of the type of its second argument, which all others must be of.
+        decoder : Boxed
+            State of the decoder, which follows the state for `follow_kept` in the box.
+        """
+        parts = self._bursts.boxed, self._run.boxed, *decoder
+        known = self._bound.get(kernel)
+        if known is None or known[0] != parts:
+            box = boxed(parts)
+            known = self._bound[kernel] = parts, partial(entry(kernel, box, sample), box)
+        return known[1]
+
+    def follow(self, events: Events, reached_us: int) -> Step:
+        """Match the next events, with which the stream has reached `reached_us`."""
+        if events.size > FEW:
+            return Step(reached_us, [], -1, (self._bursts.update(events),))
+        if not events.flags.carray:
+            events = events.copy()
+        return self.go_on(events, reached_us, *self.bound(follow_kept, events)(events))
+
+    def go_on(self, events: Events, reached_us: int, kept: int, few: Few) -> Step:
+        """Do what remains to do after `follow_kept` with `events`."""
+        if few[2] == REFUSED:
+            return Step(reached_us, [], -1, (self._bursts.kept(events, kept),))
+        return Step(reached_us, self._run.go_on(few), int(few[4]))
+
+
+@kernel
+def follow_kept(box, events):  # type: ignore[no-untyped-def]
+    """Remove bursts, and process the other events unless their times jump.
+
+    Parameters
+    ----------
+    box : Boxed
+        Of the boxes of a `CausalBurstFilter` and of a `Localiser`, and maybe others.
+    events : ndarray of EVENT_DTYPE, shape (n,)
+        0 to `FEW`.
+
+    Returns
+    -------
+    kept : int
+        Events that are in no burst.
+    few : tuple
+        See `follow_few`.
+    """
+    bursts, followed = box.value[0], box.value[1]
+    n = keep(bursts, events)
+    kept = bursts.value[-1][:n]
+    if n == 0:
+        return n, (0, 0, DONE, 0, np.int64(-1))
+    c, last = Followed(*followed.value).control[0], kept[n - 1]["t"]
+    if c.interval > 0 and last - c.floor > MOST_TICKS * c.interval:
+        return n, (0, 0, REFUSED, 0, last)
+    return n, follow_few(followed, kept)
