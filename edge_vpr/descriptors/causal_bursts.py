@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.boxed import Box, Boxed
+from edge_vpr.boxed import Box
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
@@ -39,6 +39,11 @@ class CausalBurstFilter:
     ----------
     sensor : Sensor
         Without pixels: nothing is removed.
+
+    Attributes
+    ----------
+    box : Box
+        State for `keep`; call `make_room` before it.
     """
 
     #: Time before which all events have left the filter: the largest one, as no event is held.
@@ -49,30 +54,25 @@ class CausalBurstFilter:
         state["slot"] = -2
         fired = np.full(sensor.pixels, -2, dtype=np.int64)
         self._fired = _Fired(fired, sensor.width, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
-        self._box = Box(self._fired)
+        self.box = Box(self._fired)
 
     @property
     def removed(self) -> int:
         """Events removed so far."""
         return int(self._fired.state["removed"][0])
 
-    @property
-    def boxed(self) -> Boxed:
-        """State for `keep`; call `make_room` before it."""
-        return self._box.boxed
-
     def make_room(self, n: int) -> None:
         """Make room for `n` events."""
         if n > self._fired.room.size:
             self._fired = self._fired._replace(room=np.empty(n, dtype=EVENT_DTYPE))
-            self._box = Box(self._fired)
+            self.box = Box(self._fired)
 
     def update(self, events: Events) -> Events:
         """Feed the next events; see `BurstFilter.update`."""
         if not events.size:
             return events
         self.make_room(events.size)
-        return self.kept(events, keep(self._box.boxed, events))
+        return self.kept(events, keep(self.box.boxed, events))
 
     def kept(self, events: Events, n: int) -> Events:
         """Return the `n` of these events that `keep` has kept."""

@@ -18,7 +18,7 @@ from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.filter_run import FilterRun
 from edge_vpr.online.followed import FEW
 from edge_vpr.online.followed_windows import FollowedWindows
-from edge_vpr.online.kernel import REFUSED, follow_few
+from edge_vpr.online.kernel import REFUSED
 from edge_vpr.online.match_records import MATCH_DTYPE
 from edge_vpr.online.match_run import Found
 from edge_vpr.online.saved_map import map_arrays
@@ -121,7 +121,7 @@ class LocaliserState:
         if events.size <= FEW and events.dtype == EVENT_DTYPE and not self._check_every:
             plain = type(events) is np.ndarray and events.flags.carray
             few = events if plain else np.array(events, dtype=EVENT_DTYPE)
-            result = follow_few(self.run.boxed, few)
+            result = self.run.follow_few(few)
             if result[2] != REFUSED:
                 return _joined(self.run.go_on(result))
         slots, times = selected_in_order(

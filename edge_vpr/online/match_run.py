@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
 from edge_vpr.boxed import Box, Boxed
+from edge_vpr.compiling import entry
+from edge_vpr.events import Events
 from edge_vpr.online.followed import Followed
 from edge_vpr.online.followed_windows import FollowedWindows
-from edge_vpr.online.kernel import DONE, RING_FULL, WINDOW_OVER, Few, follow
+from edge_vpr.online.kernel import DONE, RING_FULL, WINDOW_OVER, Few, follow, follow_few
 from edge_vpr.online.match_records import MATCH_DTYPE
 from edge_vpr.online.state import grown
 
@@ -34,6 +38,7 @@ class MatchRun:
         self._followed = followed
         self._control = followed.control[0]
         self._box: Box[Followed] | None = None
+        self._few: Callable[..., Few] | None = None  # code of `follow_few` for the box
         self._out = followed.out.view(np.uint8).data
 
     @property
@@ -79,6 +84,13 @@ class MatchRun:
         """
         self.floor_us = until
         return self._go_on(slots, times, until, follow(self.boxed, slots, times, until))
+
+    def follow_few(self, events: Events) -> Few:
+        """Call the kernel of this name, with events in one piece that may be written to."""
+        box = self.boxed
+        if self._few is None:
+            self._few = entry(follow_few, box, events)
+        return self._few(box, events)
 
     def go_on(self, result: Few) -> Found:
         """Process the events that `follow_few` has left, and return all matches.
@@ -131,7 +143,7 @@ class MatchRun:
         if self._box is None or self._followed.s is not self.windows.s:
             self._followed = self._followed._replace(s=self.windows.s)
             self._rebound()
-            self._box = Box(self._followed)
+            self._box, self._few = Box(self._followed), None
         return self._box.boxed
 
     def _rebound(self) -> None:

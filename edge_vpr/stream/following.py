@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,24 +24,9 @@ MOST_TICKS = 10_000
 Kernel = Callable[..., Any]
 
 
-class Step(NamedTuple):
-    """How far a stream has been matched.
-
-    Attributes
-    ----------
-    reached_us : int
-        Time up to which the stream is known.
-    matches : list of ndarray of MATCH_DTYPE
-    last_us : int
-        Time of the last event matched; -1 if none was.
-    rest : tuple of ndarray of EVENT_DTYPE
-        Events in no burst that have yet to be matched.
-    """
-
-    reached_us: int
-    matches: Found
-    last_us: int
-    rest: tuple[Events, ...] = ()
+Step = tuple[int, Found, int, tuple[Events, ...]]
+"""How far a stream has been matched: the time up to which it is known, the matches, the time of the
+last event matched (-1 if none was), and events in no burst that have yet to be matched."""
 
 
 class Follower:
@@ -71,7 +56,7 @@ class Follower:
         decoder : Boxed
             State of the decoder, which follows the state for `follow_kept` in the box.
         """
-        parts = self._bursts.boxed, self._run.boxed, *decoder
+        parts = self._bursts.box.boxed, self._run.boxed, *decoder
         known = self._bound.get(kernel)
         if known is None or known[0] != parts:
             box = boxed(parts)
@@ -81,7 +66,7 @@ class Follower:
     def follow(self, events: Events, reached_us: int) -> Step:
         """Match the next events, with which the stream has reached `reached_us`."""
         if events.size > FEW:
-            return Step(reached_us, [], -1, (self._bursts.update(events),))
+            return reached_us, [], -1, (self._bursts.update(events),)
         if not events.flags.carray:
             events = events.copy()
         return self.go_on(events, reached_us, *self.bound(follow_kept, events)(events))
@@ -89,8 +74,8 @@ class Follower:
     def go_on(self, events: Events, reached_us: int, kept: int, few: Few) -> Step:
         """Do what remains to do after `follow_kept` with `events`."""
         if few[2] == REFUSED:
-            return Step(reached_us, [], -1, (self._bursts.kept(events, kept),))
-        return Step(reached_us, self._run.go_on(few), int(few[4]))
+            return reached_us, [], -1, (self._bursts.kept(events, kept),)
+        return reached_us, self._run.go_on(few), int(few[4]), ()
 
 
 @kernel

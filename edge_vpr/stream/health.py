@@ -123,7 +123,10 @@ class Health:
             self.resyncs
             + self.crc_errors
             + self.sequence_gaps
-            + self.rejected
+            + self.late
+            + self.leaps
+            + self.off_sensor
+            + self.undated
             + self.device_dropped
             + self.device_resets
             + self.overruns

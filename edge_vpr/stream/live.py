@@ -81,7 +81,7 @@ class LiveLocaliser:
         # number of events at the selected pixels, in all and since the newest loss
         self._selected = self._since = 0
         self._whole_us = -1  # first time after the newest loss
-        self._reached = self._events = 0  # time and events of the decoder, after the newest piece
+        self._reached = 0  # time of the decoder, after the newest piece
         self._time = 0  # time that the localiser has reached
         if reference is not None:
             sensor = reference.pixel_map.sensor
@@ -167,7 +167,7 @@ class LiveLocaliser:
         if bursts is not None:
             pieces = bursts.pieces(events)
             pieces.append(bursts.finish() if last else bursts.advance(reached))
-        return self._follow(events, Step(reached, [], -1, tuple(pieces)))
+        return self._follow(events, (reached, [], -1, tuple(pieces)))
 
     def _follow(self, events: Events, step: Step) -> LiveResult:
         """Match what is left of the events, up to the time that is known."""
@@ -180,7 +180,7 @@ class LiveLocaliser:
             self._time = last_us
         for piece in rest:
             self._update(localiser, piece, matches)
-        known = min(reached, bursts.known_us)
+        known = reached if self._follower is not None else min(reached, bursts.known_us)
         if known > self._time:
             # held events are later than this; the device may have reported that nothing happened
             self._near(localiser, known, matches)
@@ -191,7 +191,8 @@ class LiveLocaliser:
         found = _NO_MATCHES
         if matches:
             found = matches[0] if len(matches) == 1 else np.concatenate(matches)
-        return LiveResult(events, found, self._incomplete(localiser, before_us, reached))
+        moved, self._reached = len(events) > 0 or reached > self._reached, reached
+        return LiveResult(events, found, self._incomplete(localiser, before_us, moved))
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
@@ -223,24 +224,21 @@ class LiveLocaliser:
             self._time += self._most_us
             matches.append(localiser.advance(self._time))
 
-    def _incomplete(self, localiser: Localiser, before_us: int, now: int) -> bool:
+    def _incomplete(self, localiser: Localiser, before_us: int, moved: bool) -> bool:
         """Return whether there was a loss within the windows that are compared.
 
         The flag can stay one piece too long, but is never removed too early. It is decided for the
         first match of these pieces, which is not earlier than `before_us`, the time of the
-        localiser before them.
+        localiser before them. `moved` says whether time or events came with them.
         """
-        health = self.decoder.health
-        losses = health.losses
+        losses = self.decoder.health.losses
+        if losses == 0:
+            return False
         if losses != self._losses:
             self._losses, self._since, self._whole_us = losses, 0, -1
-        moved, self._reached = now > self._reached or health.events > self._events, now
-        self._events = health.events
-        if self._losses == 0:
-            return False
         whole_us, since = self._whole_us, self._since
         if whole_us < 0 and moved:
-            self._whole_us = now
+            self._whole_us = self._reached
         before, self._selected = self._selected, localiser.selected
         if 0 <= whole_us <= before_us:
             self._since += self._selected - before

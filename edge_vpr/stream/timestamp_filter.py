@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.boxed import Box, Boxed
+from edge_vpr.boxed import Box
 from edge_vpr.compiling import kernel
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.columns import Columns
@@ -91,6 +91,11 @@ class TimestampFilter:
     clock : Clock
     health : Health
         Where the counts go.
+
+    Attributes
+    ----------
+    box : Box
+        State for kernels, after which `report` is to be called.
     """
 
     def __init__(self, sensor: Sensor, clock: Clock, health: Health) -> None:
@@ -105,17 +110,12 @@ class TimestampFilter:
         self._silence = max(1, silence // self._tick)
         self._state = np.zeros(1, dtype=_STATE)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
-        self._box = Box(
+        self.box = Box(
             _Kept(
                 self._state, self._held, sensor.width, sensor.height, self._period, self._late,
                 max(1, STEP_US // self._tick), self._silence, self._tick, clock.confirm,
             )
         )  # fmt: skip
-
-    @property
-    def boxed(self) -> Boxed:
-        """State for `start_clock` and `admit_columns`; call `report` after them."""
-        return self._box.boxed
 
     @property
     def reached_us(self) -> int:
@@ -132,7 +132,7 @@ class TimestampFilter:
         """
         t, x, y, p = columns
         out = np.empty(t.size + self._held.size, dtype=EVENT_DTYPE)
-        n = admit_columns(self._box.boxed, t, x, y, p, out)
+        n = admit_columns(self.box.boxed, t, x, y, p, out)
         self.report(t.size, n)
         return out[:n]
 

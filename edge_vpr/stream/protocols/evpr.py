@@ -27,7 +27,7 @@ class EvprDecoder(Decoder):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
-        self._room = Box(FrameRoom.of(1 << 12, np.array([(-1, 0, 0, 0)], dtype=MEMORY)))
+        self._room = Box(FrameRoom.of(3 * FEW, np.array([(-1, 0, 0, 0)], dtype=MEMORY)))
 
     def _samples(self) -> Iterable[bytes]:
         yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
@@ -59,8 +59,10 @@ class EvprDecoder(Decoder):
 
     def _take_frames(self, data: bytes) -> Events:
         """Decode frames, each with the zero at its end."""
-        self._make_room(data)
-        return self._account(*decode_frames(self._room.boxed, self._timestamps.boxed, data))
+        room = self._room.value
+        if len(data) // 3 > room.columns.t.size:
+            self._room = Box(FrameRoom.of(len(data), room.memory))
+        return self._account(*decode_frames(self._room.boxed, self._timestamps.box.boxed, data))
 
     def decode_and_follow(
         self, data: bytes, host_us: int, follower: Follower
@@ -69,8 +71,7 @@ class EvprDecoder(Decoder):
         whole = data.endswith(FRAME_END) and not self._pending and not self._endless
         if not whole or len(data) > 3 * FEW:
             return super().decode_and_follow(data, host_us, follower)
-        self._make_room(data)
-        call = follower.bound(follow_frames, data, self._room.boxed, self._timestamps.boxed)
+        call = follower.bound(follow_frames, data, self._room.boxed, self._timestamps.box.boxed)
         decoded, result = call(data)
         health = self.health
         before = health.skipped_bytes
@@ -78,11 +79,6 @@ class EvprDecoder(Decoder):
         health.bytes += len(data)
         health.decoded_bytes += len(data) - (health.skipped_bytes - before)
         return events, follower.go_on(events, decoded[-1], *result)
-
-    def _make_room(self, data: bytes) -> None:
-        room = self._room.value
-        if len(data) // 3 > room.columns.t.size:
-            self._room = Box(FrameRoom.of(len(data), room.memory))
 
     def _account(
         self, events: Events, frames: int, decoded: int, same: bool, reached_us: int

@@ -1,0 +1,212 @@
+"""Decoding, removal of bursts and matching in one compiled call, against each of them alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import config
+from streams import random_events
+from test_filter_run import map_of as filtered_map
+from test_localiser import PIXELS, SENSOR, map_of
+
+from edge_vpr.boxed import Box
+from edge_vpr.compiling import entry, kernel
+from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
+from edge_vpr.events import Sensor, join_events, make_events
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.stream.following import JUMP_US, MOST_TICKS
+from edge_vpr.stream.live import LiveLocaliser
+from edge_vpr.stream.protocols import open_decoder, open_encoder
+
+#: a camera that has more pixels than the map's sensor, with fields of the same widths
+CAMERA = Sensor(8, 8)
+SCHEDULES = [MatchSchedule(events=2), MatchSchedule(interval_us=500), MatchSchedule(2, 1_300)]
+STEPS_US = [0, 1, 40, 900, 2_500]
+#: of the events and of the frames between them
+SILENCES_US = [3_000, 100_000, 20_000_000, 700_000_000]
+
+
+class Separate:
+    """Decoder, burst filter and localiser, called one after another, event by event."""
+
+    def __init__(self, protocol, reference, every):
+        self.decoder, self.reference = open_decoder(protocol, SENSOR), reference
+        if protocol == "evpr":
+            account = self.decoder._account
+            # all counts are reported, whether or not the kernel says that they are the same
+            self.decoder._account = lambda *counts: account(*counts[:3], False, counts[4])
+        self.bursts = CausalBurstFilter(SENSOR) if reference.settings.remove_bursts else None
+        self.localiser = Localiser(reference, every=every)
+        self.jump_us = max(JUMP_US, MOST_TICKS * every.interval_us or 1 << 62)
+        self.time = self.reached = self.losses = self.since = 0
+        self.whole_us = -1
+
+    def feed(self, data, lost):
+        parts = [self.decoder.gap(lost)] if lost else []
+        events = join_events([*parts, self.decoder.feed(data)])
+        return events, *self.match(events, self.decoder.reached_us)
+
+    def match(self, events, reached):
+        before_us, localiser, matches = self.time, self.localiser, []
+        kept = events if self.bursts is None else self.bursts.update(events)
+        for i in range(kept.size):
+            self.come_to(int(kept["t"][i]))
+            matches.append(localiser.update(kept[i : i + 1]))
+        if reached > self.time:
+            self.come_to(reached)
+            if localiser.next_match_us <= reached and localiser.every.interval_us:
+                matches.append(localiser.advance(reached))
+        moved, self.reached = events.size > 0 or reached > self.reached, reached
+        found = np.concatenate(matches) if matches else np.empty(0)
+        return found, self.incomplete(kept, before_us, moved)
+
+    def come_to(self, time_us):
+        if time_us - self.time > self.jump_us:
+            self.decoder.health.clock_jumps += 1
+            self.localiser.skip_ticks(time_us)
+        self.time = time_us
+
+    def incomplete(self, kept, before_us, moved):
+        """Whether the first window compared may have begun before the newest loss."""
+        if self.decoder.health.losses != self.losses:
+            self.losses, self.since, self.whole_us = self.decoder.health.losses, 0, -1
+        whole_us, since, chosen = self.whole_us, self.since, self.reference.settings
+        if self.losses and whole_us < 0 and moved:
+            self.whole_us = self.reached
+        if 0 <= whole_us <= before_us:
+            self.since += sum((x, y) in PIXELS for x, y in kept[["x", "y"]].tolist())
+        if chosen.window == "time":
+            whole = 0 <= whole_us <= before_us - chosen.windows_per_match * chosen.tau_us
+        else:
+            whole = since >= chosen.windows_per_match * chosen.events_per_window
+        return bool(self.losses) and not whole
+
+
+def a_map(rng, kind, window, remove_bursts):
+    changes = {"window": window, "tau_us": 2_000, "events_per_pixel": 2.0}
+    changes |= {"remove_bursts": remove_bursts}
+    counts = rng.integers(0, 6, (30, len(PIXELS)))
+    if kind == "filter":
+        return filtered_map(counts, **changes)
+    return map_of(counts, sequence_length=2, **changes)
+
+
+def some_events(rng, start_us, n):
+    """Events of which most are on the sensor, and in a burst if they are many."""
+    steps = rng.choice(STEPS_US, n) if n < 20 else np.full(n, 2)
+    x, y = rng.integers(0, SENSOR.width, n), rng.integers(0, SENSOR.height, n)
+    off = rng.random(n) < 0.02
+    return make_events(start_us + np.cumsum(steps), x + 2 * off, y + 3 * off, rng.integers(0, 2, n))
+
+
+def a_stream(rng, device):
+    """Return the messages of a device, as they arrive after all that may happen on the way."""
+    encoder, now, sent = open_encoder(device, CAMERA), 0, []
+    sent.append(encoder.start())
+    for what in rng.choice(11, int(rng.integers(5, 30)), p=[0.4, 0.15, *np.full(9, 0.05)]).tolist():
+        if what == 1:  # silence, which the device reports or not
+            now += int(rng.choice(SILENCES_US, p=[0.4, 0.4, 0.1, 0.1]))
+        if what in (1, 2):
+            sent.append(encoder.idle(now) if rng.random() < 0.5 else b"")
+            continue
+        if what == 3 and device == "evpr":  # the device restarts, and its clock with it
+            now = int(rng.integers(0, 3)) * 10_000
+            encoder = open_encoder(f"evpr:boot={int(rng.integers(1, 9))}", CAMERA)
+            continue
+        events = some_events(rng, now, 60 if what == 4 else int(rng.integers(1, 8)))
+        now = int(events["t"][-1])
+        message = bytearray(encoder.encode(events))
+        if what == 5:  # is lost on the way
+            continue
+        if what == 6:  # comes damaged
+            message[int(rng.integers(0, len(message)))] ^= 1 << int(rng.integers(0, 8))
+        elif what == 7:  # comes twice
+            message = 2 * message
+        elif what == 8:  # has lost its end, or has something before it
+            message = message[: -int(rng.integers(1, 9))]
+        elif what == 9:
+            message[:0] = rng.bytes(int(rng.integers(1, 9)))
+        elif what == 10 and device == "evpr":  # the device had to drop some
+            encoder.dropped += 3
+        sent.append(bytes(message))
+    return sent
+
+
+def cut(rng, sent, whole):
+    """Cut a stream: at the ends of some messages alone, or anywhere."""
+    data, ends = b"".join(sent), np.cumsum([0, *map(len, sent)])
+    inside = rng.integers(0, len(data) + 1, 0 if whole else 10)
+    at = np.unique([0, *rng.permutation(ends)[: int(rng.integers(1, ends.size + 1))], *inside])
+    return [data[begin:end] for begin, end in zip(at, [*at[1:], len(data)], strict=True)]
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    device=st.sampled_from(["evpr", "evpr", "evt2"]),
+    kind=st.sampled_from(["sequence", "filter"]),
+    window=st.sampled_from(["time", "count"]),
+    remove_bursts=st.booleans(),
+    every=st.sampled_from(SCHEDULES),
+    whole=st.booleans(),
+)
+@settings(max_examples=4 if config.DISABLE_JIT else 60)
+def test_one_call_gives_the_results_of_its_parts_whatever_comes_and_however_it_is_cut(
+    seed, device, kind, window, remove_bursts, every, whole
+):
+    rng = np.random.default_rng(seed)
+    reference = a_map(rng, kind, window, remove_bursts)
+    live = LiveLocaliser(open_decoder(device, SENSOR), reference, every, causal_bursts=True)
+    separate = Separate(device, reference, every)
+    sent = a_stream(rng, device)
+    for data in cut(rng, sent, whole):
+        lost = int(rng.random() < 0.02)
+        found = live.feed(data, 0, lost=lost)
+        events, matches, incomplete = separate.feed(data, lost)
+        assert found.events.tobytes() == events.tobytes()
+        assert found.matches.tobytes() == matches.tobytes()
+        assert live.decoder.health == separate.decoder.health
+        assert live.decoder.health.balanced()
+        assert found.incomplete == incomplete
+    assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
+    last = live.finish()
+    events, found = (each.tobytes() for each in (last.events, last.matches))
+    ended = separate.decoder.finish()
+    matches, _ = separate.match(ended, separate.decoder.reached_us)
+    assert (events, found) == (ended.tobytes(), matches.tobytes())
+    live._localiser.verify()
+
+
+@pytest.mark.parametrize("kind", ["sequence", "filter"])
+def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
+    """More events than the ring holds, more matches than one call gives, and more than a few."""
+    rng, every = np.random.default_rng(5), MatchSchedule(events=1)
+    reference = a_map(rng, kind, "time", remove_bursts=False)
+    n = 300 if config.DISABLE_JIT else 30_000
+    events = random_events(rng, n, SENSOR, max(6_000, n // 3))
+    encoder = open_encoder("evpr", SENSOR)
+    cuts = np.cumsum(rng.choice([1, 7, 400, 3_000], n)).astype(int)
+    frames = [encoder.encode(part) for part in np.split(events, cuts[cuts < n])]
+    results = []
+    for pieces in (frames, [b"".join(frames)]):
+        decoder = open_decoder("evpr", SENSOR)
+        live = LiveLocaliser(decoder, reference, every, causal_bursts=True)
+        steps = [live.feed(piece, 0) for piece in pieces]
+        results.append(
+            [np.concatenate(each).tobytes() for each in list(zip(*steps, strict=True))[:2]]
+        )
+    assert results[0] == results[1]
+    assert len(results[0][0]) == events.nbytes
+    assert len(results[0][1]) > 0
+
+
+def test_code_for_the_types_of_arguments_gives_what_the_kernel_gives():
+    @kernel
+    def total(box, data):
+        return box.value[0].sum() + len(data)
+
+    box = Box((np.arange(5),)).boxed
+    code = entry(total, box, b"")
+    assert code(box, b"abc") == total(box, b"abc") == 13
