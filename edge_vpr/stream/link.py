@@ -80,24 +80,24 @@ class DescriptorLink(Link):
         self._fd = descriptor
         # one buffer for all reads: allocating the largest size and truncating it would fragment
         # the memory
-        self._room = bytearray(READ_BYTES)
+        self._room = memoryview(bytearray(READ_BYTES))
         if live:
             # standard input is shared (on a terminal even with the output), and is not changed
             os.set_blocking(descriptor, False)
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`."""
-        with as_link_error(self.address):
+        try:
             if not select.select([self._fd], [], [], timeout)[0]:
                 return b""
-            try:
-                size = os.readv(self._fd, [self._room])
-            except BlockingIOError:
-                return b""
+            size = os.readv(self._fd, [self._room])
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise link_error(self.address, error) from error
         if not size:
             raise LinkClosed(f"{self.address} has ended")
-        with memoryview(self._room) as room:
-            return bytes(room[:size])
+        return bytes(self._room[:size])
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""
@@ -126,6 +126,11 @@ def as_link_error(address: str) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError) as error:
-        # select raises ValueError for a closed descriptor
-        kind = LinkClosed if isinstance(error, (ConnectionError, ValueError)) else LinkError
-        raise kind(f"{address}: {error}: check that the other side is there") from error
+        raise link_error(address, error) from error
+
+
+def link_error(address: str, error: Exception) -> LinkError:
+    """Return what an error of the system means for a link."""
+    # select raises ValueError for a closed descriptor
+    kind = LinkClosed if isinstance(error, (ConnectionError, ValueError)) else LinkError
+    return kind(f"{address}: {error}: check that the other side is there")

@@ -121,14 +121,17 @@ class LinkReader:
         end = time.monotonic() + timeout
         self._left_s = math.inf
         chunk, left = None, timeout
-        while chunk is None and left >= 0 and not self._ended:
+        while left >= 0 and not self._ended:
             # first the reader, then the waiting bytes: the thread has stored all that it read
             if self._lent and not self._chunks:
                 chunk = self._read_directly(min(left, _WAIT_S))
             else:
                 chunk = self._read_by_thread(left)
+            if chunk is not None:
+                break
             left = end - time.monotonic()
-        chunk = chunk or self._read_by_thread(0)
+        else:
+            chunk = self._read_by_thread(0)
         self._left_s = time.monotonic()
         return chunk
 
