@@ -3,7 +3,8 @@
 ``python tools/bench/byte_to_match.py`` plays a device on a pseudo-terminal, and takes the time from
 the write of a frame to the match that the frame gives: in a program that reads the line with
 `LinkReader` and matches with `LiveLocaliser`, and in a program that reads the output of `edge-vpr
-stream`. All of them sleep in between, as a robot's do.
+stream`. All of them sleep in between, as a robot's do. Before that it takes the time of the call
+of `LiveLocaliser.feed` alone, for frames that follow at once and after a sleep.
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ import numpy.typing as npt
 from soak import a_map
 
 from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.stream.bridge import Bridge
-from edge_vpr.stream.protocols import open_encoder
+from edge_vpr.stream.live import LiveLocaliser
+from edge_vpr.stream.protocols import open_decoder, open_encoder
 from edge_vpr.stream.serial_links import VirtualLink
 
 SENSOR = Sensor(346, 260)
@@ -124,6 +127,46 @@ def _played(
     return np.array([1e6 * (read_s[n * FRAME_US] - written[n]) for n in asked])
 
 
+def feed(
+    rate: float, number: int, burst_filter: str = "causal", *, pause_us: float = 0.0
+) -> npt.NDArray[np.float64]:
+    """Measure the processor's work for a frame, in this process.
+
+    Parameters
+    ----------
+    rate : float
+        Events a second.
+    number : int
+        Matches; there are `FRAMES` times as many frames.
+    burst_filter : str
+    pause_us : float
+        Sleep before each frame, in which other work uses the caches.
+
+    Returns
+    -------
+    ndarray of float64, shape (FRAMES * number,)
+        Microseconds.
+    """
+    rng, encoder = np.random.default_rng(0), open_encoder("evpr", SENSOR)
+    schedule = MatchSchedule(interval_us=FRAMES * FRAME_US)
+    live = LiveLocaliser(
+        open_decoder("evpr", SENSOR),
+        a_map(rng, SENSOR),
+        schedule,
+        causal_bursts=burst_filter == "causal",
+    )
+    live.feed(encoder.start(), 0)
+    sent = [encoder.encode(events) for events in frames(rng, rate, WARM + number)]
+    taken = np.empty(len(sent))
+    for i, frame in enumerate(sent):
+        if pause_us:
+            time.sleep(pause_us / 1e6)
+        begin = time.perf_counter()
+        live.feed(frame, i)
+        taken[i] = 1e6 * (time.perf_counter() - begin)
+    return taken[FRAMES * WARM :]
+
+
 #: Sends back what comes: the least that a program between a line and a pipe can do.
 _ECHO = """
 import os, select, sys, termios
@@ -186,6 +229,10 @@ def main() -> None:
     args = parser.parse_args()
     tell("an echo of the bytes", echo(args.matches))
     for rate in args.rates:
+        for pause_us in (0, FRAME_US):
+            taken = feed(rate, args.matches, args.burst_filter, pause_us=pause_us)
+            after = f"after {pause_us:,} us of sleep" if pause_us else "at once"
+            tell(f"{rate:,.0f} events/s, {args.burst_filter}, a call of `feed` {after}", taken)
         for in_program in (True, False):
             taken = byte_to_match(rate, args.matches, args.burst_filter, in_program=in_program)
             where = "the program that reads the line" if in_program else "the reader of `stream`"

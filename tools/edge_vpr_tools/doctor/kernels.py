@@ -78,10 +78,14 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
         settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
         reference = map_traverse(first, settings)
         match_traverse(reference, second)
-        live = LiveLocaliser(
-            open_decoder("evpr", first.sensor), reference, MatchSchedule(interval_us=50_000)
-        )
-        live.finish()
+        for causal_bursts in (False, True):
+            live = LiveLocaliser(
+                open_decoder("evpr", first.sensor),
+                reference,
+                MatchSchedule(interval_us=50_000),
+                causal_bursts=causal_bursts,
+            )
+            live.finish()
     for protocol in PROTOCOLS:
         show(f"decoding protocol {protocol}")
         open_decoder(protocol, first.sensor).warm_up()
