@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_vpr.boxed import Boxed, boxed
+from edge_vpr.boxed import Boxed
 from edge_vpr.compiling import entry, kernel
 from edge_vpr.descriptors.causal_bursts import CausalBurstFilter, keep
 from edge_vpr.events import Events
@@ -22,8 +22,6 @@ JUMP_US = 1_000_000
 MOST_TICKS = 10_000
 
 Kernel = Callable[..., Any]
-
-
 Step = tuple[int, Found, int, tuple[Events, ...]]
 """How far a stream has been matched: the time up to which it is known, the matches, the time of the
 last event matched (-1 if none was), and events in no burst that have yet to be matched."""
@@ -41,31 +39,31 @@ class Follower:
     def __init__(self, bursts: CausalBurstFilter, localiser: Localiser) -> None:
         bursts.make_room(FEW)
         self._bursts, self._run = bursts, localiser.run
-        # of each kernel: its state in parts, and its code with their box
-        self._bound: dict[Kernel, tuple[tuple[Boxed, ...], Kernel]] = {}
+        # the last kernel, all state that it was bound to, and its code with this state
+        self._bound: tuple[Kernel | None, tuple[Boxed, ...], Kernel] = None, (), follow_kept
 
     def bound(self, kernel: Kernel, sample: object, *decoder: Boxed) -> Kernel:
-        """Return a kernel that decodes and calls `follow_kept`, without its first argument.
+        """Return a kernel of one argument: `follow_kept`, or one that decodes and calls it.
 
         Parameters
         ----------
         kernel : callable
-            Of a box and other arguments.
+            Its arguments are the boxes for `follow_kept`, those of the decoder, and one more.
         sample : object
-            Of the type of its second argument, which all others must be of.
+            Of the type of this one.
         decoder : Boxed
-            State of the decoder, which follows the state for `follow_kept` in the box.
+            State of the decoder.
         """
         parts = self._bursts.box.boxed, self._run.boxed, *decoder
-        known = self._bound.get(kernel)
-        if known is None or known[0] != parts:
-            box = boxed(parts)
-            known = self._bound[kernel] = parts, partial(entry(kernel, box, sample), box)
-        return known[1]
+        known, its_parts, code = self._bound
+        if kernel is not known or parts != its_parts:
+            code = partial(entry(kernel, *parts, sample), *parts)
+            self._bound = kernel, parts, code
+        return code
 
     def follow(self, events: Events, reached_us: int) -> Step:
         """Match the next events, with which the stream has reached `reached_us`."""
-        if events.size > FEW:
+        if not 0 < events.size <= FEW:
             return reached_us, [], -1, (self._bursts.update(events),)
         if not events.flags.carray:
             events = events.copy()
@@ -79,13 +77,13 @@ class Follower:
 
 
 @kernel
-def follow_kept(box, events):  # type: ignore[no-untyped-def]
+def follow_kept(bursts, followed, events):  # type: ignore[no-untyped-def]
     """Remove bursts, and process the other events unless their times jump.
 
     Parameters
     ----------
-    box : Boxed
-        Of the boxes of a `CausalBurstFilter` and of a `Localiser`, and maybe others.
+    bursts, followed : Boxed
+        Of a `CausalBurstFilter` and of a `Localiser`.
     events : ndarray of EVENT_DTYPE, shape (n,)
         0 to `FEW`.
 
@@ -96,7 +94,6 @@ def follow_kept(box, events):  # type: ignore[no-untyped-def]
     few : tuple
         See `follow_few`.
     """
-    bursts, followed = box.value[0], box.value[1]
     n = keep(bursts, events)
     kept = bursts.value[-1][:n]
     if n == 0:

@@ -37,16 +37,19 @@ class EvprDecoder(Decoder):
         return FRAME_END
 
     def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
+        frames, rest = self._cut(data, final=final)
+        return [self._take_frames(frames)] if frames else [], rest
+
+    def _cut(self, data: bytes, *, final: bool = False) -> tuple[bytes, bytes]:
+        """Return the frames of these bytes, each with the zero at its end, and the rest."""
+        if data.endswith(FRAME_END) and not self._endless:
+            return data, b""
         end = data.rfind(FRAME_END) + 1
-        parts, rest = [], data[end:]
-        if end:
-            start = 0
-            if self._endless:
-                start = data.index(FRAME_END) + 1
-                self.health.skipped_bytes += start
-                self._endless = False
-            if end > start:
-                parts.append(self._take_frames(data[start:end]))
+        start, rest = 0, data[end:]
+        if end and self._endless:
+            start = data.index(FRAME_END) + 1
+            self.health.skipped_bytes += start
+            self._endless = False
         if self._endless or len(rest) > MAX_STUFFED or (final and rest):
             self.health.skipped_bytes += len(rest)
             if not self._endless:
@@ -55,30 +58,33 @@ class EvprDecoder(Decoder):
                 self._endless = True
             rest = b""
         self._endless = self._endless and not final
-        return parts, rest
+        return data[start:end], rest
 
-    def _take_frames(self, data: bytes) -> Events:
-        """Decode frames, each with the zero at its end."""
+    def _take_frames(self, frames: bytes) -> Events:
         room = self._room.value
-        if len(data) // 3 > room.columns.t.size:
-            self._room = Box(FrameRoom.of(len(data), room.memory))
-        return self._account(*decode_frames(self._room.boxed, self._timestamps.box.boxed, data))
+        if len(frames) // 3 > room.columns.t.size:
+            self._room = Box(FrameRoom.of(len(frames), room.memory))
+        return self._account(*decode_frames(self._room.boxed, self._timestamps.box.boxed, frames))
 
     def decode_and_follow(
         self, data: bytes, host_us: int, follower: Follower
     ) -> tuple[Events, Step]:
         """See `Decoder.decode_and_follow`."""
-        whole = data.endswith(FRAME_END) and not self._pending and not self._endless
-        if not whole or len(data) > 3 * FEW:
-            return super().decode_and_follow(data, host_us, follower)
-        call = follower.bound(follow_frames, data, self._room.boxed, self._timestamps.box.boxed)
-        decoded, result = call(data)
         health = self.health
-        before = health.skipped_bytes
-        events = self._account(*decoded)
         health.bytes += len(data)
-        health.decoded_bytes += len(data) - (health.skipped_bytes - before)
-        return events, follower.go_on(events, decoded[-1], *result)
+        before = health.skipped_bytes
+        data = self._pending + data
+        frames, rest = self._cut(data)
+        if len(frames) > 3 * FEW:
+            events = self._take_frames(frames)
+            step = follower.follow(events, self.reached_us)
+        else:
+            room, clock = self._room.boxed, self._timestamps.box.boxed
+            decoded, result = follower.bound(follow_frames, frames, room, clock)(frames)
+            events = self._account(*decoded)
+            step = follower.go_on(events, decoded[-1], *result)
+        self._account_bytes(data, rest, before)
+        return events, step
 
     def _account(
         self, events: Events, frames: int, decoded: int, same: bool, reached_us: int

@@ -124,13 +124,15 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def follow_frames(box, data):  # type: ignore[no-untyped-def]
+def follow_frames(bursts, followed, room, clock, data):  # type: ignore[no-untyped-def]
     """Decode whole frames, and match their events.
 
     Parameters
     ----------
-    box : Boxed
-        Of the boxes for `follow_kept` and for `decode_frames`.
+    bursts, followed : Boxed
+        See `follow_kept`.
+    room, clock : Boxed
+        See `decode_frames`.
     data : bytes
         Frames with up to `FEW` events.
 
@@ -139,8 +141,8 @@ def follow_frames(box, data):  # type: ignore[no-untyped-def]
     tuple
         Results of `decode_frames` and of `follow_kept`.
     """
-    decoded = decode_frames(box.value[2], box.value[3], data)
-    return decoded, follow_kept(box, decoded[0])
+    decoded = decode_frames(room, clock, data)
+    return decoded, follow_kept(bursts, followed, decoded[0])
 
 
 @kernel

@@ -168,11 +168,16 @@ class Decoder:
 
     def _take(self, data: bytes, *, final: bool) -> Events:
         before = self.health.skipped_bytes
-        events, self._pending = self._decode_events(data, final=final)
-        used = len(data) - len(self._pending)
-        self.health.decoded_bytes += used - (self.health.skipped_bytes - before)
-        self.health.pending_bytes = len(self._pending)
+        events, rest = self._decode_events(data, final=final)
+        self._account_bytes(data, rest, before)
         return join_events(events)
+
+    def _account_bytes(self, data: bytes, rest: bytes, skipped_before: int) -> None:
+        """Keep the `rest` of the bytes, and count those before it as decoded or skipped."""
+        health = self.health
+        self._pending, health.pending_bytes = rest, len(rest)
+        skipped = health.skipped_bytes - skipped_before
+        health.decoded_bytes += len(data) - len(rest) - skipped
 
     def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
         """Decode as `_decode` does, and filter the events."""
