@@ -35,11 +35,14 @@ class LiveResult(NamedTuple):
     matches : ndarray of MATCH_DTYPE, shape (m,)
     incomplete : bool
         Whether events are known to be missing from the windows of these matches.
+    reached_us : int
+        Time up to which the stream is known; with a delay, matches are of earlier windows.
     """
 
     events: Events
     matches: npt.NDArray[np.void]
     incomplete: bool
+    reached_us: int = 0
 
 
 class LiveLocaliser:
@@ -178,7 +181,7 @@ class LiveLocaliser:
             self._time = known
         some = [each for each in matches if each.size]
         found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]
-        return LiveResult(events, found, self._incomplete(pieces, before_us, reached))
+        return LiveResult(events, found, self._incomplete(pieces, before_us, reached), reached)
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
