@@ -341,6 +341,7 @@ def test_a_match_that_comes_late_is_given_as_soon_as_its_last_window_has_ended(w
     localiser, given = Localiser(reference), []
     for i in range(len(events)):
         given += [(i, row) for row in localiser.update(events[i : i + 1])]
+        assert localiser.complete or not given
     last = localiser.finish()
     assert localiser.finish().size == 0
     # the same windows, of which all but three waited for the end of the third after them

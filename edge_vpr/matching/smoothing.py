@@ -39,8 +39,8 @@ class Onward:
         self._price = np.zeros(moves.places, dtype=np.int32)
         self._turned = np.empty(moves.places, dtype=np.int32)
 
-    def restart(self) -> None:
-        """Go back to the last window of a drive."""
+    def begin(self) -> None:
+        """Begin again at the last window of a drive."""
         self._price[:] = 0
 
     def add_to(self, rows: WindowRows, ways: Sequence[Way]) -> None:
@@ -127,7 +127,7 @@ class FixedLag:
         self._held -= 1
         rows = self._scratch.part(first, len(self._ways))
         rows.take(self._rows.part(first, len(self._ways)))
-        self._onward.restart()
+        self._onward.begin()
         self._onward.add_to(rows, self._ways[first:])
         match = FilterMatch(*rows.columns[0].tolist())
         place, before = match.place, self._place

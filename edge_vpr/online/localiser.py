@@ -102,13 +102,13 @@ class Localiser:
 
     @property
     def complete(self) -> bool:
-        """Whether the L windows are complete; there are no matches before."""
+        """Whether the L windows and those of a delay are complete; there are no matches before."""
         seen, whole = self._state.seen_and_whole()
         return seen >= whole
 
     @property
     def filled(self) -> float:
-        """Share of the L windows that is complete, 0 to 1."""
+        """Share of these windows that is complete, 0 to 1."""
         seen, whole = self._state.seen_and_whole()
         return min(1.0, seen / whole)
 

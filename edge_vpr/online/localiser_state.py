@@ -83,10 +83,11 @@ class LocaliserState:
         self.run.prepare()
 
     def seen_and_whole(self) -> tuple[int, int]:
-        """Return how much of the L windows is complete, and their total length."""
+        """Return how much of the windows before the first match is complete, and their length."""
+        windows = self._length + self._settings.late
         if isinstance(self._window, FixedTime):
-            return self.now, self._length * self._window.tau_us
-        return int(self.windows.s.bound[0]), self._length * self._window.events
+            return self.now, windows * self._window.tau_us
+        return int(self.windows.s.bound[0]), windows * self._window.events
 
     def resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
         """Restore the state from the result of `to_archive`.
