@@ -208,7 +208,7 @@ def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
     assert figure.stat().st_size > 10_000
     learnt = json.loads((tmp_path / DEFAULT_TABLES).read_text())
     assert learnt["street_seeds"] == [1000, 1001]
-    assert list(learnt["tables"]) == list(map(str, LEARNT_DELAYS)) + [SMOOTHED]
+    assert list(learnt["tables"]) == [*map(str, LEARNT_DELAYS), SMOOTHED]
     labels = [text.get_text() for text in kept[0].axes[0].get_legend().get_texts()]
     for how in map(calibration.described, learnt["tables"]):
         assert f"{how}:\n" in shown
