@@ -224,11 +224,10 @@ def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
     assert axes.get_title() == f"Reliability: {error}"
     assert axes.get_legend().get_texts()[1].get_text() == "200 matches in 10 bins, larger: more"
     (axes,) = reliability_diagram({"live": one, "smoothed": one}).axes
-    assert axes.get_title() == "Reliability"
+    assert axes.get_title() == "Reliability: expected calibration error, larger dots: more"
     labels = [text.get_text() for text in axes.get_legend().get_texts()[1:]]
-    assert labels == [
-        f"{name}: 200 matches in 10 bins, larger: more\n{error}" for name in ("live", "smoothed")
-    ]
+    error = f"error {one.expected_calibration_error:.3f}"
+    assert labels == [f"{name}: 200 matches, {error}" for name in ("live", "smoothed")]
 
 
 def test_the_time_of_the_quickest_of_three_is_taken(monkeypatch):
