@@ -273,6 +273,7 @@ def setups(draw):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @given(setup=setups(), seed=st.integers(0, 2**32))
 @settings(max_examples=60, deadline=None)
 def test_what_is_taken_arrives_and_what_is_not_is_counted(program, setup, seed):
@@ -582,6 +583,7 @@ def test_the_table_of_instructions_is_true(measured):
     assert text == table(measured)
 
 
+@pytest.mark.slow
 def test_instructions_and_sizes_stay_within_their_limits(measured):
     """A microcontroller has time and room for other things."""
     for row in measured:

@@ -324,6 +324,7 @@ def test_a_damaged_member_of_an_archive_is_found(tmp_path):
         read(path)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="3 million events are slow without Numba"
 )
