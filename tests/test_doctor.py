@@ -308,6 +308,7 @@ with open(folder + "/sent.bin", "wb") as sent:
 before = signatures()
 stream = ["stream", "--port", folder + "/sent.bin", "--protocol", "evpr", "--once", "--json"]
 assert main([*stream, "--map", folder + "/map.npz"]) == 0
+assert main([*stream, "--map", folder + "/map.npz", "--delay", "2"]) == 0
 print("LATER", sorted(signatures() - before))
 """
 

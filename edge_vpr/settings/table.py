@@ -29,6 +29,8 @@ from edge_vpr.settings.words import (
 )
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE
 
+#: largest number of windows that a match waits for
+MOST_DELAY = 64
 _FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
 _CODE = ("counter_code", ("linear", "sqrt", "log"))
 
@@ -228,6 +230,17 @@ TABLE = {
         help="place filter: match each window of a recording with the windows after it too",
         group="matching",
         more="Live and online matching have no later windows, and never smooth.",
+        needs=_FILTER,
+    ),
+    "delay": SettingField(
+        kind=int,
+        help="place filter without smoothing: number of windows after each one that decide with, "
+        "so that a match comes N windows late",
+        group="matching",
+        metavar="N",
+        most=MOST_DELAY,
+        more="For live and online matching, and for recordings with --no-smooth. See "
+        "docs/place_filter.md.",
         needs=_FILTER,
     ),
     "sequence_length": SettingField(
