@@ -519,6 +519,7 @@ MUTATIONS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_a_broken_encoder_fails(folder, name):
     """These scripts alone find each of these faults."""

@@ -565,6 +565,7 @@ def finds(broken: Emulator, cases: list[Case], expected: dict[str, bytes]) -> bo
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     """The suite `corners` alone finds every one of these faults."""
@@ -572,6 +573,7 @@ def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     assert finds(broken, cases["corners"], expected), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILTER_MUTATIONS)
 def test_a_broken_filter_fails_the_vectors(name, mutated, cases, expected):
     """The suite `filter` alone finds every one of these faults."""
