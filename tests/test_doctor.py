@@ -313,6 +313,7 @@ print("LATER", sorted(signatures() - before))
 """
 
 
+@pytest.mark.slow
 def test_a_live_run_compiles_nothing_that_was_not_compiled_before(tmp_path):
     run = subprocess.run(
         [sys.executable, "-c", _SIGNATURES, str(tmp_path)],

@@ -141,6 +141,7 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
     assert min(outcome.equal.values()) > 100
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(
     ("suite", "names"),
@@ -414,6 +415,7 @@ def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsy
     assert check_files(tmp_path / "v") > 0
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
     """By cocotb, under stalls and a reset, in a project's folder."""
@@ -438,6 +440,7 @@ def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
     assert "m_event 0 is" in broken.stdout + broken.stderr
 
 
+@pytest.mark.slow
 @needs("yosys", "make")
 def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
     """All that its Makefile names is there; a folder with something in it is refused."""
@@ -552,6 +555,7 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
         assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(("suite", "name"), [("corners", "tie_of_three"), ("filter", "own_means")])
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
@@ -669,6 +673,7 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     assert bench.found_by(None) is None
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
     """With the events at once behind a reset, and without stalls, it disturbs the first match."""
@@ -688,6 +693,7 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
     assert "m_match is undefined" in outcomes[1]
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(
     ("suite", "file", "cleared"),
@@ -710,6 +716,7 @@ def test_what_a_reset_does_not_clear_is_found_by_a_reset_at_each_clock(
     assert found is not None and f"{suite}/random_0, reset at clock" in found
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
     """That of a window that pauses, above the threshold by two."""
@@ -744,6 +751,7 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
         )
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(
     ("words", "cases"),
@@ -858,6 +866,7 @@ def test_broken_predictions_of_the_filter_are_refused():
         assert not unit_proof.prove_prediction(unit_proof.broken_prediction(name))
 
 
+@pytest.mark.slow
 @needs("yosys", "yosys-smtbmc", "z3")
 def test_the_end_of_a_window_by_time_is_proved_and_broken_timers_are_refused():
     assert unit_proof.prove_timer()
@@ -865,6 +874,7 @@ def test_the_end_of_a_window_by_time_is_proved_and_broken_timers_are_refused():
         assert not unit_proof.prove_timer(unit_proof.broken_timer(name))
 
 
+@pytest.mark.slow
 @needs("yosys", "yosys-abc")
 def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
     """Claims that take a second each; the command proves those about windows and matches too."""

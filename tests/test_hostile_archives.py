@@ -356,6 +356,7 @@ def test_changed_files_of_every_kind_are_refused_or_give_what_the_oracle_gives()
         assert result.refused[kind] > 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["raise", "die", "hang"])
 def test_the_fuzzer_finds_what_it_is_there_for(tmp_path, monkeypatch, fault):
     """An input that ends in a foreign exception, a dead process or a hang is told by its number."""

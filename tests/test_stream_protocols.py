@@ -253,6 +253,7 @@ def test_an_evpr_device_that_forgets_to_change_its_boot_number_is_followed():
     assert decoder.health.lost < 3_000
 
 
+@pytest.mark.slow
 def test_a_warm_decoder_compiles_nothing_more_when_bytes_come():
     """In a fresh process, as other tests have compiled everything."""
     if config.DISABLE_JIT:
