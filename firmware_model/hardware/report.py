@@ -246,18 +246,7 @@ def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if a tool fails, or any seed misses the clock of its board.
-    """
+    """Run the command; return 1 if a tool fails, or any seed misses the clock of its board."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented ones")
     parser.add_argument("--board", choices=list(BOARDS), help="one alone")
