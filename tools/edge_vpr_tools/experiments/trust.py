@@ -31,19 +31,7 @@ _CUT = (220, 330)
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Judge the shipped table on every pair of real drives, and return Markdown tables.
-
-    Parameters
-    ----------
-    data : path
-        Folder of the drives; see `drive_pairs.pairs`.
-    seeds : int
-        Number of draws of pixels.
-    on_start : callable
-        Called with the name of each pair before it begins.
-    *figures : path
-        Path of the reliability diagram of all pairs together.
-    """
+    """Judge the shipped table on every pair of real drives, and return Markdown tables."""
     rows = {smooth: _Rows() for smooth in (True, False)}
     first, everything, intervals = [], [], []
     for pair in pairs(data):
