@@ -67,10 +67,6 @@ class Survey:
 class Bench:
     """A folder in which mutants are compiled and run.
 
-    Parameters
-    ----------
-    folder : path
-
     Raises
     ------
     ToolError
@@ -144,10 +140,6 @@ def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Sur
     chosen : iterable of Mutant
     proved : iterable of tuple of str
         Keys of those that are proved to be equal.
-
-    Returns
-    -------
-    Survey
     """
     result, left = Survey(), set(proved)
     known = frozenset(left)

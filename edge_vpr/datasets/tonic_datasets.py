@@ -129,10 +129,6 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
     def stream(self, index: int) -> tuple[Iterator[Events], Target]:
         """Read a traverse in bounded memory, without the transforms.
 
-        Parameters
-        ----------
-        index : int
-
         Returns
         -------
         chunks : iterator of ndarray of EVENT_DTYPE

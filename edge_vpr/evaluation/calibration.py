@@ -53,10 +53,6 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
     trust : ndarray of int, shape (n,)
     correct : ndarray of bool, shape (n,)
 
-    Returns
-    -------
-    Confidence
-
     Raises
     ------
     UsageError

@@ -55,10 +55,6 @@ def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
 def read_png(path: Path) -> npt.NDArray[np.uint8]:
     """Read a grey or coloured PNG as an image of 8 bits a channel.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     ndarray of uint8, shape (height, width) or (height, width, 3 or 4)

@@ -73,10 +73,6 @@ class Scene(NamedTuple):
 def paint(world: World) -> Scene:
     """Paint the world.
 
-    Parameters
-    ----------
-    world : World
-
     Returns
     -------
     Scene

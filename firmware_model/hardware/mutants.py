@@ -129,16 +129,7 @@ class Mutant(NamedTuple):
 
 
 def mutants(file: str, source: str) -> Iterator[Mutant]:
-    """Yield every change of each line of a source.
-
-    Parameters
-    ----------
-    file, source : str
-
-    Yields
-    ------
-    Mutant
-    """
+    """Yield every change of each line of a source."""
     for number, line in enumerate(source.split("\n")):
         code = line.partition("//")[0].rstrip()
         if not code or _STATED.match(code):

@@ -42,10 +42,6 @@ def match_bits(design: Design) -> int:
 def parameters(design: Design) -> dict[str, tuple[str, int]]:
     """Return the parameters of ``vpr_core``.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     dict of str to (str, int)
@@ -104,10 +100,6 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
 
 def package(design: Design) -> str:
     """Write the parameters as a SystemVerilog package.
-
-    Parameters
-    ----------
-    design : Design
 
     Returns
     -------

@@ -76,10 +76,6 @@ REGISTERS = (
 def constants(design: Design) -> dict[str, int]:
     """Return the constants of a design that a driver needs.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     dict of str to int

@@ -80,10 +80,6 @@ def measure(
         JSON file, written after each seed. A seed that it contains for the same design, sources and
         commands is not measured again.
 
-    Returns
-    -------
-    Report
-
     Raises
     ------
     ToolError
@@ -221,10 +217,6 @@ def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
     ----------
     reports : mapping of str to mapping of str to Report
         Reports by the name of a board in `BOARDS`, and by the kind of design.
-
-    Returns
-    -------
-    str
     """
     lines = [
         "| | FPGA | logic cells | block memories | SPRAM | multipliers | MHz, worst and best |",

@@ -52,11 +52,6 @@ COCOTB_BENCH = FOLDER / "cocotb" / "vpr_cocotb.py"
 def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:
     """Copy source files into a new folder.
 
-    Parameters
-    ----------
-    folder : path
-    names : sequence of str
-
     Returns
     -------
     list of str

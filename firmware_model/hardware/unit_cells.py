@@ -41,10 +41,6 @@ def unit_of(cell: str) -> str:
 def unit_cells(design: Design) -> Counter[str]:
     """Count the logic cells of each unit of a board design.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     Counter of str

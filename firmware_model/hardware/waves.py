@@ -111,10 +111,6 @@ def draw(panels: Sequence[tuple[str, Sequence[str], Samples]]) -> str:
     ----------
     panels : sequence of (str, sequence of str, samples)
         Title, signals from top to bottom, and clocks from left to right.
-
-    Returns
-    -------
-    str
     """
     width = _LEFT + _WIDTH * max(len(clocks) for _, _, clocks in panels) + 12
     lines: list[str] = []

@@ -20,14 +20,7 @@ from firmware_model.vectors.image_layouts import refused_layouts
 
 @dataclass(frozen=True)
 class ImageCase:
-    """An image, and whether the reference firmware must open it.
-
-    Attributes
-    ----------
-    name : str
-    image : bytes
-    opens : bool
-    """
+    """An image, and whether the reference firmware must open it."""
 
     name: str
     image: bytes

@@ -94,10 +94,6 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
     differences : ndarray of float64, shape (pairs,)
     seed : int
 
-    Returns
-    -------
-    Estimate
-
     Raises
     ------
     UsageError
@@ -126,10 +122,6 @@ def interval_of_times(seconds: Floats, seed: int = 0) -> Estimate:
     seconds : ndarray of float64, shape (n,)
         Above zero.
     seed : int
-
-    Returns
-    -------
-    Estimate
 
     Raises
     ------

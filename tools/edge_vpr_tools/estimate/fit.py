@@ -102,10 +102,6 @@ def fit(
     cycle_energy : Constant, optional
         See `cost`.
 
-    Returns
-    -------
-    list of Fit
-
     Raises
     ------
     UsageError

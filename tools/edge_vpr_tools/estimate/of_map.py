@@ -46,10 +46,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     lanes : int
         P, which a map does not say.
 
-    Returns
-    -------
-    Design
-
     Raises
     ------
     DesignError
@@ -85,10 +81,6 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     reference : ReferenceMap
     design : Design
         Of this map.
-
-    Returns
-    -------
-    Memories
     """
     places, tables = reference.places.counts, None
     if not design.own_mean:

@@ -104,13 +104,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
 
 
 def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
-    """Draw P@100R against packed bytes a place, with a panel for each pair of drives.
-
-    Parameters
-    ----------
-    found : mapping of pair to scores by code and bits
-    pixels : mapping of pair to J
-    """
+    """Draw P@100R against packed bytes a place, with a panel for each pair of drives."""
     columns = (len(found) + 1) // 2
     with panels(2, columns, max(11.5, 3.8 * columns), 8.0) as (drawing, grid):
         for empty in grid.T.flat[len(found) :]:

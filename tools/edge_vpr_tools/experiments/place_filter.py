@@ -104,10 +104,6 @@ def counted_pairs(
         Number of draws of pixels of a real pair, and of streets of the simulator.
     on_start : callable
         Called with a description before each part begins.
-
-    Returns
-    -------
-    dict of str to list of Counted
     """
     found: dict[str, list[Counted]] = {}
     for pair in pairs(data):

@@ -43,11 +43,6 @@ def compare_systems(
 ) -> dict[str, Result]:
     """Match a pair with every system that can be used on its sensor.
 
-    Parameters
-    ----------
-    pair : CountedPair
-    systems : iterable of (name, Baseline)
-
     Returns
     -------
     dict of name to (Compared, Evaluation)

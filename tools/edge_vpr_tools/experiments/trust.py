@@ -124,10 +124,6 @@ def cases(pair: Pair, seeds: int) -> Iterator[Case]:
     pair : Pair
     seeds : int
         Number of draws of pixels.
-
-    Yields
-    ------
-    Case
     """
     for seed in range(seeds if pair.drawn else 1):
         settings = PRESETS["default"].replaced(

@@ -35,10 +35,6 @@ def dot_plot(
     limits : (float, float), optional
         Of the horizontal axes; None chooses them by the values.
 
-    Returns
-    -------
-    Figure
-
     Examples
     --------
     >>> drawing = dot_plot({"P@100R": {"": {"25 pixels": [0.7, 0.8], "all": [0.9, 0.9]}}})

@@ -84,10 +84,6 @@ def match_recording(
     odometry : Odometry, optional
         Of the query drive.
 
-    Returns
-    -------
-    MatchRun
-
     Raises
     ------
     EdgeVprError
