@@ -18,7 +18,7 @@ import tempfile
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -115,7 +115,7 @@ class Trial(NamedTuple):
         reset = f", reset at clock {at}" if at else ""
         return f"{self.name}{reset}{', slow block memories' if slow else ''}"
 
-    def under(self, **changes: int) -> Trial:
+    def under(self, **changes: Any) -> Trial:
         """Return the same case under other conditions."""
         return self._replace(conditions=self.conditions._replace(**changes))
 

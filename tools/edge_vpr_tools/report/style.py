@@ -60,7 +60,7 @@ def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Ax
 
 @contextmanager
 def panels(
-    rows: int, columns: int, width: float, height: float, **shared: bool
+    rows: int, columns: int, width: float, height: float, **shared: Any
 ) -> Iterator[tuple[Figure, npt.NDArray[Any]]]:
     """Return a figure in the common style, and its axes by row and column; see `figure`."""
     with figure(width, height) as (drawing, only):
