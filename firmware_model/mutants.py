@@ -121,9 +121,9 @@ def all_mutants() -> list[Mutant]:
     return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
 
 
-def proofs(path: Path = PROOFS) -> dict[Key, str]:
+def proofs() -> dict[Key, str]:
     """Read why mutants are equal to the firmware, by their keys."""
-    entries = tomllib.loads(path.read_text(encoding="utf-8"))["equal"]
+    entries = tomllib.loads(PROOFS.read_text(encoding="utf-8"))["equal"]
     return {
         (entry["function"], entry["line"], becomes): entry["why"]
         for entry in entries

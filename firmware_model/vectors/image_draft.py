@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Self
 
 from firmware_model.design import Design
@@ -87,6 +87,12 @@ def base() -> Draft:
     """Draft an image of `BASE`."""
     places = [[(k + slot) % 4 for slot in range(BASE.slots)] for k in range(BASE.places)]
     return Draft(image(Memories(BASE, PIXELS, places, [0, 1, 0, 1, 0, 1])))
+
+
+def each(words: Callable[..., tuple[str, bytes]], word: str, *values: int) -> Named:
+    """Yield an image for each of some values of one word of the header."""
+    for value in values:
+        yield words(**{word: value})
 
 
 def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
