@@ -564,7 +564,7 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, usual events, places and events as bytes in, status and matches out."""
     (whole,) = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
-    cases = [replace(whole, events=whole.events[:250])]
+    cases = [replace(whole, events=whole.events[:150])]
     write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
     case = tmp_path / "v" / suite / name
     files = [case / f"{PACKAGE}.sv"]

@@ -43,6 +43,7 @@ class Settings:
     filter_back: tuple[int, ...] = ()
     filter_restart: int = 16
     smooth: bool = False
+    delay: int = 0
     sequence_length: int = 5
     anchor: choices.Anchor = "middle"
     exclusion: int = 3
@@ -78,6 +79,11 @@ class Settings:
         return 1 if self.matching == "filter" else self.sequence_length
 
     @property
+    def late(self) -> int:
+        """Number of windows by which a match comes late; 0 for a drive that is smoothed whole."""
+        return self.delay if self.matching == "filter" and not self.smooth else 0
+
+    @property
     def of_trust(self) -> tuple[object, ...]:
         """Settings that the scale of the trust depends on.
 
@@ -88,6 +94,7 @@ class Settings:
             return (*shared, self.sequence_length)
         return (
             *shared, self.filter_steps, self.filter_back, self.filter_restart, self.smooth,
+            self.late,
         )  # fmt: skip
 
     @property

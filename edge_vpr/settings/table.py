@@ -21,6 +21,8 @@ from edge_vpr.settings.words import (
 )
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE
 
+#: largest number of windows that a match waits for
+MOST_DELAY = 64
 _FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
 _CODE = ("counter_code", ("linear", "sqrt", "log"))
 
@@ -183,6 +185,16 @@ _MATCHING = _group(
         kind=bool,
         help="place filter: match each window of a recording with the windows after it too",
         more="Live and online matching have no later windows, and never smooth.",
+        needs=_FILTER,
+    ),
+    delay=SettingField(
+        kind=int,
+        help="place filter without smoothing: number of windows after each one that decide with, "
+        "so that a match comes N windows late",
+        metavar="N",
+        most=MOST_DELAY,
+        more="For live and online matching, and for recordings with --no-smooth. See "
+        "docs/place_filter.md.",
         needs=_FILTER,
     ),
     sequence_length=SettingField(

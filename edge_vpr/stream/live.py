@@ -35,11 +35,14 @@ class LiveResult(NamedTuple):
     matches : ndarray of MATCH_DTYPE, shape (m,)
     incomplete : bool
         Whether events are known to be missing from the windows of these matches.
+    reached_us : int
+        Time up to which the stream is known; with a delay, matches are of earlier windows.
     """
 
     events: Events
     matches: npt.NDArray[np.void]
     incomplete: bool
+    reached_us: int = 0
 
 
 class LiveLocaliser:
@@ -90,11 +93,11 @@ class LiveLocaliser:
                     f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                     "use the map of this camera"
                 )
-            self._settings = reference.settings
             self._table = reference.pixel_map.table()
             burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
             _rehearse(reference, every, burst_filter(sensor), odometry)
             self._localiser = Localiser(reference, every=every)
+            self._settings = self._localiser.settings
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
             if reference.settings.remove_bursts:
@@ -147,8 +150,12 @@ class LiveLocaliser:
         return self._time
 
     def finish(self) -> LiveResult:
-        """End the stream, and return the matches of events that were held."""
-        return self._follow(self.decoder.finish(), last=True)
+        """End the stream, and return the matches of what was held."""
+        found = self._follow(self.decoder.finish(), last=True)
+        if self._localiser is None:
+            return found
+        late = self._localiser.finish()
+        return found._replace(matches=np.concatenate([found.matches, late]))
 
     @property
     def filled(self) -> float:
@@ -174,7 +181,7 @@ class LiveLocaliser:
             self._time = known
         some = [each for each in matches if each.size]
         found = np.concatenate(some) if len(some) > 1 else (some or [_NO_MATCHES])[0]
-        return LiveResult(events, found, self._incomplete(pieces, before_us, reached))
+        return LiveResult(events, found, self._incomplete(pieces, before_us, reached), reached)
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
@@ -235,10 +242,10 @@ class LiveLocaliser:
         if 0 <= whole_us <= before_us:
             self._since += sum(self._selected(piece) for piece in pieces if piece.size)
         settings = self._settings
+        windows = settings.windows_per_match + settings.late
         if settings.window == "time":
-            span = settings.windows_per_match * settings.tau_us
-            return whole_us < 0 or before_us - whole_us < span
-        return since < settings.windows_per_match * settings.events_per_window
+            return whole_us < 0 or before_us - whole_us < windows * settings.tau_us
+        return since < windows * settings.events_per_window
 
     def _selected(self, events: Events) -> int:
         """Count the events at the selected pixels."""
@@ -275,3 +282,4 @@ def _rehearse(
             localiser.read_odometer(last_us, 0.0)
         last_us += settings.tau_us
         localiser.advance(last_us)
+    localiser.finish()

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
     reference = ReferenceMap.load(args.map)
-    settings = with_match_flags(args, reference.settings)
+    settings = with_match_flags(args, reference.settings, online=args.online)
     asked = reference.matched_with(settings)
     _ = asked.judge  # a precision that the table cannot reach is an error before any work is done
     if args.every is not None and not args.online:

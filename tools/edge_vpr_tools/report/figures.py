@@ -166,21 +166,18 @@ def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
             sizes = 15 + 285 * one.matches / one.matches.max()
             label = f"{one.matches.sum()} matches in {len(one.matches)} bins, larger: more"
             if len(found) > 1:
-                label = f"{name}: {label}\nexpected calibration error {_error(one)}"
+                label = f"{name}: {one.matches.sum():,} matches, error {_error(one)}"
             axes.scatter(one.probability, one.right, s=sizes, color=colour, label=label)
         single = next(iter(found.values())) if len(found) == 1 else None
         axes.set(
-            title="Reliability"
-            + ("" if single is None else f": expected calibration error {_error(single)}"),
+            title="Reliability: expected calibration error"
+            + (", larger dots: more" if single is None else f" {_error(single)}"),
             xlabel="probability of being right, from the trust",
             ylabel="share of right matches",
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
-        if single is None:
-            axes.legend(loc="upper left", bbox_to_anchor=(0, -0.12), fontsize=9)
-        else:
-            axes.legend(loc="best")
+        axes.legend(loc="best" if single else "lower right", fontsize=9)
     return drawing
 
 

@@ -117,7 +117,7 @@ def localise(
         found += fed.update(events)
         busy_s += time.perf_counter() - start
         events_fed += events.size
-    rows = np.concatenate(found)
+    rows = np.concatenate([*found, localiser.finish()])
     if rows.size == 0:
         raise UsageError(
             f"the recording ended before a sequence of {settings.windows_per_match} windows was "
