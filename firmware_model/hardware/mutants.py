@@ -42,16 +42,9 @@ DESIGNS = (_SEQUENCES, _FILTER, replace(_FILTER, code_bits=2))
 #: an event a window, and sums of so many terms that one begun by a reset would end in a match;
 #: replayed without stalls, and with so many resets that some keep the places
 QUICK = Design(
-    width=1,
-    height=1,
-    pixels=1,
-    places=19,
-    length=16,
-    full_scales=(3,),
-    window="count",
-    window_events=1,
-    lanes=1,
-)
+    width=1, height=1, pixels=1, places=19, length=16, full_scales=(3,), window="count",
+    window_events=1, lanes=1,
+)  # fmt: skip
 QUICK_EVENTS, QUICK_RESETS = 150, 6
 #: designs that are reset at each of some clocks, and their number of events: at all phases of a
 #: place's sum, whose terms end after the next window begins, and of a window of the filter
@@ -61,15 +54,10 @@ EVERY_CLOCK = {
 }
 #: cases that find most mutants come first
 FIRST = (
-    *("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time"),
-    *(
-        "usually_more_events",
-        "pause_at_threshold",
-        "spread_of_one",
-        "pauses_of_kept_distances",
-        "random_2",
-    ),
-)
+    "tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time",
+    "usually_more_events", "pause_at_threshold", "spread_of_one", "pauses_of_kept_distances",
+    "random_2",
+)  # fmt: skip
 #: mutants that behave as the source does, and the reason
 EQUAL = {
     (
@@ -78,23 +66,15 @@ EQUAL = {
         "CODE_BITS'(octaves - LOWEST);",
     ): "HIGHEST - LOWEST is the code of all ones",
 }
-_CHANGES = (
-    (re.compile(r" == "), " != "),
-    (re.compile(r" != "), " == "),
-    (re.compile(r" && "), " || "),
-    (re.compile(r" \|\| "), " && "),
-    (re.compile(r" \+ "), " - "),
-    (re.compile(r" - "), " + "),
-    (re.compile(r" < "), " > "),
-    (re.compile(r" > "), " >= "),
-    (re.compile(r" >= "), " > "),
-    (re.compile(r" >> "), " << "),
-    (re.compile(r"1'b1\b"), "1'b0"),
-    (re.compile(r"1'b0\b"), "1'b1"),
-    (re.compile(r"'0\b"), "'1"),
-    (re.compile(r"!(?=[a-z(])"), ""),
-    (re.compile(r" - 1\)"), ")"),
-)
+_CHANGES = tuple(
+    (re.compile(old), new)
+    for old, new in (
+        (r" == ", " != "), (r" != ", " == "), (r" && ", " || "), (r" \|\| ", " && "),
+        (r" \+ ", " - "), (r" - ", " + "), (r" < ", " > "), (r" > ", " >= "),
+        (r" >= ", " > "), (r" >> ", " << "), (r"1'b1\b", "1'b0"), (r"1'b0\b", "1'b1"),
+        (r"'0\b", "'1"), (r"!(?=[a-z(])", ""), (r" - 1\)", ")"),
+    )
+)  # fmt: skip
 _STATEMENT = re.compile(r"^\s+(?:if \([^;]*\) |else )?\w[\w\[\]:]*\s+<= .*;$")
 #: lines with declarations instead of behaviour
 _STATED = re.compile(

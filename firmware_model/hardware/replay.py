@@ -28,17 +28,9 @@ from firmware_model.vectors.verify import verify
 
 #: design of the long case
 LONG = Design(
-    width=24,
-    height=16,
-    pixels=9,
-    matching="filter",
-    length=1,
-    code="own-mean",
-    full_scales=(0,),
-    timestamp_bits=24,
-    places=20,
-    lanes=4,
-)
+    width=24, height=16, pixels=9, matching="filter", length=1, code="own-mean", full_scales=(0,),
+    timestamp_bits=24, places=20, lanes=4,
+)  # fmt: skip
 
 
 class Outcome(NamedTuple):

@@ -44,22 +44,14 @@ _OF_FILTERS = {"IDLE": {"RECIPROCAL_BITS": 17}}
 CORE_KINDS: dict[str, dict[str, int]] = {
     "sequences of 2, windows by time": {"PATIENCE": 24},
     "sequences of 1, own means, windows by count": {
-        "LENGTH": 1,
-        "BY_TIME": 0,
-        "OWN_MEAN": 1,
-        "PATIENCE": 24,
+        "LENGTH": 1, "BY_TIME": 0, "OWN_MEAN": 1, "PATIENCE": 24,
     },
     "place filter, windows by time": {"LENGTH": 1, "FILTER": 1, "PATIENCE": 64},
     "place filter that keeps distances, own means, a step back, windows by count": {
-        "LENGTH": 1,
-        "FILTER": 1,
-        "BY_TIME": 0,
-        "KEEP_DISTANCES": 1,
-        "OWN_MEAN": 1,
-        "BACK": 1,
+        "LENGTH": 1, "FILTER": 1, "BY_TIME": 0, "KEEP_DISTANCES": 1, "OWN_MEAN": 1, "BACK": 1,
         "PATIENCE": 64,
     },
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

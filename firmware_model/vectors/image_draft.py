@@ -66,20 +66,9 @@ class Draft:
 #: three pixels of both polarities, two code tables for counts up to 3, and six places; every table
 #: except that of the places has padding
 BASE = Design(
-    width=9,
-    height=5,
-    pixels=3,
-    polarity=True,
-    code="linear",
-    code_bits=2,
-    full_scales=(3, 2),
-    places=6,
-    length=2,
-    exclusion=1,
-    timestamp_bits=16,
-    tau_us=1000,
-    lookup_depth=16,
-)
+    width=9, height=5, pixels=3, polarity=True, code="linear", code_bits=2, full_scales=(3, 2),
+    places=6, length=2, exclusion=1, timestamp_bits=16, tau_us=1000, lookup_depth=16,
+)  # fmt: skip
 PIXELS = ((8, 0), (3, 2), (4, 2))  # in no pixel of the last two rows
 
 
