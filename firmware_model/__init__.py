@@ -9,22 +9,7 @@ from firmware_model.memories import Lookup, Memories
 from firmware_model.sequence import SequenceModel
 
 __all__ = [
-    "ComparatorModel",
-    "Cycle",
-    "DescriptorModel",
-    "Design",
-    "DesignError",
-    "Event",
-    "EventResult",
-    "Lookup",
-    "Machine",
-    "MatchResult",
-    "Memories",
-    "SearchModel",
-    "SequenceModel",
-    "ToolError",
-    "Trace",
-    "VectorError",
-    "WindowResult",
-    "trace",
-]
+    "ComparatorModel", "Cycle", "DescriptorModel", "Design", "DesignError", "Event", "EventResult",
+    "Lookup", "Machine", "MatchResult", "Memories", "SearchModel", "SequenceModel", "ToolError",
+    "Trace", "VectorError", "WindowResult", "trace",
+]  # fmt: skip

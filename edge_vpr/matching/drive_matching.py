@@ -88,12 +88,7 @@ def match_descriptors(
 
 
 def check_counts(places: Descriptors, queries: Descriptors) -> None:
-    """Check that places and queries have the same counters; raise MapError if not.
-
-    Parameters
-    ----------
-    places, queries : Descriptors
-    """
+    """Check that places and queries have the same counters; raise MapError if not."""
     if places.counts.shape[1] != queries.counts.shape[1]:
         raise MapError(
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "

@@ -5,34 +5,13 @@
 250000
 """
 
-from edge_vpr.settings.choices import (
-    STRATEGIES,
-    Anchor,
-    CounterCodeName,
-    CounterScaling,
-    Matching,
-    QueryMean,
-    Strategy,
-    WindowKind,
-)
+from edge_vpr.settings.choices import STRATEGIES, Anchor, QueryMean, Strategy
 from edge_vpr.settings.fields import SettingField
 from edge_vpr.settings.presets import PRESETS, resolve_settings
 from edge_vpr.settings.settings import SETTING_FIELDS, Settings
 from edge_vpr.settings.words import duration_us
 
 __all__ = [
-    "PRESETS",
-    "SETTING_FIELDS",
-    "STRATEGIES",
-    "Anchor",
-    "CounterCodeName",
-    "CounterScaling",
-    "Matching",
-    "QueryMean",
-    "SettingField",
-    "Settings",
-    "Strategy",
-    "WindowKind",
-    "duration_us",
-    "resolve_settings",
-]
+    "PRESETS", "SETTING_FIELDS", "STRATEGIES", "Anchor", "QueryMean", "SettingField", "Settings",
+    "Strategy", "duration_us", "resolve_settings",
+]  # fmt: skip

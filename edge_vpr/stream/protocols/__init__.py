@@ -11,13 +11,6 @@ from edge_vpr.stream.protocols.registry import (
 )
 
 __all__ = [
-    "PROTOCOLS",
-    "Decoder",
-    "Encoder",
-    "OptionReader",
-    "Protocol",
-    "open_decoder",
-    "open_encoder",
-    "parse_protocol",
-    "protocol_names",
-]
+    "PROTOCOLS", "Decoder", "Encoder", "OptionReader", "Protocol", "open_decoder", "open_encoder",
+    "parse_protocol", "protocol_names",
+]  # fmt: skip

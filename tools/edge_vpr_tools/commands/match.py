@@ -26,13 +26,7 @@ from edge_vpr_tools.runs.registration import registered
 
 
 def run(args: argparse.Namespace) -> None:
-    """Match the recording and write the folder of results.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong or the recording cannot be matched.
-    """
+    """Match the recording and write the folder of results."""
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)

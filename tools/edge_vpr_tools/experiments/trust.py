@@ -41,19 +41,7 @@ _CUT = (220, 330)
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Judge the shipped table on every pair of real drives, and return Markdown tables.
-
-    Parameters
-    ----------
-    data : path
-        Folder of the drives; see `drive_pairs.pairs`.
-    seeds : int
-        Number of draws of pixels.
-    on_start : callable
-        Called with the name of each pair before it begins.
-    *figures : path
-        Path of the reliability diagram of all pairs together.
-    """
+    """Judge the shipped table on every pair of real drives, and return Markdown tables."""
     rows = {name: _Rows() for name in JUDGED}
     first, everything, intervals = [], [], []
     for pair in pairs(data):
@@ -147,10 +135,6 @@ def cases(pair: Pair, seeds: int) -> Iterator[Case]:
     pair : Pair
     seeds : int
         Number of draws of pixels.
-
-    Yields
-    ------
-    Case
     """
     for seed in range(seeds if pair.drawn else 1):
         settings = PRESETS["default"].replaced(

@@ -21,7 +21,7 @@ from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.scales import Scale, add_scale
-from edge_vpr_tools.report.style import BLUE, CYCLE, DASHES, ORANGE, RED, SKY, figure
+from edge_vpr_tools.report.style import BLUE, CYCLE, ORANGE, RED, SKY, figure, look
 from edge_vpr_tools.report.wording import MISSED
 
 
@@ -130,8 +130,7 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
                 found.curve.recall,
                 found.curve.precision,
                 where="post",
-                color=CYCLE[i % len(CYCLE)],
-                linestyle=DASHES[i % len(DASHES)],
+                **look(i),
                 lw=2,
                 label=f"{name}\nP@100R {found.precision_at_100_recall:.3f}, "
                 f"R@99P {found.recall_at_99_precision:.3f}",

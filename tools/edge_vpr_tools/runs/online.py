@@ -100,10 +100,6 @@ def localise(
     odometry : Odometry, optional
         Of the query drive.
 
-    Returns
-    -------
-    OnlineRun
-
     Raises
     ------
     EdgeVprError

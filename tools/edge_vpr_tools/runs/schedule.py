@@ -28,10 +28,6 @@ def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
 def read_every(text: str) -> MatchSchedule | None:
     """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
 
-    Parameters
-    ----------
-    text : str
-
     Returns
     -------
     MatchSchedule or None
