@@ -136,13 +136,13 @@ def filter_drive(
             kept.keep(first, last, rows)
         elif delay:
             late = (lag.add(rows.part(i, i + 1), ways[first + i]) for i in range(last - first))
-            found.put_decided(first - delay, late)
+            found.put_decided(last - delay, late)
         else:
             found.put(first, rows.columns, rows.metrics)
     if smooth:
         _smooth(place_filter, kept, ways, block, found)
     elif delay:
-        found.put_decided(max(n - delay, 0), lag.finish())
+        found.put_decided(n, lag.finish())
     return FilteredDrive(found.columns, found.candidates)
 
 
@@ -166,11 +166,12 @@ class _Found(NamedTuple):
         if self.metrics is not None:
             self.metrics[:, first:last] = metrics.T
 
-    def put_decided(self, first: int, decided: Iterable[Decided | None]) -> None:
-        """Put the matches from window `first` on; None where there is no window yet."""
-        for window, one in enumerate(decided, first):
-            if one is not None:
-                self.put(window, np.array([one.match]), one.metrics[np.newaxis])
+    def put_decided(self, last: int, decided: Iterable[Decided | None]) -> None:
+        """Put the matches of the windows before `last`; None where there is no window yet."""
+        some = [one for one in decided if one is not None]
+        if some:
+            columns = np.array([one.match for one in some], dtype=np.int64)
+            self.put(last - len(some), columns, np.stack([one.metrics for one in some]))
 
 
 def _smooth(
