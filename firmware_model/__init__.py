@@ -9,7 +9,22 @@ from firmware_model.memories import Lookup, Memories
 from firmware_model.sequence import SequenceModel
 
 __all__ = [
-    "ComparatorModel", "Cycle", "DescriptorModel", "Design", "DesignError", "Event", "EventResult",
-    "Lookup", "Machine", "MatchResult", "Memories", "SearchModel", "SequenceModel", "ToolError",
-    "Trace", "VectorError", "WindowResult", "trace",
-]  # fmt: skip
+    "ComparatorModel",
+    "Cycle",
+    "DescriptorModel",
+    "Design",
+    "DesignError",
+    "Event",
+    "EventResult",
+    "Lookup",
+    "Machine",
+    "MatchResult",
+    "Memories",
+    "SearchModel",
+    "SequenceModel",
+    "ToolError",
+    "Trace",
+    "VectorError",
+    "WindowResult",
+    "trace",
+]

@@ -7,6 +7,14 @@ from edge_vpr.baselines.ensemble import Ensemble, Member
 from edge_vpr.baselines.registry import GROUP, baseline_names, open_baseline
 
 __all__ = [
-    "GROUP", "Baseline", "Compared", "Ensemble", "Member", "baseline_names", "compare",
-    "map_all_pixels", "match_distances", "open_baseline",
-]  # fmt: skip
+    "GROUP",
+    "Baseline",
+    "Compared",
+    "Ensemble",
+    "Member",
+    "baseline_names",
+    "compare",
+    "map_all_pixels",
+    "match_distances",
+    "open_baseline",
+]

@@ -8,7 +8,20 @@ from edge_vpr.pipeline.registration import Registration, register
 from edge_vpr.pipeline.sources import EventSource, WindowSource, check_sensor
 
 __all__ = [
-    "EventSource", "Registration", "Removed", "WindowSource", "check_sensor", "cleaned",
-    "coded_map", "count_windows", "describe", "describe_query", "map_traverse", "match_query",
-    "match_traverse", "query_distances", "register", "window_of",
-]  # fmt: skip
+    "EventSource",
+    "Registration",
+    "Removed",
+    "WindowSource",
+    "check_sensor",
+    "cleaned",
+    "coded_map",
+    "count_windows",
+    "describe",
+    "describe_query",
+    "map_traverse",
+    "match_query",
+    "match_traverse",
+    "query_distances",
+    "register",
+    "window_of",
+]

@@ -12,6 +12,13 @@ from edge_vpr.recordings.registry import FORMATS, Format, open_recording
 from edge_vpr.recordings.writing import write_recording
 
 __all__ = [
-    "FORMATS", "CountFrames", "Faults", "Format", "Recording", "open_recording", "parse_period",
-    "read_count_frames", "write_recording",
-]  # fmt: skip
+    "FORMATS",
+    "CountFrames",
+    "Faults",
+    "Format",
+    "Recording",
+    "open_recording",
+    "parse_period",
+    "read_count_frames",
+    "write_recording",
+]

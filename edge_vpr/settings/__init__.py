@@ -12,6 +12,18 @@ from edge_vpr.settings.settings import SETTING_FIELDS, Settings
 from edge_vpr.settings.words import duration_us
 
 __all__ = [
-    "PRESETS", "SETTING_FIELDS", "STRATEGIES", "Anchor", "QueryMean", "SettingField", "Settings",
-    "Strategy", "duration_us", "resolve_settings",
-]  # fmt: skip
+    "PRESETS",
+    "SETTING_FIELDS",
+    "STRATEGIES",
+    "Anchor",
+    "CounterCodeName",
+    "CounterScaling",
+    "Matching",
+    "QueryMean",
+    "SettingField",
+    "Settings",
+    "Strategy",
+    "WindowKind",
+    "duration_us",
+    "resolve_settings",
+]

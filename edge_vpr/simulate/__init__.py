@@ -7,6 +7,14 @@ from edge_vpr.simulate.recording import SimulatedRecording, simulate_pair
 from edge_vpr.simulate.world import World
 
 __all__ = [
-    "CAMERAS", "QUERY", "REFERENCE", "Camera", "Drive", "Light", "PixelArray", "SimulatedRecording",
-    "World", "simulate_pair",
-]  # fmt: skip
+    "CAMERAS",
+    "QUERY",
+    "REFERENCE",
+    "Camera",
+    "Drive",
+    "Light",
+    "PixelArray",
+    "SimulatedRecording",
+    "World",
+    "simulate_pair",
+]

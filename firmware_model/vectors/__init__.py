@@ -12,7 +12,23 @@ from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import Verdict, read_results, verify
 
 __all__ = [
-    "CORNERS", "FILTER_CORNERS", "Case", "Manifest", "Verdict", "check_files", "corner_cases",
-    "coverage", "filter_cases", "from_binary", "in_order", "load_manifest", "random_cases",
-    "read_results", "records", "standard_suites", "to_binary", "verify", "write_suites",
-]  # fmt: skip
+    "CORNERS",
+    "FILTER_CORNERS",
+    "Case",
+    "Manifest",
+    "Verdict",
+    "check_files",
+    "corner_cases",
+    "coverage",
+    "filter_cases",
+    "from_binary",
+    "in_order",
+    "load_manifest",
+    "random_cases",
+    "read_results",
+    "records",
+    "standard_suites",
+    "to_binary",
+    "verify",
+    "write_suites",
+]

@@ -11,6 +11,13 @@ from edge_vpr.stream.protocols.registry import (
 )
 
 __all__ = [
-    "PROTOCOLS", "Decoder", "Encoder", "OptionReader", "Protocol", "open_decoder", "open_encoder",
-    "parse_protocol", "protocol_names",
-]  # fmt: skip
+    "PROTOCOLS",
+    "Decoder",
+    "Encoder",
+    "OptionReader",
+    "Protocol",
+    "open_decoder",
+    "open_encoder",
+    "parse_protocol",
+    "protocol_names",
+]
