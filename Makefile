@@ -21,7 +21,7 @@ test: lint types
 	$(BIN)/python -m pytest -m alone tests
 	$(PLAIN)
 
-# while one works: without the slow tests, and without lint and types
+# while one works: without the tests marked slow, and without lint and types
 quick: $(call STAMP,test)
 	$(BIN)/python -m pytest -q -n auto --dist worksteal -m "not slow and not alone"
 

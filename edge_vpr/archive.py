@@ -161,10 +161,6 @@ def _is_foreign(path: str | Path) -> bool:
 def read_members(path: str | Path) -> Arrays:
     """Read the arrays of an ``.npz``; announced sizes are checked before memory is allocated.
 
-    Parameters
-    ----------
-    path : path
-
     Returns
     -------
     dict of str to ndarray

@@ -19,10 +19,11 @@ from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 
-#: table learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md
-DEFAULT_TABLE = "default_confidence.json"
-#: the same for smoothed drives, whose trust has another scale
-SMOOTHED_TABLE = "smoothed_confidence.json"
+#: tables learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md: of
+#: matches that come so many windows late, and of smoothed drives
+DEFAULT_TABLES = "default_confidence.json"
+LEARNT_DELAYS = (0, 2, 4, 8)
+SMOOTHED = "smoothed"
 MOST_STEPS = 4_096
 
 
@@ -192,17 +193,20 @@ _NAMES = ("trust", "probability", "matches")
 
 
 @cache
-def default_confidence(smoothed: bool = False) -> Confidence:
-    """Return the shipped table of the place filter, which was learnt on simulated streets.
+def default_confidence(smoothed: bool = False, late: int = 0) -> Confidence:
+    """Return a shipped table of the place filter, which was learnt on simulated streets.
 
     Parameters
     ----------
     smoothed : bool
-        Of drives that were smoothed; else of matches window by window.
+        Of drives that were smoothed whole.
+    late : int
+        If not, the number of windows by which matches come late. The table is that of the largest
+        learnt number that is not larger.
     """
-    name = SMOOTHED_TABLE if smoothed else DEFAULT_TABLE
-    text = files("edge_vpr").joinpath(name).read_text(encoding="utf-8")
-    table = json.loads(text)
+    name = SMOOTHED if smoothed else str(max(n for n in LEARNT_DELAYS if n <= late))
+    text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
+    table = json.loads(text)["tables"][name]
     return Confidence(
         np.array(table["trust"], dtype=np.int64),
         np.array(table["probability"], dtype=np.float64),

@@ -145,14 +145,6 @@ def install_command(extra: str) -> str:
 
     An edge-vpr that was installed from a checkout is not on a package index. If that checkout is
     gone, as after `tools/board/install.sh`, the command names the libraries of the extra.
-
-    Parameters
-    ----------
-    extra : str
-
-    Returns
-    -------
-    str
     """
     checkout = Path(__file__).parents[1]
     if (checkout / "pyproject.toml").is_file():

@@ -15,7 +15,7 @@ from edge_vpr.errors import EdgeVprError, UsageError, printable
 MOST_BYTES = 64 << 20
 
 
-def read_toml(path: str | Path, what: str, remedy: str, most: int = 1 << 20) -> dict[str, Any]:
+def read_toml(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
     """Read a TOML file.
 
     Parameters
@@ -24,26 +24,24 @@ def read_toml(path: str | Path, what: str, remedy: str, most: int = 1 << 20) -> 
     what : str
         What is read from it, for the message: "settings".
     remedy : str
-    most : int
-        Bytes.
 
     Raises
     ------
     UsageError
-        If it cannot be read, is longer than `most`, or is no TOML.
+        If it cannot be read, has more than 1 MiB, or is no TOML.
     """
-    return _read(path, what, remedy, most, tomllib.loads)
+    return _read(path, what, remedy, 1 << 20, tomllib.loads)
 
 
-def read_json(path: str | Path, what: str, remedy: str, most: int = MOST_BYTES) -> dict[str, Any]:
+def read_json(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
     """Read a JSON file with an object of names and values; see `read_toml`.
 
     Raises
     ------
     UsageError
-        If it cannot be read, is longer than `most`, or holds something else.
+        If it cannot be read, is longer than `MOST_BYTES`, or holds something else.
     """
-    return _read(path, what, remedy, most, json.loads)
+    return _read(path, what, remedy, MOST_BYTES, json.loads)
 
 
 def _read(

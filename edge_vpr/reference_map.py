@@ -170,7 +170,7 @@ class ReferenceMap:
         """
         confidence = self.confidence
         if confidence is None and self.settings.matching == "filter":
-            confidence = default_confidence(self.settings.smooth)
+            confidence = default_confidence(self.settings.smooth, self.settings.late)
         return Judge(confidence, self.settings.precision)
 
     def matched_with(self, settings: Settings) -> ReferenceMap:

@@ -101,10 +101,6 @@ class Route:
             The interval reaches from this many places before the matched one to as many after it.
             With the exclusion zone's, the probability of a match is that of the true position
             lying in the interval: the trust compares the place with those outside it.
-
-        Returns
-        -------
-        Located
         """
         before = np.fmin.accumulate(self.along_m[::-1])[::-1]  # at or after each place
         after = np.fmax.accumulate(self.along_m)

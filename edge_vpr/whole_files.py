@@ -38,10 +38,6 @@ def replacing(path: str | Path) -> Iterator[Path]:
     The file keeps the permissions of the old one, or gets those of the umask. File and folder are
     on the disk (fsync) when this returns.
 
-    Parameters
-    ----------
-    path : path
-
     Yields
     ------
     Path
@@ -77,10 +73,6 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
     ----------
     path : path
         A folder, all of which is replaced, or nothing.
-
-    Yields
-    ------
-    Path
 
     Raises
     ------
@@ -147,10 +139,6 @@ def clear_dead_runs(folder: str | Path) -> None:
 
     Folders of running processes are locked and left alone, and so are folders that cannot be locked
     or removed.
-
-    Parameters
-    ----------
-    folder : path
     """
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
@@ -185,10 +173,6 @@ def work_folder(target: Path) -> Iterator[Path]:
     ----------
     target : path
         What is to be written; the folder is locked as long as this process lives.
-
-    Yields
-    ------
-    Path
 
     Raises
     ------

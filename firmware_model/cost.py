@@ -90,14 +90,6 @@ def cycles(design: Design) -> Cycles:
     sequence unit. The units work in parallel, so that the longer time counts. After the last
     distance come its L terms, the search, and the acceptance test. With the filter, the count is
     for a window that is neither the first nor a pause.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    Cycles
     """
     if design.filters:
         parts = filter_cycles(design)
@@ -145,10 +137,6 @@ def operations(design: Design) -> Operations:
     the smallest distance and its product, the price of each step and their minimum, the evidence
     and its limits, and the search by a delay line. In addition there are two products of the
     acceptance and three divisions.
-
-    Parameters
-    ----------
-    design : Design
 
     Returns
     -------

@@ -160,10 +160,6 @@ def measure(target: Target, folder: str | Path) -> EvprInstructions:
     folder : path
         For what is compiled.
 
-    Returns
-    -------
-    EvprInstructions
-
     Raises
     ------
     ToolError

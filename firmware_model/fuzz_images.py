@@ -66,10 +66,6 @@ class FuzzResult:
 def undamaged(seed: int) -> list[bytes]:
     """Return the images that will be damaged.
 
-    Parameters
-    ----------
-    seed : int
-
     Returns
     -------
     list of bytes

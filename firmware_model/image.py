@@ -77,10 +77,6 @@ def stride(design: Design) -> int:
 def image(memories: Memories) -> bytes:
     """Return the image of a design and its tables for the reference firmware.
 
-    Parameters
-    ----------
-    memories : Memories
-
     Returns
     -------
     bytes

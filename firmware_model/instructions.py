@@ -101,13 +101,7 @@ class Instructions:
 
 
 class FirmwareRun:
-    """The firmware with an opened design, and the instructions of its calls so far.
-
-    Parameters
-    ----------
-    emulator : Emulator
-    memories : Memories
-    """
+    """The firmware with an opened design, and the instructions of its calls so far."""
 
     def __init__(self, emulator: Emulator, memories: Memories) -> None:
         self.emulator, self.stack, self.pixels = emulator, 0, memories.pixels
@@ -176,10 +170,6 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     target : Target
     folder : path
         For what is compiled.
-
-    Returns
-    -------
-    Instructions
 
     Raises
     ------

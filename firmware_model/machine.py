@@ -231,10 +231,6 @@ def trace(memories: Memories, events: Iterable[Event], start: int = 0) -> Trace:
     events : iterable of Event
     start : int
         Time at which the first window opens.
-
-    Returns
-    -------
-    Trace
     """
     machine, done = Machine(memories, start), Trace()
     for event in events:

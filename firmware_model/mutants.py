@@ -67,10 +67,6 @@ class Survey:
 class Bench:
     """A folder in which mutants are compiled and run.
 
-    Parameters
-    ----------
-    folder : path
-
     Raises
     ------
     ToolError
@@ -125,9 +121,9 @@ def all_mutants() -> list[Mutant]:
     return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
 
 
-def proofs(path: Path = PROOFS) -> dict[Key, str]:
+def proofs() -> dict[Key, str]:
     """Read why mutants are equal to the firmware, by their keys."""
-    entries = tomllib.loads(path.read_text(encoding="utf-8"))["equal"]
+    entries = tomllib.loads(PROOFS.read_text(encoding="utf-8"))["equal"]
     return {
         (entry["function"], entry["line"], becomes): entry["why"]
         for entry in entries
@@ -144,10 +140,6 @@ def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Sur
     chosen : iterable of Mutant
     proved : iterable of tuple of str
         Keys of those that are proved to be equal.
-
-    Returns
-    -------
-    Survey
     """
     result, left = Survey(), set(proved)
     known = frozenset(left)

@@ -19,10 +19,6 @@ from fixedpoint.own_mean import MEAN_BITS
 def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     """Return the format of every quantity by its name, all unsigned integers.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     dict of str to UnsignedFormat

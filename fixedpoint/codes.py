@@ -30,6 +30,7 @@ MAX_CODES = 256
 FULL_SCALE = {"sqrt": 63, "log": 127}
 
 Counts = npt.NDArray[np.integer]
+Whole = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,9 @@ class CounterCode:
     @cached_property
     def table(self) -> npt.NDArray[np.uint16]:
         """Code of each count, shape (full_scale + 1,); the last is also that of larger counts."""
-        entry = {"linear": _linear, "sqrt": _square_root, "log": _logarithm}[self.kind]
-        codes = [entry(count, self.top, self.full_scale) for count in range(self.full_scale + 1)]
-        table = np.array(codes, dtype=np.uint16)
+        entries = {"linear": _linear, "sqrt": _square_root, "log": _logarithm}[self.kind]
+        counts = np.arange(self.full_scale + 1, dtype=np.int64)
+        table = entries(counts, self.top, self.full_scale).astype(np.uint16)
         table.setflags(write=False)
         return table
 
@@ -266,20 +267,23 @@ def packed_bytes(counters: int, bits: int) -> int:
     return -(-counters * bits // 8)
 
 
-def _linear(count: int, top: int, full_scale: int) -> int:
-    return (2 * top * count + full_scale) // (2 * full_scale)
+def _linear(counts: Whole, top: int, full_scale: int) -> Whole:
+    return (2 * top * counts + full_scale) // (2 * full_scale)
 
 
-def _square_root(count: int, top: int, full_scale: int) -> int:
-    # floor(y + 1/2) = (floor(2 y) + 1) // 2
-    return (math.isqrt(4 * top * top * count // full_scale) + 1) // 2
+def _square_root(counts: Whole, top: int, full_scale: int) -> Whole:
+    # floor(y + 1/2) = (floor(2 y) + 1) // 2; below 2**52, floor and root are exact in float64
+    return (np.sqrt(4 * top * top * counts // full_scale).astype(np.int64) + 1) // 2
 
 
-def _logarithm(count: int, top: int, full_scale: int) -> int:
-    code = top * math.log(1 + count) / math.log(1 + full_scale) + 0.5
-    nearest = round(code)
-    if abs(code - nearest) > 1e-6:  # larger than the error of any machine
-        return math.floor(code)
-    # code >= n holds where (1 + count)**(2 top) >= (1 + full_scale)**(2 n - 1), in integers
-    reached = nearest > 0 and (1 + count) ** (2 * top) >= (1 + full_scale) ** (2 * nearest - 1)
-    return nearest if reached else nearest - 1
+def _logarithm(counts: Whole, top: int, full_scale: int) -> Whole:
+    code = top * np.log(1 + counts) / math.log(1 + full_scale) + 0.5
+    nearest = np.rint(code)
+    codes = np.floor(code).astype(np.int64)
+    # 1e-6 is larger than the error of any machine
+    for i in np.flatnonzero(abs(code - nearest) <= 1e-6).tolist():
+        count, near = int(counts[i]), int(nearest[i])
+        # code >= n holds where (1 + count)**(2 top) >= (1 + full_scale)**(2 n - 1), in integers
+        reached = near > 0 and (1 + count) ** (2 * top) >= (1 + full_scale) ** (2 * near - 1)
+        codes[i] = near if reached else near - 1
+    return codes

@@ -139,18 +139,18 @@ class RunningMean:
     ----------
     mean : ndarray of int, shape (J,)
         Where it starts, in units of 1/256 octave.
-    windows : int
-        How many windows it has seen.
 
     Attributes
     ----------
     total : ndarray of int32, shape (J,)
         The mean in units of 1/65,536 octave.
+    windows : int
+        How many windows it has seen.
     """
 
-    def __init__(self, mean: Integers, windows: int = 0) -> None:
+    def __init__(self, mean: Integers) -> None:
         self.total = np.asarray(mean, dtype=np.int32) << MEAN_BITS
-        self.windows = windows
+        self.windows = 0
 
     @property
     def mean(self) -> npt.NDArray[np.int32]:

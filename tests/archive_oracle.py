@@ -103,7 +103,7 @@ def _cannot_match(reference: ReferenceMap, queries: int) -> bool:
 def _table(reference: ReferenceMap) -> list[tuple[int, float, int]] | None:
     found = reference.confidence
     if found is None and reference.settings.matching == "filter":
-        found = default_confidence(reference.settings.smooth)
+        found = default_confidence(reference.settings.smooth, reference.settings.late)
     if found is None:
         return None
     return list(

@@ -27,6 +27,28 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", str(cache))
 
 
+#: modules whose tests compile no kernels in their process
+WITHOUT_KERNELS = (
+    *("test_board", "test_core_area", "test_evpr_firmware", "test_firmware", "test_fixedpoint"),
+    *("test_fuzz_images", "test_golden", "test_hardware", "test_mutants", "test_packages"),
+    *("test_rooms", "test_security", "test_site"),
+)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let the second of two workers begin with tests that compile nothing.
+
+    Each worker begins with its share of the tests, in their order. In the order of their names,
+    both would compile the same kernels at the same time. So, the second finds most of them.
+    """
+    if hasattr(config, "workerinput"):
+        plain = [item for item in items if item.path.stem in WITHOUT_KERNELS]
+        others = [item for item in items if item.path.stem not in WITHOUT_KERNELS]
+        half = len(items) // 2
+        items[:] = others[:half] + plain + others[half:]
+
+
 SHARED_DATA = Path(__file__).parents[1].parent / "shared" / "data"
 
 

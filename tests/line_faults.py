@@ -10,6 +10,7 @@ import argparse
 import sys
 import time
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -184,10 +185,22 @@ def baud_noise(rng: np.random.Generator, n: int) -> npt.NDArray[np.uint8]:
     return np.packbits(bits.astype(np.uint8))
 
 
+@cache
+def _undisturbed(device: str, n: int) -> Sent:
+    """`n` events as a device sends them, always the same: to encode them takes longest."""
+    return send(device, 0, np.cumsum(np.random.default_rng(n).integers(1, 20, n)))
+
+
 def make_line(
-    rng: np.random.Generator, device: str, kind: str, rate: float, n: int
+    rng: np.random.Generator, device: str, kind: str, rate: float, n: int, *, same: bool = False
 ) -> tuple[Sent, bytes, Longs]:
-    """`n` events as a device sends them, and what arrives of them; see `corrupt`."""
+    """`n` events as a device sends them, and what arrives of them; see `corrupt`.
+
+    With `same`, the events are the same for all kinds of damage to the bytes.
+    """
+    if same and kind not in ("wrap", "restart"):
+        sent = _undisturbed(device, n)
+        return (sent, *corrupt(rng, sent.data, kind, rate))
     steps = rng.integers(1, 20, n)
     if kind == "wrap":
         bits = next((b for name, b in CLOCKS.items() if name in device), 0)

@@ -456,6 +456,20 @@ def smoothed_trust(
     return trust
 
 
+def delayed_trust(
+    place: Sequence[int], margin: Sequence[int], follow: Sequence[set[tuple[int, int]]]
+) -> list[int]:
+    """Trust of the place filter, of margins and places that later windows have changed."""
+    trusts, trust = [], 0
+    for j, best in enumerate(place):
+        last = place[j - 1] if j else None
+        trust = trust if (last, best) in follow[j] else 0
+        risen = trust + (16 * margin[j] - trust) // 4
+        trust = min(risen, trust - trust // 16) if best == last else risen
+        trusts.append(trust)
+    return trusts
+
+
 def ways_of_steps(
     places: int, prices: dict[int, int], jumps: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int, int]]:

@@ -49,7 +49,8 @@ def test_ties_of_logarithms_are_decided_in_integers():
     """log 3 is half of log 9, to the last bit: (1 + 2)**2 = 1 + 8, so that code 1/2 becomes 1."""
     assert CounterCode("log", 1, 8).table.tolist() == [0, 0, 1, 1, 1, 1, 1, 1, 1]
     # 2**k counts lie at the ends of half-open intervals all along the table
-    assert [_logarithm(2**k - 1, 4, 255) for k in range(9)] == [0, 1, 1, 2, 2, 3, 3, 4, 4]
+    ends = 2 ** np.arange(9) - 1
+    assert _logarithm(ends, 4, 255).tolist() == [0, 1, 1, 2, 2, 3, 3, 4, 4]
 
 
 def test_the_widest_logarithm_is_built_and_is_exact_where_doubles_are_closest():

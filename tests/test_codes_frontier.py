@@ -35,6 +35,7 @@ def test_three_bits_of_logarithm_beat_eight_bits_of_count_on_every_pair_of_drive
         assert np.mean(scores["logarithm", 3]) > np.mean(scores[RAW]), name
 
 
+@pytest.mark.slow
 def test_the_figures_quoted_for_brisbane_are_those_of_this_code(found):
     """Nothing is drawn there, so that the figures are the same on every run."""
     scores = found["Brisbane, 49 px"]
@@ -53,6 +54,7 @@ def test_all_codes_of_a_pair_see_the_same_counts(shared_data):
     assert score(pair, 1, everything)["all", 16] == score(pair, 1, plain)["none", 0]
 
 
+@pytest.mark.slow
 def test_the_figure_and_the_tables_show_every_code_and_pair(monkeypatch, tmp_path):
     rng = np.random.default_rng(0)
     monkeypatch.setattr(codes_frontier, "pairs", lambda data: iter(PAIRS))

@@ -218,6 +218,7 @@ def test_an_alignment_in_frames_needs_their_length(drive, tmp_path, capsys):
     assert "--frame-period 1/30" in refused(capsys, *words)
 
 
+@pytest.mark.slow
 def test_logs_in_the_wrong_order_are_noticed_by_the_matches(drive, tmp_path, capsys):
     """Of drives of one length along one route, so that nothing else shows it."""
     results, reference, query = (tmp_path / name for name in ("results", "a.csv", "b.csv"))

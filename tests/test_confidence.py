@@ -194,6 +194,7 @@ def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
         assert reference.matched_with(changed).confidence is None
 
 
+@pytest.mark.slow
 def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, capsys):
     rng = np.random.default_rng(0)
     drive = random_events(rng, 6_000, SENSOR, 6_000_000)

@@ -131,6 +131,7 @@ def test_counting_needs_no_tonic():
     )
 
 
+@pytest.mark.slow
 def test_a_busy_pixel_does_not_wrap_as_in_tonics_frames():
     transforms = pytest.importorskip("tonic.transforms", reason=needs_tonic)
     n = 40_000

@@ -38,6 +38,7 @@ def random_counts(rng, rows, J, dtype, below):
     return counts.astype(dtype)
 
 
+@pytest.mark.slow
 @given(
     seed=SEEDS,
     K=st.integers(1, 9),
@@ -192,6 +193,7 @@ def kernel_ir() -> str:
     return "\n".join([body_text, *declared])
 
 
+@pytest.mark.slow
 @compiled
 @pytest.mark.parametrize(
     ("triple", "cpu", "instructions"),

@@ -108,17 +108,66 @@ def test_nowhere_to_keep_kernels_is_wrong(monkeypatch):
     assert only(kernels.check_kernels()).state == "wrong"
 
 
-def run_in(folder, program, **more):
-    """What a program prints that imports modules of a folder and keeps its kernels there."""
-    kept = {"NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": str(folder)}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, **kept, **more},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return done.stdout.strip()
+#: runs each program that it reads in a child of its own, which need not import Numba again
+_SERVER = """
+import importlib, os, sys, traceback
+from numba import njit
+import edge_vpr.compiling
+
+njit(lambda x: x)(1)  # what Numba prepares once
+for line in sys.stdin:
+    if os.fork() == 0:
+        importlib.invalidate_caches()
+        try:
+            exec(eval(line), {})
+        except BaseException:
+            traceback.print_exc()
+            os._exit(1)
+        sys.stdout.flush()
+        os._exit(0)
+    code = os.waitstatus_to_exitcode(os.wait()[1])
+    print("ended", code, flush=True)
+"""
+
+
+class Runner:
+    """Runs programs that import modules of a folder, and keeps their kernels there."""
+
+    def __init__(self, folder, **more):
+        paths = os.pathsep.join([str(folder), *filter(None, sys.path)])
+        kept = {"NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": paths}
+        self._server = subprocess.Popen(
+            # no bytecode: it would be taken for that of a source changed within the same second
+            [sys.executable, "-B", "-c", _SERVER],
+            env={**os.environ, **kept, **more},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *unused):
+        self._server.communicate()
+
+    def __call__(self, program):
+        """Return what the program prints; it starts with no module of the folder imported."""
+        self._server.stdin.write(f"{program!r}\n")
+        self._server.stdin.flush()
+        said = []
+        for line in self._server.stdout:
+            if line.startswith("ended "):
+                assert line == "ended 0\n"
+                return "".join(said).strip()
+            said.append(line)
+        raise AssertionError("the server has ended")
+
+
+@pytest.fixture
+def run(tmp_path):
+    with Runner(tmp_path) as runner:
+        yield runner
 
 
 _KERNEL = "from edge_vpr.compiling import kernel\n\n@kernel\n"
@@ -131,23 +180,27 @@ def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
     monkeypatch.setattr(kernels, "_sources", lambda: [tmp_path / "one_kernel.py"])
     assert only(kernels.check_kernels()).state == "absent"
     (tmp_path / "one_kernel.py").write_text(_ONE_KERNEL)
-    run_in(tmp_path, _CALL, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="")
+    with Runner(tmp_path, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") as run:
+        run(_CALL)
     finding = only(kernels.check_kernels())
     assert finding.state == "absent"
     assert finding.text.startswith(f"0 kept in {tmp_path} for this processor and Numba, 1 for")
-    run_in(tmp_path, _CALL)
+    with Runner(tmp_path) as run:
+        run(_CALL)
     assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
     for index in tmp_path.rglob("*.nbi"):
         index.write_bytes(index.read_bytes()[:-5])
     assert only(kernels.check_kernels()).state == "absent"
 
 
-def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_path, monkeypatch):
+def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(
+    tmp_path, monkeypatch, run
+):
     source = tmp_path / "one_kernel.py"
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(kernels, "_sources", lambda: [source])
     source.write_text(_ONE_KERNEL)
-    run_in(tmp_path, _CALL)
+    run(_CALL)
     assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
 
     source.write_text(_ONE_KERNEL.replace("x + 1", "x + 2"))  # Numba compiles it again
@@ -155,7 +208,7 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
     assert finding.state == "absent" and "doctor --compile" in finding.remedy
     assert finding.text.startswith(f"0 kept in {tmp_path}, 1 of an older source")
     source.write_text("\n" + source.read_text())  # at another line it has an index of its own
-    run_in(tmp_path, _CALL)
+    run(_CALL)
     assert only(kernels.check_kernels()).text.startswith(f"1 kept in {tmp_path}, 1 of an older")
 
     monkeypatch.setattr(kernels, "PRESETS", [])
@@ -167,7 +220,9 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(tmp_pa
     assert len(list(tmp_path.rglob("*.nb?"))) == 2  # one index and its kernel
 
 
-def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(tmp_path, monkeypatch):
+def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(
+    tmp_path, monkeypatch, run
+):
     names = ("one_kernel", "called", "constants")
     source, called, constants = (tmp_path / f"{name}.py" for name in names)
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
@@ -187,8 +242,8 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(tmp_p
         constants.write_text(f"import numpy as np\nFIRST = np.array([{first}])\nSTEP = {step}\n")
 
     def check(result: int) -> None:
-        assert run_in(tmp_path, program) == f"{result} 0"  # compiled
-        assert run_in(tmp_path, program) == f"{result} 1"  # loaded
+        assert run(program) == f"{result} 0"  # compiled
+        assert run(program) == f"{result} 1"  # loaded
 
     def check_older() -> None:
         finding = only(kernels.check_kernels())
@@ -253,10 +308,12 @@ with open(folder + "/sent.bin", "wb") as sent:
 before = signatures()
 stream = ["stream", "--port", folder + "/sent.bin", "--protocol", "evpr", "--once", "--json"]
 assert main([*stream, "--map", folder + "/map.npz"]) == 0
+assert main([*stream, "--map", folder + "/map.npz", "--delay", "2"]) == 0
 print("LATER", sorted(signatures() - before))
 """
 
 
+@pytest.mark.slow
 def test_a_live_run_compiles_nothing_that_was_not_compiled_before(tmp_path):
     run = subprocess.run(
         [sys.executable, "-c", _SIGNATURES, str(tmp_path)],

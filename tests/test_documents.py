@@ -63,7 +63,17 @@ def names_for(page: str) -> dict[str, Any]:
     return {}
 
 
-@pytest.mark.parametrize("page", with_python())
+#: pages whose Python simulates whole drives
+SIMULATING = ("README.md", "docs/simulator.md")
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.slow if page in SIMULATING else ())
+        for page in with_python()
+    ],
+)
 def test_the_python_of_a_page_runs_block_after_block(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     events = random_events(np.random.default_rng(0), 4_000, Sensor(32, 24), 1_000_000)

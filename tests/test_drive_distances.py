@@ -90,6 +90,7 @@ def drives(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_match_writes_the_matrix_and_figures_in_the_formats_that_are_named(
     drives, tmp_path, capsys
 ):
@@ -159,6 +160,7 @@ def axes_of(drawing):
     }
 
 
+@pytest.mark.slow
 def test_figures_have_second_axes_in_seconds_and_metres(drives, tmp_path, monkeypatch, capsys):
     """Metres come from the tracks of an evaluation, seconds from the windows themselves."""
     from edge_vpr_tools.report import figures

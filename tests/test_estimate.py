@@ -365,6 +365,7 @@ def test_large_blocks_take_the_places_alone():
     assert small < counts.block_memories(design, shapes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", EMULATED, ids=lambda target: target.name)
 def test_instructions_are_predicted_within_a_tenth(target, tmp_path):
     """Of those counted under emulation, for ten designs that the table was not fitted on."""

@@ -105,6 +105,7 @@ def prepared(adapter, drives, folder, **configured):
     return baseline
 
 
+@pytest.mark.slow
 def test_event_lab_gets_a_finite_matrix_of_references_by_queries(adapter, drives, tmp_path):
     baseline = prepared(adapter, drives, tmp_path)
     baseline.run()

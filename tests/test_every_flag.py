@@ -43,7 +43,7 @@ SETTINGS = (
 )
 FILTER = (
     "--matching filter --filter-steps 1,0,1 --filter-back 2 --filter-restart 20 "
-    "--query-mean running --precision 0.5 --score auto"
+    "--query-mean running --precision 0.5 --score auto --delay 0"
 )
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = (
@@ -86,6 +86,7 @@ RUNS = [
     ("match {f}/wide_map.npz {f}/query.npz -o {f}/registered --register --no-figures", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
      "--no-smooth --odometry {f}/odometry.csv", 0),
+    ("match {f}/filter_map.npz {f}/query.npz -o {f}/late --online --delay 2 --no-figures", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
     ("match {f}/map.npz {f}/query.h5 -o {f}/topic --no-figures --sensor 16x12 --topic left", 0),
     ("match {f}/frames_map.npz {f}/frames.npz -o {f}/windows --no-figures --frame-period 1/10 "
@@ -114,6 +115,8 @@ RUNS = [
     # a broker that is not there: the run goes on; 2: the library is an extra
     (f"{STREAM} --map {{f}}/map.npz --once --mqtt mqtt://127.0.0.1:9/rover", (0, 2)),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3", 0),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3 --every 50ms", 2),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "

@@ -273,6 +273,7 @@ def setups(draw):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @given(setup=setups(), seed=st.integers(0, 2**32))
 @settings(max_examples=60, deadline=None)
 def test_what_is_taken_arrives_and_what_is_not_is_counted(program, setup, seed):
@@ -518,6 +519,7 @@ MUTATIONS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_a_broken_encoder_fails(folder, name):
     """These scripts alone find each of these faults."""
@@ -533,9 +535,10 @@ def test_a_broken_encoder_fails(folder, name):
     with pytest.raises((AssertionError, ValueError, IndexError, struct.error)):
         script = polled_script(np.random.default_rng(1), timed)
         check_times(timed, script, run_host(broken, timed, script))
-        check_pauses(built_for_host(folder, sources, f"patient-{number}", (*quickly, *PATIENT)))
         for setup, script in corner_scripts(each=5):
             check(setup, script, run_host(broken, setup, script))
+        # last, as compiling takes longest
+        check_pauses(built_for_host(folder, sources, f"patient-{number}", (*quickly, *PATIENT)))
 
 
 def test_the_example_runs_and_accounts_for_every_event(folder):
@@ -582,6 +585,7 @@ def test_the_table_of_instructions_is_true(measured):
     assert text == table(measured)
 
 
+@pytest.mark.slow
 def test_instructions_and_sizes_stay_within_their_limits(measured):
     """A microcontroller has time and room for other things."""
     for row in measured:

@@ -83,6 +83,7 @@ def test_the_rover_is_a_page_of_code():
     assert len(lines) <= 40
 
 
+@pytest.mark.slow
 def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
     nbclient = pytest.importorskip("nbclient", reason="nbclient runs notebooks: extra test")
     nbformat = pytest.importorskip("nbformat", reason="nbformat reads notebooks: extra test")

@@ -27,6 +27,7 @@ from edge_vpr_tools.report.figures import reliability_diagram
 from test_datasets import write_log
 
 from edge_vpr.baselines.comparing import fastest
+from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, SMOOTHED
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import CAMERAS, simulate_pair
@@ -204,13 +205,14 @@ def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
     arguments = f"experiment calibration --seeds 2 --table {tmp_path} --figure {figure}"
     assert main(arguments.split()) == 0
     shown = capsys.readouterr().out
-    assert "Smoothed:" in shown and "Window by window:" in shown
     assert figure.stat().st_size > 10_000
-    learnt = [json.loads(path.read_text()) for path in tmp_path.glob("*.json")]
-    assert [table["street_seeds"] for table in learnt] == [[1000, 1001]] * 2
+    learnt = json.loads((tmp_path / DEFAULT_TABLES).read_text())
+    assert learnt["street_seeds"] == [1000, 1001]
+    assert list(learnt["tables"]) == [*map(str, LEARNT_DELAYS), SMOOTHED]
     labels = [text.get_text() for text in kept[0].axes[0].get_legend().get_texts()]
-    assert any(label.startswith("Window by window: ") for label in labels)
-    assert any(label.startswith("Smoothed: ") for label in labels)
+    for how in map(calibration.described, learnt["tables"]):
+        assert f"{how}:\n" in shown
+        assert any(label.startswith(f"{how}: ") for label in labels)
 
 
 def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
@@ -222,11 +224,10 @@ def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
     assert axes.get_title() == f"Reliability: {error}"
     assert axes.get_legend().get_texts()[1].get_text() == "200 matches in 10 bins, larger: more"
     (axes,) = reliability_diagram({"live": one, "smoothed": one}).axes
-    assert axes.get_title() == "Reliability"
+    assert axes.get_title() == "Reliability: expected calibration error, larger dots: more"
     labels = [text.get_text() for text in axes.get_legend().get_texts()[1:]]
-    assert labels == [
-        f"{name}: 200 matches in 10 bins, larger: more\n{error}" for name in ("live", "smoothed")
-    ]
+    error = f"error {one.expected_calibration_error:.3f}"
+    assert labels == [f"{name}: 200 matches, {error}" for name in ("live", "smoothed")]
 
 
 def test_the_time_of_the_quickest_of_three_is_taken(monkeypatch):

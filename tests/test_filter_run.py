@@ -144,14 +144,16 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
     window=st.sampled_from(["time", "count"]),
     code=st.sampled_from(CODES),
     back=st.sampled_from([(), (1,), (0, 2)]),
+    delay=st.sampled_from([0, 0, 1, 3, 50]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
-def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, pieces):
+def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, delay, pieces):
     rng = np.random.default_rng(seed)
     reference = random_map(
-        rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, filter_back=back, **code
-    )
+        rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, filter_back=back, delay=delay,
+        **code,
+    )  # fmt: skip
     # from time to time the camera stands
     times = np.sort(rng.choice(rng.choice(2_000, 1_200, replace=False), 800))
     events = make_events(
@@ -160,12 +162,14 @@ def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, pi
     queries = describe_query(reference, Drive(events, SENSOR))
     batch = match_descriptors(reference.places, queries, reference.settings)
     localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
-    live = feed(localiser, cut_up(rng, events, pieces))[: len(batch)]
+    live = feed(localiser, cut_up(rng, events, pieces))
+    live = np.concatenate([live, localiser.finish()])[: len(batch)]
     for theirs, ours in (
         (batch.place, live["place"]),
         (batch.distance_sum, live["distance_sum"]),
         (batch.second, live["second"]),
         (batch.trust, live["trust"]),
+        (batch.probability, live["probability"]),
         (queries.selected, live["events"]),
     ):
         assert theirs.tolist() == ours.tolist()
@@ -190,15 +194,19 @@ def with_ways(rng, reference):
     seed=st.integers(0, 2**32),
     window=st.sampled_from(["time", "count"]),
     code=st.sampled_from(CODES),
+    delay=st.sampled_from([0, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
 def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
-    seed, window, code, pieces
+    seed, window, code, delay, pieces
 ):
     rng = np.random.default_rng(seed)
     reference = with_ways(
-        rng, random_map(rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, **code)
+        rng,
+        random_map(
+            rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=delay, **code
+        ),
     )
     events = random_events(rng, 800, SENSOR, 2_000)
     odometry = random_odometry(rng, 2_000)
@@ -207,7 +215,7 @@ def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
     localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
     fed = OdometryFeed(localiser, odometry)
     rows = [row for piece in cut_up(rng, events, pieces) for row in fed.update(piece)]
-    live = np.concatenate(rows)[: len(batch)]
+    live = np.concatenate([*rows, localiser.finish()])[: len(batch)]
     assert batch.place.tolist() == live["place"].tolist()
     assert batch.distance_sum.tolist() == live["distance_sum"].tolist()
     assert batch.trust.tolist() == live["trust"].tolist()
@@ -319,6 +327,53 @@ def test_ticks_that_are_skipped_give_no_match():
     localiser.skip_ticks(int(later["t"][0]))
     assert localiser.next_match_us == int(later["t"][0]) // 10 * 10
     assert 90 < localiser.update(later).size < 110
+
+
+@pytest.mark.parametrize("window", ["time", "count"])
+def test_a_match_that_comes_late_is_given_as_soon_as_its_last_window_has_ended(window):
+    rng = np.random.default_rng(10)
+    reference = random_map(rng, 20, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=3)
+    every = MatchSchedule.window(reference.settings)
+    events = random_events(rng, 900, SENSOR, 2_000)
+    at_once = Localiser(
+        reference.matched_with(replace(reference.settings, delay=0)), every=every
+    ).update(events)
+    localiser, given = Localiser(reference), []
+    for i in range(len(events)):
+        given += [(i, row) for row in localiser.update(events[i : i + 1])]
+        assert localiser.complete or not given
+    last = localiser.finish()
+    assert localiser.finish().size == 0
+    # the same windows, of which all but three waited for the end of the third after them
+    assert [row["t"] for _, row in given] + last["t"].tolist() == at_once["t"].tolist()
+    assert len(last) == 3
+    for (i, row), third in zip(given, at_once[3:], strict=True):
+        assert row["start"] < row["t"] < third["t"] <= events["t"][i]
+        assert row["events"] == at_once["events"][at_once["t"] == row["t"]][0]
+
+
+def test_a_window_that_was_skipped_gives_no_match_and_the_others_keep_theirs():
+    rng = np.random.default_rng(11)
+    reference = random_map(rng, 20, 9, tau_us=100, delay=2)
+    localiser = Localiser(reference)
+    before = localiser.update(random_events(rng, 200, SENSOR, 1_000))
+    later = random_events(rng, 200, SENSOR, 1_000)
+    later["t"] += 10**9
+    localiser.skip_ticks(int(later["t"][0]))
+    after = np.concatenate([before, localiser.update(later), localiser.finish()])
+    ends = [*range(100, 1_000, 100), *range(10**9, 10**9 + 1_000, 100)]
+    assert after["t"].tolist() == ends
+    assert (after["start"] == after["t"] - 100).all()
+
+
+def test_a_delay_is_of_whole_windows_and_is_not_saved(tmp_path):
+    reference = random_map(np.random.default_rng(12), 10, 5, delay=2)
+    with pytest.raises(UsageError, match="a delay of 2 windows gives a match at the end of each"):
+        Localiser(reference, every=MatchSchedule(events=1))
+    localiser = Localiser(reference)
+    with pytest.raises(UsageError, match="a localiser with a delay cannot be saved"):
+        localiser.save(tmp_path / "state.npz")
+    assert not (tmp_path / "state.npz").exists()
 
 
 def test_own_mean_codes_are_not_compared_with_counts_by_sequences_event_by_event():

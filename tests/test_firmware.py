@@ -81,6 +81,7 @@ def test_every_suite_passes_on_this_computer(folder, cases, expected):
             assert found == expected[case.name], case.name
 
 
+@pytest.mark.slow
 def test_events_may_be_handed_over_in_batches(emulator, cases, expected):
     """The same windows and matches for 2, 7 or all events at a time."""
     for case in (*cases["corners"], *cases["filter"]):
@@ -123,6 +124,7 @@ ODD_DESIGNS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("design", ODD_DESIGNS, ids=lambda d: f"{d.width}x{d.height}-{d.pixels}")
 def test_suites_can_be_made_for_any_design_and_pass(design, folder):
     """Narrow clocks, one pixel, one bit: the cases that such a design has room for."""
@@ -212,6 +214,7 @@ def test_the_table_of_instructions_is_true(measured):
     assert text == table(list(measured.values()))
 
 
+@pytest.mark.slow
 def test_instructions_stay_within_their_limits(measured):
     """Per byte of a distance, and per event at a selected pixel."""
     for core in ("cortex-m4", "cortex-m7"):
@@ -223,6 +226,7 @@ def test_instructions_stay_within_their_limits(measured):
         assert row.stack_bytes < 448
 
 
+@pytest.mark.slow
 def test_the_filter_takes_at_most_half_of_sequences_of_five(measured):
     """A place and window, beside the distance that both need; and its RAM grows by 2 bytes."""
     for core in ("cortex-m4", "cortex-m7"):
@@ -561,6 +565,7 @@ def finds(broken: Emulator, cases: list[Case], expected: dict[str, bytes]) -> bo
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     """The suite `corners` alone finds every one of these faults."""
@@ -568,6 +573,7 @@ def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     assert finds(broken, cases["corners"], expected), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILTER_MUTATIONS)
 def test_a_broken_filter_fails_the_vectors(name, mutated, cases, expected):
     """The suite `filter` alone finds every one of these faults."""

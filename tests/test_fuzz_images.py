@@ -23,6 +23,7 @@ def fuzzer(tmp_path_factory) -> Fuzzer:
         pytest.skip(str(error)[:200])
 
 
+@pytest.mark.slow
 def test_damaged_images_are_refused_or_run_to_the_plain_result(fuzzer):
     """A bounded run of what `python -m firmware_model.fuzz_images` does at length."""
     done = fuzzer.run(8000)
@@ -75,6 +76,7 @@ def test_undamaged_images_are_those_of_their_seed():
     assert max(map(len, undamaged(3))) <= 1 << 14
 
 
+@pytest.mark.slow
 def test_the_command_says_what_it_found(fuzzer):
     """One line with the figures."""
     command = [sys.executable, "-m", "firmware_model.fuzz_images", "--images", "1_000"]

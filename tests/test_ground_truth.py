@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation import truth_from_alignment, truth_from_tracks
+from edge_vpr.evaluation import ground_truth
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.track_files import load_nmea, load_track
 from edge_vpr.evaluation.tracks import EARTH_RADIUS_M, Track, great_circle, interpolate
@@ -323,7 +323,7 @@ def test_truth_from_tracks_is_the_oracles_however_the_matrix_is_cut(kind, data, 
         for a in reference.at(places).tolist()
     ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(truth_from_tracks, "BLOCK_CELLS", cells)
+        patch.setattr(ground_truth, "BLOCK_CELLS", cells)
         if not any(d <= tolerance for row in expected for d in row):
             with pytest.raises(GroundTruthError, match="no query lies within"):
                 from_tracks(reference, query, places, queries, tolerance)
@@ -411,7 +411,7 @@ def test_truth_from_an_alignment_is_the_oracles(times, data, tolerance, cells):
     expected = [naive.interpolate(pairs, int(q)) for q in queries]
     correct = [[e is not None and abs(k - e) <= tolerance for e in expected] for k in places]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(truth_from_alignment, "BLOCK_CELLS", cells)
+        patch.setattr(ground_truth, "BLOCK_CELLS", cells)
         if not np.any(correct):
             with pytest.raises(GroundTruthError):
                 from_alignment(pairs, queries, places, tolerance)

@@ -33,6 +33,7 @@ from firmware_model.hardware import (
     waves,
 )
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
+from firmware_model.hardware.simulation import Conditions
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -86,7 +87,7 @@ def vectors(tmp_path_factory):
 @needs_iverilog
 def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
     """Memories and registers start undefined; both sides wait in four clocks of ten."""
-    outcome = replay.hold(vectors, seed=5, stall=40, resets=1)
+    outcome = replay.hold(vectors, Conditions(seed=5, stall=40, resets=1))
     assert outcome.differences == []
     assert outcome.cases == len(load_manifest(vectors).suites[0].cases) > 30
     assert min(outcome.equal.values()) > 200
@@ -98,7 +99,7 @@ def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
     """Both kinds of window, one polarity and both, lanes that do not divide the slots."""
     design = random_design(np.random.default_rng(seed))
     folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
-    outcome = replay.hold(folder, seed=seed, stall=30, resets=2)
+    outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
     assert outcome.differences == []
     assert outcome.equal["event"] == 2000
 
@@ -111,7 +112,9 @@ def test_registers_behind_slow_memories_change_no_record(tmp_path, length, lanes
     cases = random_cases(design, np.random.default_rng(length), 1, 600)
     write_suites(tmp_path / "v", design, {"random": cases}, 3, rtl=True)
     for stall in (0, 40):
-        outcome = replay.hold(tmp_path / "v", seed=5, stall=stall, resets=2, slow_blocks=True)
+        outcome = replay.hold(
+            tmp_path / "v", Conditions(seed=5, stall=stall, resets=2, slow_blocks=True)
+        )
         assert outcome.differences == []
         assert outcome.equal["match"] > 10
 
@@ -135,12 +138,13 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
     ]
     assert len(cases) == len(FILTER_CASES)
     write_suites(tmp_path / "v", FILTER, {"filter": cases}, 3, rtl=True)
-    outcome = replay.hold(tmp_path / "v", seed=5, stall=40, resets=1)
+    outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=1))
     assert outcome.differences == []
     assert outcome.cases == len(cases)
     assert min(outcome.equal.values()) > 100
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(
     ("suite", "names"),
@@ -157,7 +161,7 @@ def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite, names)
     cases = [case for case in standard_suites(design, 3, suite)[suite] if case.name in names]
     assert len(cases) == len(names)
     write_suites(tmp_path / "v", design, {suite: cases}, 3, rtl=True)
-    outcome = replay.hold(tmp_path / "v", seed=5, stall=40, resets=2, slow_blocks=True)
+    outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=2, slow_blocks=True))
     assert outcome.differences == []
     assert min(outcome.equal[kind] for kind in ("event", "window", "match")) > 5
 
@@ -168,7 +172,7 @@ def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed
     """The place filter, own-mean codes, or both."""
     design = random_adaptive_design(np.random.default_rng(seed))
     folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
-    outcome = replay.hold(folder, seed=seed, stall=30, resets=2)
+    outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
     assert outcome.differences == []
     assert outcome.equal["event"] == 2000
 
@@ -212,7 +216,9 @@ def test_an_event_is_taken_in_each_clock(tmp_path, polarity, slow_blocks):
     events = [Event(t, *pixels[rng.integers(4)], bool(rng.integers(2))) for t in times]
     cases = [replace(case, events=tuple(events), start=0)]
     write_suites(tmp_path / "v", design, {"random": cases}, 1, rtl=True)
-    ((_, done),) = simulation.replay_vectors(tmp_path / "v", tmp_path, slow_blocks=slow_blocks)
+    ((_, done),) = simulation.replay_vectors(
+        tmp_path / "v", tmp_path, Conditions(slow_blocks=slow_blocks)
+    )
     assert verify(tmp_path / "v", done.records).differences == []
     # the first of the next window is taken, and waits in the first stage
     assert done.events_in_a_row == 300 + 1
@@ -242,7 +248,9 @@ def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
     folder = tmp_path / "v"
     write_suites(folder, design, {"random": [short]}, 1, rtl=True)
     for slow_blocks in (False, True):
-        ((_, done),) = simulation.replay_vectors(folder, tmp_path, slow_blocks=slow_blocks)
+        ((_, done),) = simulation.replay_vectors(
+            folder, tmp_path, Conditions(slow_blocks=slow_blocks)
+        )
         assert verify(folder, done.records).differences == []
         stated = core_cycles(design, slow_blocks)
         assert done.least_cycles == stated
@@ -322,7 +330,7 @@ FAULTS = {
 
 def returned(folder, case, program, results, **options):
     try:
-        done = simulation.replay(program, folder / case, case, results, **options)
+        done = simulation.replay(program, folder / case, case, results, Conditions(**options))
     except (ToolError, VectorError) as error:
         return str(error)
     return "".join(verify(folder, done.records).differences)
@@ -414,6 +422,7 @@ def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsy
     assert check_files(tmp_path / "v") > 0
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
     """By cocotb, under stalls and a reset, in a project's folder."""
@@ -438,6 +447,7 @@ def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
     assert "m_event 0 is" in broken.stdout + broken.stderr
 
 
+@pytest.mark.slow
 @needs("yosys", "make")
 def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
     """All that its Makefile names is there; a folder with something in it is refused."""
@@ -552,12 +562,13 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
         assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(("suite", "name"), [("corners", "tie_of_three"), ("filter", "own_means")])
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, usual events, places and events as bytes in, status and matches out."""
     (whole,) = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
-    cases = [replace(whole, events=whole.events[:250])]
+    cases = [replace(whole, events=whole.events[:150])]
     write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
     case = tmp_path / "v" / suite / name
     files = [case / f"{PACKAGE}.sv"]
@@ -669,6 +680,7 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     assert bench.found_by(None) is None
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
     """With the events at once behind a reset, and without stalls, it disturbs the first match."""
@@ -688,6 +700,7 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
     assert "m_match is undefined" in outcomes[1]
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(
     ("suite", "file", "cleared"),
@@ -710,6 +723,7 @@ def test_what_a_reset_does_not_clear_is_found_by_a_reset_at_each_clock(
     assert found is not None and f"{suite}/random_0, reset at clock" in found
 
 
+@pytest.mark.slow
 @needs_iverilog
 def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
     """That of a window that pauses, above the threshold by two."""
@@ -729,7 +743,7 @@ def test_a_core_that_stands_still_is_a_fault_after_so_many_clocks(tmp_path):
     assert still != text
     file.write_text(still, encoding="ascii")
     with pytest.raises(ToolError, match="neither takes an event nor comes to an end, after 0"):
-        replay.hold(folder, seed=5, stall=0, resets=0)
+        replay.hold(folder, Conditions(seed=5, stall=0, resets=0))
 
 
 @needs_iverilog
@@ -744,6 +758,7 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
         )
 
 
+@pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(
     ("words", "cases"),
@@ -764,8 +779,8 @@ def test_the_replay_command_goes_on_behind_the_first_designs(capsys, monkeypatch
     """The others are those that the whole run draws."""
     held = []
 
-    def hold_suites(design, suites, **given):
-        held.append((design, given["seed"]))
+    def hold_suites(design, suites, conditions):
+        held.append((design, conditions.seed))
         return replay.Outcome(Counter(event=5), [], len(suites))
 
     monkeypatch.setattr(replay, "hold_suites", hold_suites)
@@ -845,26 +860,26 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
 @needs("yosys", "yosys-smtbmc", "z3")
 def test_the_search_is_proved_and_broken_ones_are_refused():
     """One size and one broken version; the command has all."""
-    assert unit_proof.prove(unit_proof.SMALL)
-    name = "of equal sums the highest place is best"
-    assert unit_proof.refuted(unit_proof.SMALL, unit_proof.broken(name))
-    assert all(unit_proof.broken(name) for name in unit_proof.BROKEN)
+    assert unit_proof.search(unit_proof.Size(1, 2, 3)).proved()
+    assert unit_proof.SMALL_SEARCH.refused("of equal sums the highest place is best")
+    for old, new in unit_proof.SMALL_SEARCH.broken.values():
+        assert formal.broken_source("vpr_search.sv", old, new)
 
 
 @needs("yosys", "yosys-smtbmc", "z3")
 def test_broken_predictions_of_the_filter_are_refused():
     """The command proves the prediction as it is, which takes a minute."""
-    for name in unit_proof.BROKEN_PREDICTIONS:
-        assert not unit_proof.prove_prediction(unit_proof.broken_prediction(name))
+    assert all(map(unit_proof.PREDICTION.refused, unit_proof.PREDICTION.broken))
 
 
+@pytest.mark.slow
 @needs("yosys", "yosys-smtbmc", "z3")
 def test_the_end_of_a_window_by_time_is_proved_and_broken_timers_are_refused():
-    assert unit_proof.prove_timer()
-    for name in unit_proof.BROKEN_TIMERS:
-        assert not unit_proof.prove_timer(unit_proof.broken_timer(name))
+    assert unit_proof.TIMER.proved()
+    assert all(map(unit_proof.TIMER.refused, unit_proof.TIMER.broken))
 
 
+@pytest.mark.slow
 @needs("yosys", "yosys-abc")
 def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
     """Claims that take a second each; the command proves those about windows and matches too."""

@@ -48,7 +48,7 @@ def saved_map(tmp_path):
 @pytest.fixture
 def saved_state(tmp_path):
     rng = np.random.default_rng(3)
-    localiser = Localiser(map_of({}, rng))
+    localiser = Localiser(map_of({}, rng, largest=20))  # bytes, which most tests compile for
     localiser.update(random_events(rng, 200, SENSOR, 400))
     path = tmp_path / "state.npz"
     localiser.save(path)
@@ -182,9 +182,8 @@ def test_a_map_that_is_changed_in_memory_is_refused_by_the_localiser():
         Localiser(reference)
 
 
-@pytest.mark.slow
 def test_a_read_only_map_is_followed_like_any_other():
-    reference = map_of({}, np.random.default_rng(0))
+    reference = map_of({}, np.random.default_rng(0), largest=20)
     events = random_events(np.random.default_rng(1), 80, SENSOR, 600)
     expected = Localiser(reference).update(events)
     reference.places.counts.setflags(write=False)
@@ -357,6 +356,7 @@ def test_changed_files_of_every_kind_are_refused_or_give_what_the_oracle_gives()
         assert result.refused[kind] > 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["raise", "die", "hang"])
 def test_the_fuzzer_finds_what_it_is_there_for(tmp_path, monkeypatch, fault):
     """An input that ends in a foreign exception, a dead process or a hang is told by its number."""

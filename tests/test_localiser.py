@@ -303,6 +303,7 @@ def test_a_damaged_state_is_an_error(tmp_path):
         Localiser.load(tmp_path / "state.npz")
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32), recent=st.integers(0, 3))
 @settings(max_examples=25)
 def test_a_map_that_grows_while_driving_equals_one_that_was_so_from_the_start(seed, recent):

@@ -101,6 +101,7 @@ def test_a_sample_of_the_mutants_is_found_or_proved_to_be_equal(bench):
     assert result.found > 4
 
 
+@pytest.mark.slow
 def test_a_survivor_without_a_proof_and_a_proof_without_a_survivor_are_told(bench):
     """Either makes the command fail."""
     proved = proofs()

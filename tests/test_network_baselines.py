@@ -82,6 +82,7 @@ def test_a_state_dict_is_read_as_it_was_written(tmp_path):
         assert found[name].dtype == tensor.dtype and np.array_equal(found[name], tensor)
 
 
+@pytest.mark.slow
 def test_a_state_dict_that_torch_saved_is_what_torch_loads(tmp_path):
     torch = pytest.importorskip("torch", reason="torch is not installed (extra bench)")
     network = torch.nn.Sequential(torch.nn.Linear(5, 3), torch.nn.Conv2d(1, 2, 3))

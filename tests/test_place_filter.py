@@ -85,11 +85,13 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     priced=prices,
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
+    delay=st.sampled_from([None, None, 1, 3]),
 )
-@settings(max_examples=50)
+@settings(max_examples=60)
 def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
-    seed, places, windows, priced, jumps, spacing
+    seed, places, windows, priced, jumps, spacing, delay
 ):
+    """Smoothed whole, or as far as the windows go that a match waits for."""
     rng = np.random.default_rng(seed)
     reference, queries = (rng.integers(0, 9, (n, 3)) for n in (places, windows))
     events = rng.choice([0, 3, 90, 200], windows)
@@ -99,8 +101,9 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     if odometry is not None:
         travelled = [None, *np.diff(odometry.distance_mm).tolist()]
     chosen = Settings(
-        matching="filter", pixels=3, smooth=True, filter_steps=priced.forward,
-        filter_back=priced.back, filter_restart=priced.restart, exclusion=1,
+        matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
+        filter_steps=priced.forward, filter_back=priced.back, filter_restart=priced.restart,
+        exclusion=1,
     )  # fmt: skip
     counted = replace(descriptors(queries), selected=events)
     found = match_descriptors(
@@ -108,10 +111,18 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
     usual = mean_activity(descriptors(reference).activity)
-    told, follow = naive.smoothed_filter(
-        distances, events.tolist(), priced.forward, priced.back, priced.restart, usual,
-        pairs.tolist(), [] if along is None else along.tolist(), travelled,
-    )  # fmt: skip
+    ways = [] if along is None else along.tolist()
+
+    def smoothed(known):
+        """Smooth the drive as far as it is known."""
+        return naive.smoothed_filter(
+            distances[:known], events[:known].tolist(), priced.forward, priced.back,
+            priced.restart, usual, pairs.tolist(), ways, travelled[:known],
+        )  # fmt: skip
+
+    told, follow = smoothed(windows)
+    if delay is not None:
+        told = [smoothed(j + delay + 1)[0][j] for j in range(windows)]
     margins = []
     for j, metric in enumerate(told):
         best, second, ties = naive.best_and_second(metric, 1)
@@ -120,7 +131,8 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         margins.append(metric[second] - metric[best] if second >= 0 else METRIC_TOP)
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
         assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
-    assert found.trust.tolist() == naive.smoothed_trust(found.place.tolist(), margins, follow)
+    trust = naive.smoothed_trust if delay is None else naive.delayed_trust
+    assert found.trust.tolist() == trust(found.place.tolist(), margins, follow)
 
 
 def readings(travelled):
@@ -130,8 +142,10 @@ def readings(travelled):
     return Odometry(times, way.astype(np.int64))
 
 
-@pytest.mark.parametrize(("smooth", "first"), [(False, 5), (True, 25)])
-def test_the_windows_after_decide_with(smooth, first):
+@pytest.mark.parametrize(
+    ("smooth", "delay", "first"), [(False, 0, 5), (True, 0, 25), (False, 4, 25)]
+)
+def test_the_windows_after_decide_with(smooth, delay, first):
     """Places 5 and 25 look alike: which of them it was is known when the drive goes on."""
     rng = np.random.default_rng(6)
     reference = rng.integers(0, 100, (40, 12))
@@ -139,7 +153,7 @@ def test_the_windows_after_decide_with(smooth, first):
     reference[5, 0] -= 1
     queries = reference[25:35].copy()
     queries[0] = reference[5]
-    chosen = Settings(matching="filter", pixels=12, smooth=smooth)
+    chosen = Settings(matching="filter", pixels=12, smooth=smooth, delay=delay)
     found = match_descriptors(descriptors(reference), descriptors(queries), chosen)
     assert found.place.tolist() == [first, *range(26, 35)]
 

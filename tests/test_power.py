@@ -554,6 +554,7 @@ def board(root):
     return folder / "power1_input"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("timed_before")
 def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(drive, load, tmp_path, capsys):  # noqa: F811
     """Of the map and smaller ones; the report holds accuracy against energy, all figures drawn."""
@@ -632,6 +633,7 @@ def test_a_throttled_run_is_void(load, tmp_path, capsys):
     assert "void: throttled" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
     """By Ctrl-C or SIGTERM, at any time: one line, exit 130, no file half written."""
     board(tmp_path)

@@ -87,6 +87,18 @@ def test_a_row_has_the_position_of_its_place_and_the_time_of_the_host(drive):
     assert [json.dumps(row, allow_nan=False) for row in rows] == lines
 
 
+def test_with_a_delay_a_row_has_the_host_time_of_its_own_window(drive):
+    reference = drive[1]
+    late = dataclasses.replace(reference.settings, matching="filter", smooth=False, delay=2)
+    matches = np.zeros(1, dtype=MATCH_DTYPE)
+    matches["t"] = 1_000_000
+    result = LiveResult(np.empty(0), matches, False, 3_000_400)
+    (line,) = MatchRows(dataclasses.replace(reference, settings=late)).lines(result, 9_000_000)
+    assert json.loads(line)["host_us"] == 9_000_000 - 2_000_400
+    (line,) = MatchRows(reference).lines(result, 9_000_000)
+    assert json.loads(line)["host_us"] == 9_000_000
+
+
 def test_a_row_has_every_field_of_its_match():
     matches = np.zeros(2, dtype=MATCH_DTYPE)
     matches["probability"], matches["lost"] = 0.1, True

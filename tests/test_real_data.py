@@ -141,6 +141,7 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
         match_traverse(small, PublishedWindows(indoor, period=Fraction(1, 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("smooth", "right", "precision", "recall"),
     [(False, 0.94, 0.99, 0.4), (True, 0.98, 0.97, 0.8)],

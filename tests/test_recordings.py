@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import random_events
 
@@ -57,6 +57,7 @@ def from_steps(rows):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @given(rows=events_strategy, start=st.integers(-(10**15), 10**15), chunk=st.integers(1, 70))
+@settings(max_examples=40)  # of each format, which share what cuts events into chunks
 def test_what_is_written_is_read_again_to_the_bit_for_any_chunking(
     suffix, rows, start, chunk, tmp_path_factory
 ):
@@ -324,6 +325,7 @@ def test_a_damaged_member_of_an_archive_is_found(tmp_path):
         read(path)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="3 million events are slow without Numba"
 )

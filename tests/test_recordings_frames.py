@@ -198,6 +198,7 @@ def test_a_period_is_a_positive_number(text):
         parse_period(text)
 
 
+@pytest.mark.slow
 def test_the_real_walk_has_exactly_as_many_events_as_counted(shared_data):
     path = shared_data / "speck_walks" / "reference.npz"
     with np.load(path) as archive:

@@ -43,6 +43,7 @@ def drives(windows=20):
     return images, rng.binomial(images, 0.9).astype(np.uint16)
 
 
+@pytest.mark.slow
 def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_path):
     pair = counted_pairs.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of

@@ -109,6 +109,7 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "filter_steps": "2,0,2",
     "filter_back": "3,4",
     "filter_restart": "20",
+    "delay": "4",
     "sequence_length": "2",
     "anchor": "middle",
     "exclusion": "1",

@@ -103,6 +103,7 @@ def test_the_noise_of_a_camera_is_another_in_each_drive():
     assert (one["x"][:same] == other["x"][:same]).mean() < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="compares with the compiled code")
 def test_compiled_and_plain_python_make_the_same_events():
     program = (

@@ -318,6 +318,7 @@ def whole(lines):
     return 0
 
 
+@pytest.mark.slow
 def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(drive):
     """Nobody reads its output for a while, so that matching stands still while bytes come."""
     rng = np.random.default_rng(5)
@@ -604,6 +605,7 @@ def greeted(link):
     wait_until(lambda: link.read(0.1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", ["leaves", "sleeps"])
 def test_a_reader_that_reads_no_more_costs_no_file(reader, drive, tmp_path):
     """One that leaves ends the run; for one that does not read, it takes a second signal."""
@@ -638,6 +640,7 @@ def sent_all(link, data):
         assert time.monotonic() < end
 
 
+@pytest.mark.slow
 def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(drive, tmp_path, any_baud):
     events = np.concatenate(list(open_recording(drive / "query.npz")))
     before, meanwhile, after = np.split(events, [15_000, 25_000])
@@ -751,6 +754,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suffix", "library"), [(".h5", "h5py"), (".es", "faery"), (".parquet", "pyarrow")]
 )
@@ -917,6 +921,7 @@ def test_the_bridge_says_how_it_is_read(drive, capsys):
         assert f"edge-vpr stream --port udp://127.0.0.1:9 --protocol {host} --sensor 64x48" in told
 
 
+@pytest.mark.slow
 def test_nothing_is_left_to_compile_when_the_bytes_come(drive, sent):
     """In a fresh process, as other tests have compiled everything; for both kinds of window."""
     if numba.config.DISABLE_JIT:
@@ -967,6 +972,7 @@ for window in ("time", "count"):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))

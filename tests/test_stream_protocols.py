@@ -127,7 +127,7 @@ def test_after_any_fault_the_stream_is_found_again_within_the_stated_bytes(devic
     """And the books balance at every piece, and what a checksum guards is as it was sent."""
     for rate in RATES:
         rng = np.random.default_rng([line_faults.PAIRS.index((device, host)), KINDS.index(kind)])
-        line = make_line(rng, device, kind, rate, EVENTS)
+        line = make_line(rng, device, kind, rate, EVENTS, same=True)
         outcome = decode(host, *line)
         assert outcome.resync <= open_decoder(host, SENSOR).resync_bytes
         if outcome.health.accounting != "unknown":
@@ -253,6 +253,7 @@ def test_an_evpr_device_that_forgets_to_change_its_boot_number_is_followed():
     assert decoder.health.lost < 3_000
 
 
+@pytest.mark.slow
 def test_a_warm_decoder_compiles_nothing_more_when_bytes_come():
     """In a fresh process, as other tests have compiled everything."""
     if config.DISABLE_JIT:

@@ -258,6 +258,7 @@ def scheduler():
         yield made.scheduler_address
 
 
+@pytest.mark.slow
 def test_a_worker_of_a_cluster_may_die_in_mid_run(plan_file, tmp_path, scheduler):
     import distributed
 
@@ -303,6 +304,7 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
         pass
 
 
+@pytest.mark.slow
 def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     folder, output = tmp_path / "out", tmp_path / "compared"
     words = f"sweep {plan_file} -o {folder} --workers 1".split()

@@ -9,18 +9,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.baselines.baseline import Described, Images
-
-TITLE = "active pixels, overlap"
+from edge_vpr.baselines.baseline import Described, Images, VectorBaseline
 
 
-class ActivePixels:
+class ActivePixels(VectorBaseline):
     """Frames of one bit a pixel; distance is 1 less ``|A and B| / sqrt(|A| |B|)``."""
 
-    title = TITLE
-
-    def prepare(self, reference: Images) -> None:
-        """Do nothing: no parameters are taken from the reference."""
+    title = "active pixels, overlap"
 
     def describe(self, images: Images) -> Described:
         """Return packed bits, shape (n, ceil(pixels / 8)), uint8."""
@@ -35,10 +30,6 @@ class ActivePixels:
         scale = np.sqrt(active[0][:, None] * active[1].astype(np.float64))
         like = np.divide(overlap, scale, out=np.zeros(overlap.shape), where=scale > 0)
         return np.maximum(1.0 - like, 0.0)
-
-    def bits_per_place(self, places: Described) -> int:
-        """Return the size of one frame in bits."""
-        return 8 * places.shape[1]
 
     def operations_per_place(self, places: Described) -> int:
         """Return the number of 64-bit words to combine."""

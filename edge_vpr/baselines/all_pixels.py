@@ -24,10 +24,6 @@ def map_all_pixels(
         for each pixel of the sensor; if that is None, it holds the average number of a window of
         tau.
     hot : ndarray of bool, shape (height, width)
-
-    Returns
-    -------
-    ReferenceMap
     """
     y, x = np.nonzero(~hot)
     everything = PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))

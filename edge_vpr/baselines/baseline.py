@@ -42,3 +42,18 @@ class Baseline(Protocol):
     def operations_per_place(self, places: Described) -> int:
         """Return the number of differences, products or words of bits of one comparison."""
         ...
+
+
+class VectorBaseline:
+    """Part of a baseline whose descriptions are vectors of numbers, without learned parameters."""
+
+    def prepare(self, reference: Images) -> None:
+        """Do nothing: no parameters are taken from the reference."""
+
+    def bits_per_place(self, places: Described) -> int:
+        """Return the size of one description in bits."""
+        return 8 * int(places.itemsize) * int(places.shape[1])
+
+    def operations_per_place(self, places: Described) -> int:
+        """Return the number of differences or products to add, without those of describing."""
+        return int(places.shape[1])

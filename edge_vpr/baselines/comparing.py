@@ -73,10 +73,6 @@ def compare(
     settings : Settings
         `sequence_length`, `anchor` and `exclusion` are used.
 
-    Returns
-    -------
-    Compared
-
     Raises
     ------
     UsageError
@@ -124,10 +120,6 @@ def match_distances(
         0 or more, finite. Rounding errors are at most 2**-29 of the largest distance.
     query_us : ndarray of int64, shape (Q,)
     settings : Settings
-
-    Returns
-    -------
-    Matches
     """
     # scaled by a power of two, so that integers stay integers and ties stay ties
     _, exponent = math.frexp(float(distances.max()))

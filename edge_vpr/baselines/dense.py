@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.baselines.baseline import Described, Images
+from edge_vpr.baselines.baseline import Described, Images, VectorBaseline
 from edge_vpr.descriptors.descriptors import narrow
 from edge_vpr.matching.distances import distance_matrix
 
@@ -15,13 +15,10 @@ SIDE, PATCH = 32, 8
 STEPS = 32
 
 
-class AbsoluteDifferences:
+class AbsoluteDifferences(VectorBaseline):
     """Descriptions of unsigned integers, compared by the sum of their absolute differences."""
 
     title = "all pixels, SAD"
-
-    def prepare(self, reference: Images) -> None:
-        """Do nothing: no parameters are taken from the reference."""
 
     def describe(self, images: Images) -> Described:
         """Return the counts of every pixel, shape (n, pixels)."""
@@ -31,14 +28,6 @@ class AbsoluteDifferences:
         """Return the sums of absolute differences, shape (K, Q)."""
         return distance_matrix(places, queries).astype(np.float64)
 
-    def bits_per_place(self, places: Described) -> int:
-        """Return the size of one description in bits."""
-        return 8 * int(places.itemsize) * int(places.shape[1])
-
-    def operations_per_place(self, places: Described) -> int:
-        """Return the number of differences to add."""
-        return int(places.shape[1])
-
 
 class PatchNormalised(AbsoluteDifferences):
     """Images of 32 x 32, each 8 x 8 patch normalised to mean 0 and deviation 1, in 8 bits."""
@@ -47,7 +36,7 @@ class PatchNormalised(AbsoluteDifferences):
 
     def describe(self, images: Images) -> Described:
         """Return the normalised values, shape (n, 1024), uint8."""
-        small = shrunk(images, SIDE)
+        small = mean_cells(images, SIDE, SIDE)
         n, patches = len(images), SIDE // PATCH
         cut = small.reshape(n, patches, PATCH, patches, PATCH)
         mean = cut.mean(axis=(2, 4), keepdims=True)
@@ -56,11 +45,6 @@ class PatchNormalised(AbsoluteDifferences):
             cut - mean, deviation, out=np.zeros_like(cut), where=deviation > 1e-9
         ).reshape(n, -1)
         return np.clip(np.rint(128 + STEPS * normal), 0, 255).astype(np.uint8)
-
-
-def shrunk(images: Images, side: int) -> npt.NDArray[np.float64]:
-    """Return the mean count in each cell of a square grid, shape (n, side, side)."""
-    return mean_cells(images, side, side)
 
 
 def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float64]:

@@ -36,11 +36,6 @@ class Member(NamedTuple):
 class Ensemble:
     """Mean of the members' distances; each is divided by its mean between different places.
 
-    Parameters
-    ----------
-    title : str
-    members : sequence of Member
-
     Raises
     ------
     UsageError

@@ -8,7 +8,7 @@ import numpy as np
 
 from edge_vpr.baselines.baseline import Described, Images
 from edge_vpr.baselines.cosine import CosineBaseline
-from edge_vpr.baselines.dense import shrunk
+from edge_vpr.baselines.dense import mean_cells
 from edge_vpr.errors import MissingExtraError
 
 SIDE, CELL, BLOCK, ORIENTATIONS = 64, 8, 2, 9
@@ -38,7 +38,7 @@ class OrientedGradients(CosineBaseline):
                 image, orientations=ORIENTATIONS, pixels_per_cell=(CELL, CELL),
                 cells_per_block=(BLOCK, BLOCK), block_norm="L2-Hys",
             )
-            for image in np.log1p(shrunk(images, SIDE))
+            for image in np.log1p(mean_cells(images, SIDE, SIDE))
         ]  # fmt: skip
         return np.array(rows, dtype=np.float32)
 

@@ -89,10 +89,6 @@ class Lens:
     thresholds : tuple of float
         Thresholds of the membranes of the hidden and of the output layer. They are (1, 1) in the
         released code, and (10, 2) in its first edition, for the Speck.
-
-    Attributes
-    ----------
-    title : str
     """
 
     title = "LENS"

@@ -39,10 +39,6 @@ class ModelDescriptor(CosineBaseline):
     (smaller images repeat pixels), and repeated for its channels. A model of variable size gets the
     images as they are. The model runs on one core.
 
-    Parameters
-    ----------
-    path : str or Path
-
     Raises
     ------
     MissingExtraError

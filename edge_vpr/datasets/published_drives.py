@@ -53,14 +53,7 @@ class PublishedDrive:
 
 @dataclass(frozen=True, eq=False)
 class PublishedPair:
-    """Two traverses of one data set.
-
-    Attributes
-    ----------
-    name : str
-    reference, query : PublishedDrive
-    tolerance_m : float
-    """
+    """Two traverses of one data set."""
 
     name: str
     reference: PublishedDrive

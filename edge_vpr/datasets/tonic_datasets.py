@@ -6,9 +6,9 @@ Nothing is downloaded, since the files are gigabytes, and the user must accept t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -64,17 +64,19 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
     ordering = EVENT_DTYPE.names
 
     _known: tuple[Traverse, ...]
+    #: where to download files of each kind
+    _pages: ClassVar[Mapping[Files, str]]
 
     def __init__(
         self,
         folder: str | Path,
-        traverses: Sequence[str] | None,
-        files: Files,
-        on_fault: str,
-        page: str,
-        transform: Transform | None,
-        target_transform: Transform | None,
-        transforms: Callable[[Any, Any], tuple[Any, Any]] | None,
+        traverses: Sequence[str] | None = None,
+        *,
+        files: Files = "parquet",
+        on_fault: str = "error",
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
     ) -> None:
         super().__init__(str(folder), transform, target_transform, transforms)
         self._folder = Path(folder).expanduser()
@@ -84,7 +86,7 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
             raise UsageError(f"files={files!r} is unknown: use parquet or bag")
         self._files: Files = files
         self._on_fault = on_fault
-        known = {traverse.name: traverse for traverse in self._known}
+        known, page = {traverse.name: traverse for traverse in self._known}, self._pages[files]
         for name in traverses or ():
             if name not in known:
                 raise UsageError(f"traverse {name!r} is unknown: choose from {', '.join(known)}")
@@ -128,10 +130,6 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
 
     def stream(self, index: int) -> tuple[Iterator[Events], Target]:
         """Read a traverse in bounded memory, without the transforms.
-
-        Parameters
-        ----------
-        index : int
 
         Returns
         -------
@@ -210,22 +208,7 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
     """
 
     _known = BRISBANE_TRAVERSES
-
-    def __init__(
-        self,
-        folder: str | Path,
-        traverses: Sequence[str] | None = None,
-        *,
-        files: Files = "parquet",
-        on_fault: str = "error",
-        transform: Transform | None = None,
-        target_transform: Transform | None = None,
-        transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
-    ) -> None:
-        page = BRISBANE_PAGE if files == "parquet" else BRISBANE_BAGS_PAGE
-        super().__init__(
-            folder, traverses, files, on_fault, page, transform, target_transform, transforms
-        )
+    _pages: ClassVar[Mapping[Files, str]] = {"parquet": BRISBANE_PAGE, "bag": BRISBANE_BAGS_PAGE}
 
     def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
         track, beginning_us = self._chosen[index].track(self._folder)
@@ -262,6 +245,7 @@ class QCREventVPR(_Traverses[QCRTraverse]):
     """
 
     _known = QCR_TRAVERSES
+    _pages: ClassVar[Mapping[Files, str]] = {"parquet": QCR_PAGE, "bag": QCR_PAGE}
 
     def __init__(
         self,
@@ -276,8 +260,9 @@ class QCREventVPR(_Traverses[QCRTraverse]):
         transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
     ) -> None:
         super().__init__(
-            folder, traverses, files, on_fault, QCR_PAGE, transform, target_transform, transforms
-        )
+            folder, traverses, files=files, on_fault=on_fault, transform=transform,
+            target_transform=target_transform, transforms=transforms,
+        )  # fmt: skip
         self._tracks = [traverse.track(landmarks) for traverse in self._chosen]
 
     def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:

@@ -68,12 +68,7 @@ class DescriptorStream:
         return collect(self.windows(events), self._counts.size)
 
     def windows(self, events: Events) -> Iterator[WindowCounts]:
-        """Feed the next events and yield the completed windows; `update` returns all at once.
-
-        Yields
-        ------
-        WindowCounts
-        """
+        """Feed the next events and yield the completed windows; `update` returns all at once."""
         if events.size == 0:
             return
         if isinstance(self._window, FixedTime):

@@ -80,12 +80,8 @@ class Descriptors:
         check_descriptors(found)
         return found
 
-    def first(self, n: int) -> Descriptors:
-        """Return the first n windows, as views."""
-        return Descriptors(self.counts[:n], self.start_us[:n], self.end_us[:n], self.events[:n])
-
-    def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_]) -> Descriptors:
-        """Return some windows, by indices in any order or by a mask of shape (n,)."""
+    def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> Descriptors:
+        """Return some windows, by a slice, indices in any order, or a mask of shape (n,)."""
         return Descriptors(**{name: column[windows] for name, column in self.to_arrays().items()})
 
     @property

@@ -100,10 +100,6 @@ class SaliencyPass:
     def descriptors(self, pixel_map: PixelMap) -> Descriptors | None:
         """Return the counts of the selected pixels in every window.
 
-        Parameters
-        ----------
-        pixel_map : PixelMap
-
         Returns
         -------
         Descriptors or None

@@ -53,10 +53,6 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
     trust : ndarray of int, shape (n,)
     correct : ndarray of bool, shape (n,)
 
-    Returns
-    -------
-    Confidence
-
     Raises
     ------
     UsageError
@@ -128,7 +124,7 @@ class Reliability:
 
 
 def reliability(
-    probability: npt.NDArray[np.floating], correct: npt.NDArray[np.bool_], bins: int = BINS
+    probability: npt.NDArray[np.floating], correct: npt.NDArray[np.bool_]
 ) -> Reliability:
     """Compare probabilities with the share of right matches, in bins of equal width.
 
@@ -137,19 +133,18 @@ def reliability(
     probability : ndarray of float, shape (n,)
         From 0 to 1; n of at least 1.
     correct : ndarray of bool, shape (n,)
-    bins : int
 
     Returns
     -------
     Reliability
         Of the bins that hold matches.
     """
-    bin_of = np.minimum((probability * bins).astype(np.int64), bins - 1)
-    matches = np.bincount(bin_of, minlength=bins)
+    bin_of = np.minimum((probability * BINS).astype(np.int64), BINS - 1)
+    matches = np.bincount(bin_of, minlength=BINS)
     held = matches > 0
     counted = matches[held]
     return Reliability(
-        np.bincount(bin_of, weights=probability, minlength=bins)[held] / counted,
-        np.bincount(bin_of, weights=correct, minlength=bins)[held] / counted,
+        np.bincount(bin_of, weights=probability, minlength=BINS)[held] / counted,
+        np.bincount(bin_of, weights=correct, minlength=BINS)[held] / counted,
         counted,
     )

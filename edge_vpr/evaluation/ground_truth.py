@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +109,18 @@ def window_coordinates(values: npt.ArrayLike, which: str) -> Floats:
             "at least one"
         )
     return array
+
+
+def within(
+    places: Floats, queries: Floats, distance: Callable[[Floats, Floats], Floats], tolerance: float
+) -> npt.NDArray[np.bool_]:
+    """Return which places are near which queries, shape (K, Q); never where a distance is NaN."""
+    near = np.empty((len(places), len(queries)), dtype=np.bool_)
+    step = max(1, BLOCK_CELLS // len(queries))
+    for first in range(0, len(places), step):
+        block = places[first : first + step, None]
+        near[first : first + step] = distance(block, queries[None]) <= tolerance
+    return near
 
 
 def check_tolerance(tolerance: float) -> None:

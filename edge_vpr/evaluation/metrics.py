@@ -92,10 +92,6 @@ def precision_recall(
         the released code (there: 100); rounding may leave the least sure match out. By default
         every distinct score is one.
 
-    Returns
-    -------
-    PrecisionRecall
-
     Raises
     ------
     UsageError
@@ -224,10 +220,6 @@ def evaluate(
         else the trust of the place filter, and the ratio of sequences.
     recall_denominator, thresholds
         See `precision_recall`.
-
-    Returns
-    -------
-    Evaluation
 
     Raises
     ------

@@ -21,10 +21,6 @@ def with_positions(reference: ReferenceMap, track: Track) -> ReferenceMap:
     track : Track
         Of the reference drive; time 0 is the recording's start.
 
-    Returns
-    -------
-    ReferenceMap
-
     Raises
     ------
     GroundTruthError

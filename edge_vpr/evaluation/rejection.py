@@ -65,10 +65,6 @@ def judge_rejection(
         Whether the query has a right place in the map.
     accepted : ndarray of bool, shape (n,), optional
         Which matches are not marked lost.
-
-    Returns
-    -------
-    Rejection
     """
     on_map = int(np.count_nonzero(has_place))
     right = int(np.count_nonzero(correct))

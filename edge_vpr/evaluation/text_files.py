@@ -13,10 +13,6 @@ MAX_BYTES = 256 << 20
 def read_text(path: Path) -> str:
     """Read a text of UTF-8 or, as some loggers on Windows write, UTF-16.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     str

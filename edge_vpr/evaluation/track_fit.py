@@ -45,10 +45,6 @@ def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
     reference, query : Track
         Of one kind and dimension.
     tolerance_m : float
-
-    Returns
-    -------
-    Overlap
     """
     places, spacing_m = _spread(reference, REFERENCE_POINTS, tolerance_m / 2)
     queries, _ = _spread(query, QUERY_POINTS, 0.0)

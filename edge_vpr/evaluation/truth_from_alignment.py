@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.ground_truth import (
-    BLOCK_CELLS,
     GroundTruth,
     check_tolerance,
     described_truth,
     window_coordinates,
+    within,
 )
 from edge_vpr.evaluation.track_files import read_table
 from edge_vpr.evaluation.tracks import Floats, interpolate
@@ -143,11 +143,7 @@ def from_alignment(
             f"the alignment covers query {points[0, 0]:g} to {points[-1, 0]:g} and the queries lie "
             f"at {queries.min():g} to {queries.max():g}: check the unit and the frame period"
         )
-    correct = np.empty((places.size, queries.size), dtype=np.bool_)
-    step = max(1, BLOCK_CELLS // queries.size)
-    for first in range(0, places.size, step):
-        block = places[first : first + step, None]
-        correct[first : first + step] = np.abs(block - expected) <= tolerance
+    correct = within(places, expected, lambda a, b: np.abs(a - b), tolerance)
     truth = described_truth(
         correct, known, f"alignment of {len(points)} points at {tolerance:g} {unit}".rstrip()
     )

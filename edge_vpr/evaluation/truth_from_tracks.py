@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.ground_truth import (
-    BLOCK_CELLS,
     GroundTruth,
     check_tolerance,
     described_truth,
     window_coordinates,
+    within,
 )
 from edge_vpr.evaluation.track_fit import notes, overlap
 from edge_vpr.evaluation.tracks import Floats, Track, distances
@@ -54,13 +56,7 @@ def from_tracks(
         )
     places = _positions(reference, reference_times_us, "reference")
     queries = _positions(query, query_times_us, "query")
-    correct = np.empty((len(places), len(queries)), dtype=np.bool_)
-    step = max(1, BLOCK_CELLS // len(queries))
-    for first in range(0, len(places), step):
-        block = places[first : first + step, None, :]
-        distance = distances(reference.kind, block, queries[None, :, :])
-        # not a number: an unknown position, never within the tolerance
-        correct[first : first + step] = distance <= tolerance_m
+    correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
     known = ~np.isnan(queries[:, 0])
     placed = int((~np.isnan(places[:, 0])).sum())
     ways = overlap(reference, query, tolerance_m)

@@ -38,10 +38,6 @@ Words = npt.NDArray[np.int64]
 class Aedat2Frames:
     """Frames of a file; the time of a frame is the mean over pixels of the middle of both reads.
 
-    Parameters
-    ----------
-    path : Path
-
     Attributes
     ----------
     start_us : int

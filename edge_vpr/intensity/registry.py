@@ -14,13 +14,7 @@ from edge_vpr.recordings.registry import sniff
 
 
 class Guarded:
-    """Images whose reader raises only errors of this package, whatever libraries raise.
-
-    Parameters
-    ----------
-    path : Path
-    frames : IntensityFrames
-    """
+    """Images whose reader raises only errors of this package, whatever libraries raise."""
 
     def __init__(self, path: Path, frames: IntensityFrames) -> None:
         self._path, self._frames = path, frames
@@ -46,10 +40,6 @@ def open_intensity(
         Stream, camera, topic or data set of the images, if there are several.
     frame_period : Fraction, optional
         Seconds from one image to the next, for folders that do not state it.
-
-    Returns
-    -------
-    IntensityFrames
 
     Raises
     ------

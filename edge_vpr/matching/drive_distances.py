@@ -62,7 +62,10 @@ def drive_distances(
     out = np.zeros((len(places), len(queries)), dtype=np.float64)
     if settings.matching == "filter":
         place_filter = filter_of(places, settings, jumps, along_mm)
-        filter_drive(place_filter, index, queries, odometry, smooth=settings.smooth, metrics=out)
+        filter_drive(
+            place_filter, index, queries, odometry,
+            smooth=settings.smooth, delay=settings.late, metrics=out,
+        )  # fmt: skip
         return out
     check_no_ways(jumps, odometry is not None)
     length = settings.sequence_length

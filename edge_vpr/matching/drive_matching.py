@@ -68,7 +68,7 @@ def match_descriptors(
         jumps or odometry are given to sequences.
     """
     if confidence is None and settings.matching == "filter":
-        confidence = default_confidence(settings.smooth)
+        confidence = default_confidence(settings.smooth, settings.late)
     judge = Judge(confidence, settings.precision)
     check_counts(places, queries)
     if settings.matching == "filter":
@@ -88,12 +88,7 @@ def match_descriptors(
 
 
 def check_counts(places: Descriptors, queries: Descriptors) -> None:
-    """Check that places and queries have the same counters; raise MapError if not.
-
-    Parameters
-    ----------
-    places, queries : Descriptors
-    """
+    """Check that places and queries have the same counters; raise MapError if not."""
     if places.counts.shape[1] != queries.counts.shape[1]:
         raise MapError(
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "
@@ -148,7 +143,9 @@ def _match_by_filter(
     odometry: Odometry | None,
 ) -> Matches:
     index, n = ReferenceIndex(places.counts), len(queries)
-    found = filter_drive(place_filter, index, queries, odometry, smooth=settings.smooth)
+    found = filter_drive(
+        place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.late
+    )
     place, metric, second, second_metric, ties, trust = found.columns.T
     probability, lost = judge.judge(trust)
     return Matches(

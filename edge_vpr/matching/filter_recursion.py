@@ -70,6 +70,18 @@ class WindowRows(NamedTuple):
             np.empty(windows, dtype=np.bool_),
         )
 
+    def part(self, first: int, last: int) -> WindowRows:
+        """Return the rows of the windows from `first` to before `last`, in the same memory."""
+        return WindowRows(
+            self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
+            self.pauses[first:last],
+        )  # fmt: skip
+
+    def take(self, others: WindowRows) -> None:
+        """Copy the rows of as many other windows."""
+        self.columns[:], self.metrics[:] = others.columns, others.metrics
+        self.evidence[:], self.pauses[:] = others.evidence, others.pauses
+
 
 @kernel
 def advance_windows(

@@ -1,14 +1,8 @@
-"""The place filter over a recorded drive: window by window, or smoothed over the whole of it.
-
-The metric of a place is the price of the cheapest path that leads there. With the filter run
-backwards, it is the price of the cheapest path from there to the end of the drive. The sum is the
-price of the best path of the whole drive through this place: the min-plus form of forward-backward
-smoothing.
-"""
+"""The place filter over a recorded drive: at once, some windows late, or by the whole drive."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +12,11 @@ from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.candidates import CANDIDATES, nearest_places
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.filter_recursion import smooth_windows
+from edge_vpr.matching.filter_recursion import WindowRows
 from edge_vpr.matching.moves import Moves
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter
+from edge_vpr.matching.smoothing import Decided, FixedLag, Onward, Way, runs
+from edge_vpr.matching.step_prices import Metrics
 from edge_vpr.odometry import Odometry
 
 #: number of distances in memory at a time, so that memory does not grow with the drive
@@ -62,6 +58,17 @@ class _Kept(NamedTuple):
             np.empty(windows, dtype=np.bool_),
         )
 
+    def keep(self, first: int, last: int, rows: WindowRows) -> None:
+        """Keep the values of the windows from `first` to before `last`."""
+        self.metrics[first:last], self.evidence[first:last] = rows.metrics, rows.evidence
+        self.pauses[first:last] = rows.pauses
+
+    def rows(self, first: int, last: int) -> WindowRows:
+        """Return the values of these windows, with columns to be filled."""
+        columns = np.empty((last - first, len(FilterMatch._fields)), dtype=np.int64)
+        metrics = self.metrics[first:last].astype(np.int32)
+        return WindowRows(columns, metrics, self.evidence[first:last], self.pauses[first:last])
+
 
 def filter_drive(
     place_filter: PlaceFilter,
@@ -70,6 +77,7 @@ def filter_drive(
     odometry: Odometry | None = None,
     *,
     smooth: bool = False,
+    delay: int = 0,
     metrics: npt.NDArray[np.float64] | None = None,
 ) -> FilteredDrive:
     """Advance a filter over all windows of a drive.
@@ -85,7 +93,9 @@ def filter_drive(
     odometry : Odometry, optional
         Of this drive.
     smooth : bool
-        Let the windows after each one decide with.
+        Let all windows after each one decide with.
+    delay : int
+        If not, the number of windows after each one that decide with.
     metrics : ndarray of float64, shape (K, n), optional
         Filled with the metric of each place after each window, the least of which is the match.
 
@@ -94,7 +104,7 @@ def filter_drive(
     FilteredDrive
         If smoothed, the trust is the mean margin of the summed metrics over the window and the
         four before and after it, in units of 1/16 of a metric; a window counts as 0 where a match
-        between does not follow from the one before.
+        between does not follow from the one before. Else it is that of `trust_after`.
 
     Raises
     ------
@@ -107,74 +117,77 @@ def filter_drive(
             f"smoothing {n} windows over {places} places takes {3 * n * places / 1e9:.1f} GB: "
             "match with --no-smooth, or split the drive"
         )
-    ways: list[int | None] = [None] * n
+    ways: list[Way] = [None] * n
     if odometry is not None:
         place_filter.moves.check_odometry()
         travelled, known = odometry.of_windows(queries.end_us)
         ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
-    events = queries.activity
+    events, block = queries.activity, max(1, _BLOCK_DISTANCES // places)
     kept = _Kept.empty(n, places if smooth else 0)
-    columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
-    candidates = []
-    for first, last in _runs(ways, max(1, _BLOCK_DISTANCES // places)):
+    found = _Found.empty(n, metrics)
+    lag = FixedLag(place_filter.moves, place_filter.exclusion, delay)
+    for first, last in runs(ways, block):
         way = ways[first]
         if way is not None:
             place_filter.travel(way)
         distances = index.rows(queries.counts[first:last])
         rows = place_filter.advance_windows(distances, events[first:last])
-        columns[first:last] = rows.columns
         if smooth:
-            kept.metrics[first:last], kept.evidence[first:last] = rows.metrics, rows.evidence
-            kept.pauses[first:last] = rows.pauses
-            continue
-        if metrics is not None:
-            metrics[:, first:last] = rows.metrics.T
-        candidates.append(nearest_places(rows.metrics.T))
+            kept.keep(first, last, rows)
+        elif delay:
+            late = (lag.add(rows.part(i, i + 1), ways[first + i]) for i in range(last - first))
+            found.put_decided(last - delay, late)
+        else:
+            found.put(first, rows.columns, rows.metrics)
     if smooth:
-        return _smoothed(place_filter, kept, ways, metrics)
-    return FilteredDrive(columns, np.concatenate(candidates))
+        _smooth(place_filter, kept, ways, block, found)
+    elif delay:
+        found.put_decided(n, lag.finish())
+    return FilteredDrive(found.columns, found.candidates)
 
 
-def _runs(ways: list[int | None], most: int) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of runs of windows in which only the first has a known distance."""
-    begin = 0
-    while begin < len(ways):
-        end = begin + 1
-        while end < len(ways) and end - begin < most and ways[end] is None:
-            end += 1
-        yield begin, end
-        begin = end
+class _Found(NamedTuple):
+    """Matches of n windows, filled in parts; `metrics` are those of `filter_drive`."""
+
+    columns: npt.NDArray[np.int64]
+    candidates: npt.NDArray[np.int64]
+    metrics: npt.NDArray[np.float64] | None
+
+    @classmethod
+    def empty(cls, windows: int, metrics: npt.NDArray[np.float64] | None) -> _Found:
+        columns = np.empty((windows, len(FilterMatch._fields)), dtype=np.int64)
+        return cls(columns, np.empty((windows, CANDIDATES), dtype=np.int64), metrics)
+
+    def put(self, first: int, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
+        """Put the matches of some windows, with the metrics of all places, shape (n, K)."""
+        last = first + len(columns)
+        self.columns[first:last] = columns
+        self.candidates[first:last] = nearest_places(metrics.T)
+        if self.metrics is not None:
+            self.metrics[:, first:last] = metrics.T
+
+    def put_decided(self, last: int, decided: Iterable[Decided | None]) -> None:
+        """Put the matches of the windows before `last`; None where there is no window yet."""
+        some = [one for one in decided if one is not None]
+        if some:
+            columns = np.array([one.match for one in some], dtype=np.int64)
+            self.put(last - len(some), columns, np.stack([one.metrics for one in some]))
 
 
-def _smoothed(
-    place_filter: PlaceFilter,
-    kept: _Kept,
-    ways: list[int | None],
-    metrics: npt.NDArray[np.float64] | None,
-) -> FilteredDrive:
-    n, places = kept.metrics.shape
-    back = place_filter.moves.reversed()
-    columns = np.empty((n, len(FilterMatch._fields)), dtype=np.int64)
-    candidates = np.empty((n, CANDIDATES), dtype=np.int64)
-    onward, turned = np.zeros(places, dtype=np.int32), np.empty(places, dtype=np.int32)
-    for first, last in reversed(list(_runs(ways, max(1, _BLOCK_DISTANCES // places)))):
-        summed = kept.metrics[first:last].astype(np.int32)
-        smooth_windows(
-            onward, turned, back.by_step, place_filter.exclusion,
-            kept.pauses[first:last], kept.evidence[first:last], summed, columns[first:last],
-        )  # fmt: skip
-        way = ways[first]
-        if way is not None:
-            onward = np.ascontiguousarray(back.by_distance(turned, way)[::-1])
-        candidates[first:last] = nearest_places(summed.T)
-        if metrics is not None:
-            metrics[:, first:last] = summed.T
-    columns[:, -1] = _mean_trust(columns, ways, place_filter.moves)
-    return FilteredDrive(columns, candidates)
+def _smooth(
+    place_filter: PlaceFilter, kept: _Kept, ways: Sequence[Way], block: int, found: _Found
+) -> None:
+    """Smooth the whole drive, some windows at a time, from the last ones."""
+    onward = Onward(place_filter.moves, place_filter.exclusion)
+    for first in reversed(range(0, len(ways), block)):
+        rows = kept.rows(first, min(first + block, len(ways)))
+        onward.add_to(rows, ways[first : first + block])
+        found.put(first, rows.columns, rows.metrics)
+    found.columns[:, -1] = _mean_trust(found.columns, ways, place_filter.moves)
 
 
 def _mean_trust(
-    columns: npt.NDArray[np.int64], ways: list[int | None], moves: Moves
+    columns: npt.NDArray[np.int64], ways: Sequence[Way], moves: Moves
 ) -> npt.NDArray[np.int64]:
     """Return the mean trust of each window and its neighbours, with 0 for those beyond a jump."""
     place, margin = columns[:, 0].tolist(), columns[:, -1]

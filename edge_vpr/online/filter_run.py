@@ -8,6 +8,7 @@ from edge_vpr.archive import Arrays
 from edge_vpr.array_checks import check_array, check_range
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive_matching import filter_of
+from edge_vpr.matching.filter_recursion import WindowRows
 from edge_vpr.odometry import Odometer
 from edge_vpr.online.followed import Followed
 from edge_vpr.online.followed_windows import FollowedWindows
@@ -110,11 +111,15 @@ class FilterRun(MatchRun):
         events = int(counts.sum())
         paused = found.activity.pauses(events)
         # the common part of all distances changes neither the evidence nor its spread
-        found.advance(s.sums[: len(found)], events)
+        distances = s.sums[np.newaxis, : len(found)]
+        self._ended(found.advance_windows(distances, np.array([events], dtype=np.int64)))
         self.odometer.end_window()
         if self.mean is not None and self._code is not None and not paused:
             self.mean.update(self._code.level(counts))
             self.prepare()
+
+    def _ended(self, rows: WindowRows) -> None:
+        """Take the results of a window that has ended."""
 
     def _skip_silence(self, until: int) -> None:
         """Skip windows without events up to `until`, as soon as they change nothing any more."""

@@ -39,7 +39,8 @@ class Localiser:
         Its settings say the window, the sequence length, the exclusion zone, and the code of
         its counts.
     every : MatchSchedule
-        When to give a match. None is given before the L windows are complete.
+        When to give a match; by default after each event, or with a delay at the end of each
+        window, which is the only schedule then. None is given before the L windows are complete.
     recent : int
         So many of the map's newest places are left out of the search; for a rover that appends
         places while it drives.
@@ -73,7 +74,10 @@ class Localiser:
         if reference.settings.smooth:  # which needs later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
         self.settings = reference.settings
-        self.every = MatchSchedule(events=1) if every is None else every
+        if every is None:
+            late = reference.settings.late
+            every = MatchSchedule.window(reference.settings) if late else MatchSchedule(events=1)
+        self.every = every
         self._state = LocaliserState(reference, self.every, recent, check_every)
 
     def __len__(self) -> int:
@@ -99,13 +103,13 @@ class Localiser:
 
     @property
     def complete(self) -> bool:
-        """Whether the L windows are complete; there are no matches before."""
+        """Whether the L windows and those of a delay are complete; there are no matches before."""
         seen, whole = self._state.seen_and_whole()
         return seen >= whole
 
     @property
     def filled(self) -> float:
-        """Share of the L windows that is complete, 0 to 1."""
+        """Share of these windows that is complete, 0 to 1."""
         seen, whole = self._state.seen_and_whole()
         return min(1.0, seen / whole)
 
@@ -170,6 +174,17 @@ class Localiser:
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
         return self._state.advance(until_us)
+
+    def finish(self) -> npt.NDArray[np.void]:
+        """Return the matches that a delay still holds, at the end of a drive.
+
+        Returns
+        -------
+        ndarray of MATCH_DTYPE, shape (m,)
+            Of the last windows, with fewer windows after them than the settings ask for; m is 0
+            without a delay.
+        """
+        return self._state.finish()
 
     def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
         """Advance the time to `time_us` and take a reading of the robot's odometer.

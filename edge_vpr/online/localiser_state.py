@@ -14,6 +14,7 @@ from edge_vpr.descriptors.windows import FixedTime
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events
 from edge_vpr.matching.drive_matching import check_no_ways
+from edge_vpr.online.delayed_run import DelayedRun
 from edge_vpr.online.event_intake import selected_in_order
 from edge_vpr.online.filter_run import FilterRun
 from edge_vpr.online.followed import FEW
@@ -72,7 +73,8 @@ class LocaliserState:
         self.windows = FollowedWindows(reference, self._window)
         self.run: FilterRun | SequenceRun
         if settings.matching == "filter":
-            self.run = FilterRun(reference, self.windows, every)
+            run = DelayedRun if settings.late else FilterRun
+            self.run = run(reference, self.windows, every)
         else:
             check_no_ways(reference.jumps, odometry=False)
             self.run = SequenceRun(reference, self.windows, every, recent)
@@ -84,10 +86,11 @@ class LocaliserState:
         return self.run.now_us
 
     def seen_and_whole(self) -> tuple[int, int]:
-        """Return how much of the L windows is complete, and their total length."""
+        """Return how much of the windows before the first match is complete, and their length."""
+        windows = self._length + self._settings.late
         if isinstance(self._window, FixedTime):
-            return self.now, self._length * self._window.tau_us
-        return int(self.windows.s.bound[0]), self._length * self._window.events
+            return self.now, windows * self._window.tau_us
+        return int(self.windows.s.bound[0]), windows * self._window.events
 
     def resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
         """Restore the state from the result of `to_archive`.
@@ -139,6 +142,10 @@ class LocaliserState:
         matches = self._feed(_NO_SLOTS, _NO_TIMES, until_us)
         self.run.now_us = max(self.now, until_us)
         return matches
+
+    def finish(self) -> npt.NDArray[np.void]:
+        """Return the matches that wait for later windows; see `Localiser.finish`."""
+        return _joined(self.run.finish())
 
     def _feed(
         self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int

@@ -110,6 +110,10 @@ class MatchRun:
         slots, times = self._followed.slots[:selected], self._followed.times[:selected]
         return self._go_on(slots, times, int(last), (read, given, why))
 
+    def finish(self) -> Found:
+        """Return the matches of windows that wait for later ones, at the end of a drive."""
+        return []
+
     def _go_on(
         self,
         slots: npt.NDArray[np.int32],

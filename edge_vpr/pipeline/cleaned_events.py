@@ -45,10 +45,6 @@ def cleaned(
     settings : Settings
     removed : Removed, optional
         Is filled with what was left out.
-
-    Yields
-    ------
-    Events
     """
     removed = Removed() if removed is None else removed
     removed.events = removed.burst_events = 0
@@ -77,10 +73,6 @@ def event_windows(
     settings : Settings
     removed : Removed, optional
         Is filled with what was left out.
-
-    Yields
-    ------
-    WindowCounts
     """
     for events in cleaned(recording, settings, removed):
         yield from stream.windows(events)

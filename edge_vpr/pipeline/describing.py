@@ -33,7 +33,6 @@ def count_windows(
 def describe_query(
     reference: ReferenceMap,
     recording: EventSource | WindowSource,
-    settings: Settings | None = None,
     removed: Removed | None = None,
 ) -> Descriptors:
     """Describe a query drive in the same way as the places of a map, with its codes.
@@ -42,8 +41,6 @@ def describe_query(
     ----------
     reference : ReferenceMap
     recording : EventSource or WindowSource
-    settings : Settings, optional
-        To use in place of the map's.
     removed : Removed, optional
         Filled with how much the cleaning took.
 
@@ -57,8 +54,6 @@ def describe_query(
     MapError, UsageError
         As `describe` does.
     """
-    if settings is not None:
-        reference = replace(reference, settings=settings)
     counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
     return reference.coded(counted)
 

@@ -48,10 +48,6 @@ def map_traverse(
     removed : Removed, optional
         Is filled with what was left out.
 
-    Returns
-    -------
-    ReferenceMap
-
     Raises
     ------
     UsageError
@@ -139,10 +135,6 @@ def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
         With counts as they are, at least one place.
     settings : Settings
         Of the map to make.
-
-    Returns
-    -------
-    ReferenceMap
     """
     places = counted.places
     counts, events = places.counts, places.activity

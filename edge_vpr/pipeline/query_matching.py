@@ -61,10 +61,6 @@ def match_query(
     queries : Descriptors
     odometry : Odometry, optional
         Of the query drive.
-
-    Returns
-    -------
-    Matches
     """
     return match_descriptors(
         reference.places,

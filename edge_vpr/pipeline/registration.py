@@ -84,10 +84,6 @@ def register(
     windows : int
         Most windows of it to look at.
 
-    Returns
-    -------
-    Registration
-
     Raises
     ------
     MapError

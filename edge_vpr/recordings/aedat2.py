@@ -26,6 +26,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.recordings.clock import Unwrapper
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.records import read_records
 from edge_vpr.recordings.source import ReadOptions, Source
 
 _EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
@@ -70,23 +71,17 @@ class Pairs(NamedTuple):
 
     address: npt.NDArray[np.int64]
     time_us: npt.NDArray[np.int64]
-    end: int
+    position: float
 
 
 def read_pairs(path: Path, begin: int, number: int, log: FaultLog) -> Iterator[Pairs]:
     """Yield the pairs of a file from byte `begin` on, up to `number` at a time.
 
-    `end` is the byte of the file behind the part.
+    `position` is the share of the file up to the end of the part.
     """
-    size = path.stat().st_size
     clock = Unwrapper(32)
-    with path.open("rb") as file:
-        file.seek(begin)
-        while data := file.read(number * _EVENT.itemsize):
-            pairs = np.frombuffer(data, _EVENT, len(data) // _EVENT.itemsize)
-            yield Pairs(pairs["address"].astype(np.int64), clock.unwrap(pairs["t"]), file.tell())
-            if leftover := len(data) % _EVENT.itemsize:
-                log.truncated(leftover, f"byte {size - leftover:,}, within an event")
+    for pairs, position in read_records(path, begin, _EVENT, number, log):
+        yield Pairs(pairs["address"].astype(np.int64), clock.unwrap(pairs["t"]), position)
 
 
 class Aedat2Source(Source):
@@ -112,9 +107,9 @@ class Aedat2Source(Source):
         """Yield the events; see :class:`Source`."""
         layout = self._layout
         right, top = self._sensor.width - 1, self._sensor.height - 1
-        size = max(1, self.path.stat().st_size)
-        for address, t, end in read_pairs(self.path, self._skip, self.options.chunk_events, log):
-            self.position = end / size
+        n = self.options.chunk_events
+        for address, t, position in read_pairs(self.path, self._skip, n, log):
+            self.position = position
             change = address & layout.other == 0
             address, t = address[change], t[change]
             yield Columns(

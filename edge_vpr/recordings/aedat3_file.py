@@ -56,10 +56,6 @@ class Packet(NamedTuple):
 class Aedat3File:
     """Header and packets of a file.
 
-    Parameters
-    ----------
-    path : Path
-
     Attributes
     ----------
     path : Path

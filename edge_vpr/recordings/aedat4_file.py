@@ -42,10 +42,6 @@ class Stream(NamedTuple):
 class Aedat4File:
     """Header and packets of a file.
 
-    Parameters
-    ----------
-    path : Path
-
     Attributes
     ----------
     path : Path

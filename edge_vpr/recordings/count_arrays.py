@@ -14,7 +14,7 @@ import numpy.typing as npt
 from edge_vpr.errors import RecordingError, printable
 from edge_vpr.events import TIME_LIMIT_US, Sensor
 from edge_vpr.recordings.array_stream import ArrayStream
-from edge_vpr.recordings.count_images import MOST_PIXELS
+from edge_vpr.recordings.count_images import MOST_PIXELS, check_size
 
 METADATA = "metadata.json"
 _LONGEST_METADATA = 1 << 20
@@ -44,11 +44,7 @@ def read_array_frame(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
         stream = ArrayStream(file, str(path))
         check_frame_shape(stream.shape, stream.dtype, str(path))
         frame = stream.load(MOST_PIXELS * 16)
-    if sensor is not None and frame.shape[:2] != (sensor.height, sensor.width):
-        raise RecordingError(
-            f"{path} has {frame.shape[1]}x{frame.shape[0]} pixels and the first frame {sensor}: "
-            "all frames need one size"
-        )
+    check_size(path, frame, sensor)
     return both_polarities(frame, 2)
 
 

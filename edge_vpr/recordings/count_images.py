@@ -42,22 +42,23 @@ def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
         raise RecordingError(
             f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
         )
-    if sensor is not None and pixels.shape != (sensor.height, sensor.width):
-        raise RecordingError(
-            f"{path} has {pixels.shape[1]}x{pixels.shape[0]} pixels and the first frame {sensor}: "
-            "all frames need one size"
-        )
+    check_size(path, pixels, sensor)
     if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
         raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
     return pixels.astype(np.uint16)
 
 
+def check_size(path: Path, frame: npt.NDArray[Any], first: Sensor | None) -> None:
+    """Raise RecordingError if a frame has another size than the first one."""
+    if first is not None and frame.shape[:2] != (first.height, first.width):
+        raise RecordingError(
+            f"{path} has {frame.shape[1]}x{frame.shape[0]} pixels and the first frame {first}: "
+            "all frames need one size"
+        )
+
+
 def read_png(path: Path) -> npt.NDArray[np.uint8]:
     """Read a grey or coloured PNG as an image of 8 bits a channel.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------

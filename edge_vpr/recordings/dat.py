@@ -16,6 +16,7 @@ from edge_vpr.recordings.clock import Unwrapper
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.prophesee import header_lines, read_header
+from edge_vpr.recordings.records import read_records
 from edge_vpr.recordings.source import ReadOptions, Source
 
 _EVENT = np.dtype([("t", "<u4"), ("pixel", "<u4")])
@@ -42,22 +43,17 @@ class DatSource(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        size = max(1, self.path.stat().st_size)
         clock = Unwrapper(32)
-        with self.path.open("rb") as file:
-            file.seek(self._skip)
-            while data := file.read(self.options.chunk_events * _EVENT.itemsize):
-                self.position = file.tell() / size
-                events = np.frombuffer(data, _EVENT, len(data) // _EVENT.itemsize)
-                pixel = events["pixel"]
-                yield Columns(
-                    clock.unwrap(events["t"]),
-                    (pixel & 0x3FFF).astype(np.uint16),
-                    (pixel >> 14 & 0x3FFF).astype(np.uint16),
-                    (pixel & 1 << 28) != 0,
-                )
-                if leftover := len(data) % _EVENT.itemsize:
-                    log.truncated(leftover, f"byte {size - leftover:,}, within an event")
+        n = self.options.chunk_events
+        for events, position in read_records(self.path, self._skip, _EVENT, n, log):
+            self.position = position
+            pixel = events["pixel"]
+            yield Columns(
+                clock.unwrap(events["t"]),
+                (pixel & 0x3FFF).astype(np.uint16),
+                (pixel >> 14 & 0x3FFF).astype(np.uint16),
+                (pixel & 1 << 28) != 0,
+            )
 
 
 open_source = DatSource

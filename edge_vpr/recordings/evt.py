@@ -22,15 +22,16 @@ from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt_kernels import STATE, decode_evt2, decode_evt3, decode_evt21
 from edge_vpr.recordings.faults import FaultLog
 from edge_vpr.recordings.prophesee import header_lines, read_header
+from edge_vpr.recordings.records import read_records
 from edge_vpr.recordings.source import ReadOptions, Source
 
 Words = npt.NDArray[Any]
 
-#: Word type, most events of one word, and decoder of each encoding.
-_DECODERS: dict[str, tuple[np.dtype[Any], int, Callable[..., int]]] = {
-    "evt2": (np.dtype("<u4"), 1, decode_evt2),
-    "evt21": (np.dtype("<u8"), 32, decode_evt21),
-    "evt3": (np.dtype("<u2"), 12, decode_evt3),
+#: Word type, most events of one word, bits of the clock, and decoder of each encoding.
+_DECODERS: dict[str, tuple[np.dtype[Any], int, int, Callable[..., int]]] = {
+    "evt2": (np.dtype("<u4"), 1, 34, decode_evt2),
+    "evt21": (np.dtype("<u8"), 32, 34, decode_evt21),
+    "evt3": (np.dtype("<u2"), 12, 24, decode_evt3),
 }
 
 
@@ -49,10 +50,14 @@ class Decoder:
     ----------
     dtype : dtype
         Type of the words.
+    per_word : int
+        Most events of one word.
+    clock_bits : int
+        Bits of the clock, which counts microseconds.
     """
 
     def __init__(self, encoding: str, capacity: int, endianness: str = "little") -> None:
-        dtype, self._per_word, self._kernel = _DECODERS[encoding]
+        dtype, self.per_word, self.clock_bits, self._kernel = _DECODERS[encoding]
         self.dtype = dtype.newbyteorder(">") if endianness == "big" else dtype
         self._swap = endianness == "legacy" and encoding == "evt21"
         unknown = {"high": -1, "low": -1, "row": -1, "first": -1}
@@ -61,7 +66,7 @@ class Decoder:
         self._reserve(capacity)
 
     def _reserve(self, words: int) -> None:
-        n = words * self._per_word
+        n = words * self.per_word
         self._t = np.empty(n, np.int64)
         self._x, self._y = np.empty(n, np.uint16), np.empty(n, np.uint16)
         self._p = np.empty(n, np.bool_)
@@ -77,7 +82,7 @@ class Decoder:
 
     def decode(self, words: Words) -> Columns:
         """Decode words; the returned columns are valid until the next call."""
-        if words.size * self._per_word > self._t.size:
+        if words.size * self.per_word > self._t.size:
             self._reserve(words.size)
         native = words.astype(words.dtype.newbyteorder("="), copy=False)
         if self._swap:
@@ -103,18 +108,14 @@ class EvtSource(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        size = max(1, self.path.stat().st_size)
-        capacity = max(1, self.options.chunk_events)
-        decoder = Decoder(self.options.format, capacity, self._endianness)
-        with self.path.open("rb") as file:
-            file.seek(self._skip)
-            while data := file.read(capacity * decoder.dtype.itemsize):
-                self.position = file.tell() / size
-                words = np.frombuffer(data, decoder.dtype, len(data) // decoder.dtype.itemsize)
-                yield decoder.decode(words)
-                log.undated(decoder.take_undated())
-                if leftover := len(data) % decoder.dtype.itemsize:
-                    log.truncated(leftover, f"byte {size - leftover:,}, within a word")
+        n = self.options.chunk_events
+        decoder = Decoder(self.options.format, n, self._endianness)
+        for words, position in read_records(
+            self.path, self._skip, decoder.dtype, n, log, what="a word"
+        ):
+            self.position = position
+            yield decoder.decode(words)
+            log.undated(decoder.take_undated())
 
 
 open_source = EvtSource

@@ -178,10 +178,6 @@ def lzf_size(data: npt.NDArray[np.uint8]) -> int:
     Parameters
     ----------
     data : ndarray of uint8, shape (n,)
-
-    Returns
-    -------
-    int
     """
     at, size = 0, 0
     while at < data.size:

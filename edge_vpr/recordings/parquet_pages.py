@@ -42,10 +42,6 @@ class ColumnChunk(NamedTuple):
 def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
     """Read the positions of all column chunks from the footer.
 
-    Parameters
-    ----------
-    file : binary file
-
     Raises
     ------
     ValueError
@@ -93,10 +89,6 @@ def read_pages(file: IO[bytes], begin: int, end: int) -> list[Page]:
     file : binary file
     begin, end : int
         Begin and end of a column chunk.
-
-    Returns
-    -------
-    list of Page
 
     Raises
     ------

@@ -68,10 +68,6 @@ class Recording:
     def cropped(self, crop: TimeCrop) -> Recording:
         """Return the part between two moments; its times count from the part's beginning.
 
-        Parameters
-        ----------
-        crop : TimeCrop
-
         Returns
         -------
         Recording

@@ -95,10 +95,6 @@ def open_recording(
         Order of the columns of a table without names, as ``"txyp"`` (the default) or ``"xytp"``;
         ``"-"`` skips a column.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     UsageError

@@ -5,16 +5,7 @@
 250000
 """
 
-from edge_vpr.settings.choices import (
-    STRATEGIES,
-    Anchor,
-    CounterCodeName,
-    CounterScaling,
-    Matching,
-    QueryMean,
-    Strategy,
-    WindowKind,
-)
+from edge_vpr.settings.choices import STRATEGIES, Anchor, QueryMean, Strategy
 from edge_vpr.settings.fields import SettingField
 from edge_vpr.settings.presets import PRESETS, resolve_settings
 from edge_vpr.settings.settings import SETTING_FIELDS, Settings
@@ -25,14 +16,10 @@ __all__ = [
     "SETTING_FIELDS",
     "STRATEGIES",
     "Anchor",
-    "CounterCodeName",
-    "CounterScaling",
-    "Matching",
     "QueryMean",
     "SettingField",
     "Settings",
     "Strategy",
-    "WindowKind",
     "duration_us",
     "resolve_settings",
 ]

@@ -62,8 +62,8 @@ class SettingField:
     """
 
     help: str
-    group: str
-    kind: type
+    kind: type = str
+    group: str = ""
     more: str = ""
     name: str = ""
     key: str = ""

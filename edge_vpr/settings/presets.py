@@ -53,10 +53,6 @@ def resolve_settings(
     flags : mapping, optional
         Single settings by the keys of the file; None means not given.
 
-    Returns
-    -------
-    Settings
-
     Raises
     ------
     UsageError

@@ -7,16 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr.settings.choices import (
-    Anchor,
-    CounterCodeName,
-    CounterScaling,
-    Matching,
-    QueryMean,
-    Score,
-    Strategy,
-    WindowKind,
-)
+from edge_vpr.settings import choices
 from edge_vpr.settings.fields import MOST, attributes_section
 from edge_vpr.settings.table import TABLE
 from fixedpoint.limits import OWN_MEAN_BITS
@@ -31,31 +22,32 @@ class Settings:
     """All settings that determine a map and its matches; stored with both."""
 
     pixels: int = 150
-    strategy: Strategy = "variance"
+    strategy: choices.Strategy = "variance"
     sigma: float = 7.0
     seed: int = 0
-    window: WindowKind = "time"
+    window: choices.WindowKind = "time"
     tau_us: int = 1_000_000
     events_per_pixel: float | None = 3.0
     polarity: bool = False
     clip: int | None = None
-    counter_code: CounterCodeName = "none"
+    counter_code: choices.CounterCodeName = "none"
     counter_bits: int = 3
     counter_full_scale: int | None = None
-    counter_scaling: CounterScaling = "shared"
-    query_mean: QueryMean = "own"
+    counter_scaling: choices.CounterScaling = "shared"
+    query_mean: choices.QueryMean = "own"
     remove_hot_pixels: bool = True
     remove_bursts: bool = True
     keep_incomplete: bool = False
-    matching: Matching = "sequence"
+    matching: choices.Matching = "sequence"
     filter_steps: tuple[int, ...] | None = None
     filter_back: tuple[int, ...] = ()
     filter_restart: int = 16
     smooth: bool = False
+    delay: int = 0
     sequence_length: int = 5
-    anchor: Anchor = "middle"
+    anchor: choices.Anchor = "middle"
     exclusion: int = 3
-    score: Score | None = None
+    score: choices.Score | None = None
     precision: float | None = None
 
     def __post_init__(self) -> None:
@@ -87,6 +79,11 @@ class Settings:
         return 1 if self.matching == "filter" else self.sequence_length
 
     @property
+    def late(self) -> int:
+        """Number of windows by which a match comes late; 0 for a drive that is smoothed whole."""
+        return self.delay if self.matching == "filter" and not self.smooth else 0
+
+    @property
     def of_trust(self) -> tuple[object, ...]:
         """Settings that the scale of the trust depends on.
 
@@ -97,6 +94,7 @@ class Settings:
             return (*shared, self.sequence_length)
         return (
             *shared, self.filter_steps, self.filter_back, self.filter_restart, self.smooth,
+            self.late,
         )  # fmt: skip
 
     @property

@@ -8,8 +8,8 @@ from math import radians, tan
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.simulate.ranges import check_range
 
 _THRESHOLDS, _HOT = 1, 2  # one random stream each, so that one setting does not disturb the other
 
@@ -66,29 +66,17 @@ class Camera:
     burst_share: float = 0.8
 
     def __post_init__(self) -> None:
-        for name in ("contrast_on", "contrast_off"):
-            if getattr(self, name) < 0.02:
-                raise UsageError(
-                    f"{name} is {getattr(self, name)}: name a contrast of at least 0.02, "
-                    "for example 0.25"
-                )
-        if not 5 <= self.field_of_view_deg <= 140:
-            raise UsageError(
-                f"field_of_view_deg is {self.field_of_view_deg}: name an angle from 5 to 140"
-            )
-        if not 0 <= self.hot_pixels <= self.sensor.pixels:
-            raise UsageError(
-                f"hot_pixels is {self.hot_pixels}: a {self.sensor} sensor has 0 to "
-                f"{self.sensor.pixels}"
-            )
-        if not 0 <= self.burst_share <= 1:
-            raise UsageError(f"burst_share is {self.burst_share}: name a share from 0 to 1")
-        for name in (
+        contrasts = ("contrast_on", "contrast_off")
+        check_range(self, contrasts, "name a contrast of at least 0.02, for example 0.25", 0.02)
+        check_range(self, ("field_of_view_deg",), "name an angle from 5 to 140", 5, 140)
+        most = self.sensor.pixels
+        check_range(self, ("hot_pixels",), f"a {self.sensor} sensor has 0 to {most}", 0, most)
+        check_range(self, ("burst_share",), "name a share from 0 to 1", 0, 1)
+        others = (
             "contrast_spread", "refractory_us", "dark", "noise_hz", "hot_hz", "bursts_per_minute",
             "burst_us",
-        ):  # fmt: skip
-            if getattr(self, name) < 0:
-                raise UsageError(f"{name} is {getattr(self, name)}: name 0 or more")
+        )  # fmt: skip
+        check_range(self, others, "name 0 or more")
 
     @property
     def focal_px(self) -> float:

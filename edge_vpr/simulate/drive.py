@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
+from edge_vpr.simulate.ranges import check_range
 from edge_vpr.simulate.texture import noise_1d
 
 _SPEED, _STOPS, _SHAKE = 11, 12, 13  # one random stream each
@@ -48,8 +49,7 @@ class Light:
                 f"light with sun {self.sun}, ambient {self.ambient} and glare {self.glare}: "
                 "ambient light must be greater than 0, the others 0 or more"
             )
-        if not 1 <= self.elevation_deg <= 90:
-            raise UsageError(f"elevation_deg is {self.elevation_deg}: name an angle from 1 to 90")
+        check_range(self, ("elevation_deg",), "name an angle from 1 to 90", 1, 90)
 
 
 @dataclass(frozen=True)
@@ -98,18 +98,12 @@ class Drive:
                 f"speed of {self.speed_mps} m/s within a factor of {self.speed_range}: "
                 "name a speed greater than 0 and a factor of at least 1"
             )
-        for name in ("stops", "stop_s", "traffic_per_km", "parked_per_km", "shake_px"):
-            if getattr(self, name) < 0:
-                raise UsageError(f"{name} is {getattr(self, name)}: name 0 or more")
-        for name in ("yaw_deg", "pitch_deg", "roll_deg"):
-            if abs(getattr(self, name)) > 20:
-                raise UsageError(f"{name} is {getattr(self, name)}: name an angle from -20 to 20")
-        if self.shake_px > 1.5:
-            raise UsageError(
-                f"shake_px is {self.shake_px}: the image is cut with room for 0 to 1.5"
-            )
-        if abs(self.lateral_m) > 1:
-            raise UsageError(f"lateral_m is {self.lateral_m}: the lane allows -1 to 1")
+        counted = ("stops", "stop_s", "traffic_per_km", "parked_per_km", "shake_px")
+        check_range(self, counted, "name 0 or more")
+        angles = ("yaw_deg", "pitch_deg", "roll_deg")
+        check_range(self, angles, "name an angle from -20 to 20", -20, 20)
+        check_range(self, ("shake_px",), "the image is cut with room for 0 to 1.5", most=1.5)
+        check_range(self, ("lateral_m",), "the lane allows -1 to 1", -1, 1)
 
 
 #: A drive at nearly constant speed in the sun.

@@ -39,17 +39,7 @@ class Textures(NamedTuple):
 
 
 def illuminate(scene: Scene, light: Light) -> Textures:
-    """Compute the lit textures of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-    light : Light
-
-    Returns
-    -------
-    Textures
-    """
+    """Compute the lit textures of a scene."""
     azimuth, elevation = radians(light.azimuth_deg), radians(light.elevation_deg)
     # of a surface: the cosine between its normal and the sun; a wall on the left faces right
     right = sin(azimuth) * cos(elevation)

@@ -21,10 +21,6 @@ def wheel_odometry(track: Track, rng: np.random.Generator) -> Odometry:
         Metres along the route, one column.
     rng : Generator
         Draws the error of the wheel's size (2 %) and of each step (5 %).
-
-    Returns
-    -------
-    Odometry
     """
     times = np.arange(0, int(track.time_us[-1]), PERIOD_US, dtype=np.int64)
     metres = np.interp(times, track.time_us, track.position[:, 0])

@@ -40,10 +40,6 @@ def traffic(drive: Drive, motion: Motion, seed: int) -> list[Mover]:
     motion : Motion
         When the camera is where: each mover is placed so that it is met.
     seed : int
-
-    Returns
-    -------
-    list of Mover
     """
     rng = np.random.default_rng((seed, _TRAFFIC))
     length_m = float(motion.position_m[-1])

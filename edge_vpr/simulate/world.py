@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import UsageError
 from edge_vpr.simulate.districts import FAR_PAINTERS, GREEN, NEAR_PAINTERS
+from edge_vpr.simulate.ranges import check_range
 from edge_vpr.simulate.surface import (
     COLUMN_M,
     FAR_M,
@@ -51,10 +51,8 @@ class World:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not 10 <= self.length_m <= 20_000:
-            raise UsageError(f"length_m is {self.length_m}: name a route of 10 to 20000 metres")
-        if self.seed < 0:
-            raise UsageError(f"seed is {self.seed}: name a seed of 0 or more")
+        check_range(self, ("length_m",), "name a route of 10 to 20000 metres", 10, 20_000)
+        check_range(self, ("seed",), "name a seed of 0 or more")
 
     @property
     def columns(self) -> int:
@@ -72,10 +70,6 @@ class Scene(NamedTuple):
 
 def paint(world: World) -> Scene:
     """Paint the world.
-
-    Parameters
-    ----------
-    world : World
 
     Returns
     -------

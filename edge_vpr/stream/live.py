@@ -33,11 +33,14 @@ class LiveResult(NamedTuple):
     matches : ndarray of MATCH_DTYPE, shape (m,)
     incomplete : bool
         Whether events are known to be missing from the windows of these matches.
+    reached_us : int
+        Time up to which the stream is known; with a delay, matches are of earlier windows.
     """
 
     events: Events
     matches: npt.NDArray[np.void]
     incomplete: bool
+    reached_us: int = 0
 
 
 class LiveLocaliser:
@@ -90,10 +93,10 @@ class LiveLocaliser:
                     f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                     "use the map of this camera"
                 )
-            self._settings = reference.settings
             burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
             _rehearse(decoder, reference, every, burst_filter(sensor), odometry)
             self._localiser = Localiser(reference, every=every)
+            self._settings = self._localiser.settings
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
             if not reference.settings.remove_bursts:
@@ -152,8 +155,12 @@ class LiveLocaliser:
         return self._time
 
     def finish(self) -> LiveResult:
-        """End the stream, and return the matches of events that were held."""
-        return self._clean(self.decoder.finish(), last=True)
+        """End the stream, and return the matches of what was held."""
+        found = self._clean(self.decoder.finish(), last=True)
+        if self._localiser is None:
+            return found
+        late = self._localiser.finish()
+        return found._replace(matches=np.concatenate([found.matches, late]))
 
     @property
     def filled(self) -> float:
@@ -192,7 +199,8 @@ class LiveLocaliser:
         if matches:
             found = matches[0] if len(matches) == 1 else np.concatenate(matches)
         moved, self._reached = len(events) > 0 or reached > self._reached, reached
-        return LiveResult(events, found, self._incomplete(localiser, before_us, moved))
+        incomplete = self._incomplete(localiser, before_us, moved)
+        return LiveResult(events, found, incomplete, reached)
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
@@ -243,10 +251,10 @@ class LiveLocaliser:
         if 0 <= whole_us <= before_us:
             self._since += self._selected - before
         settings = self._settings
+        windows = settings.windows_per_match + settings.late
         if settings.window == "time":
-            span = settings.windows_per_match * settings.tau_us
-            return whole_us < 0 or before_us - whole_us < span
-        return since < settings.windows_per_match * settings.events_per_window
+            return whole_us < 0 or before_us - whole_us < windows * settings.tau_us
+        return since < windows * settings.events_per_window
 
 
 def _rehearse(
@@ -281,3 +289,4 @@ def _rehearse(
             localiser.read_odometer(last_us, 0.0)
         last_us += settings.tau_us
         localiser.advance(last_us)
+    localiser.finish()

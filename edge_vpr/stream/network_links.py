@@ -118,26 +118,22 @@ class TcpServerLink(Link):
         super().__init__(address_of("tcp", self._server))
         self._host: TcpLink | None = None
 
-    def accepted(self, timeout: float) -> bool:
-        """Return whether a host is connected, after at most `timeout` seconds."""
+    def accepted(self, timeout: float) -> TcpLink | None:
+        """Return the link to the host once one is connected, after at most `timeout` seconds."""
         if self._host is None and select.select([self._server], [], [], timeout)[0]:
             self._host = TcpLink(self.address, self._server.accept()[0])
             self._server.close()
-        return self._host is not None
+        return self._host
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`."""
-        if not self.accepted(timeout):
-            return b""
-        assert self._host is not None
-        return self._host.read(timeout)
+        host = self.accepted(timeout)
+        return host.read(timeout) if host else b""
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""
-        if not self.accepted(timeout):
-            return 0
-        assert self._host is not None
-        return self._host.write(data, timeout)
+        host = self.accepted(timeout)
+        return host.write(data, timeout) if host else 0
 
     def close(self) -> None:
         """See `Link.close`."""

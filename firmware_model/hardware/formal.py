@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from firmware_model.errors import ToolError
@@ -103,14 +103,20 @@ def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
     raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
 
 
+def chparam(parameters: Mapping[str, int | str], module: str) -> str:
+    """Return the command of yosys that sets parameters of a module; empty without parameters."""
+    chosen = " ".join(f"-set {name} {value}" for name, value in parameters.items())
+    return f"chparam {chosen} {module}" if chosen else ""
+
+
 def translate(
     folder: Path,
     unit: str,
     source: str | None,
-    chosen: str,
+    parameters: Mapping[str, int | str],
     exposed: Sequence[str],
-    claimed: str = "",
-    beside: Sequence[str] = (),
+    claimed: Mapping[str, int | str],
+    beside: Sequence[str],
 ) -> Path:
     """Write the SMT2 model of a unit and its properties.
 
@@ -121,12 +127,8 @@ def translate(
         Name of the module, and of its file.
     source : str or None
         Text of that file; None for the original.
-    chosen, claimed : str
-        Parameters of the unit and of its properties, for chparam.
-    exposed : sequence of str
-        Wires of the unit to which the properties refer.
-    beside : sequence of str
-        Files in `PROPERTIES` with the units that it uses.
+    parameters, exposed, claimed, beside
+        Same as of `firmware_model.hardware.unit_proof.Unit`.
     """
     file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
     file.write_text(core_source(file.name) if source is None else source, encoding="ascii")
@@ -138,13 +140,13 @@ def translate(
     run_yosys(
         [
             f"read_verilog -formal -sv {' '.join(map(str, files))}",
-            f"chparam {chosen} {unit}",
+            chparam(parameters, unit),
             f"hierarchy -top {unit}; proc; flatten; cd {unit}",
             *(f"rename {name} {name.rpartition('.')[2]}" for name in inner),
             "cd",
             f"expose {' '.join(f'{unit}/w:{name}' for name in outer)}",
             f"read_verilog -formal -sv {PROPERTIES / f'{properties}.sv'}",
-            f"chparam {claimed} {properties}" if claimed else "",
+            chparam(claimed, properties),
             f"hierarchy -top {properties}; proc; flatten; opt_clean",
             f"write_smt2 -wires {model}",
         ],

@@ -18,14 +18,14 @@ import tempfile
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation, sources
-from firmware_model.hardware.parameters import PACKAGE
+from firmware_model.hardware.simulation import Conditions
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import verify
@@ -42,16 +42,9 @@ DESIGNS = (_SEQUENCES, _FILTER, replace(_FILTER, code_bits=2))
 #: an event a window, and sums of so many terms that one begun by a reset would end in a match;
 #: replayed without stalls, and with so many resets that some keep the places
 QUICK = Design(
-    width=1,
-    height=1,
-    pixels=1,
-    places=19,
-    length=16,
-    full_scales=(3,),
-    window="count",
-    window_events=1,
-    lanes=1,
-)
+    width=1, height=1, pixels=1, places=19, length=16, full_scales=(3,), window="count",
+    window_events=1, lanes=1,
+)  # fmt: skip
 QUICK_EVENTS, QUICK_RESETS = 150, 6
 #: designs that are reset at each of some clocks, and their number of events: at all phases of a
 #: place's sum, whose terms end after the next window begins, and of a window of the filter
@@ -61,15 +54,10 @@ EVERY_CLOCK = {
 }
 #: cases that find most mutants come first
 FIRST = (
-    *("tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time"),
-    *(
-        "usually_more_events",
-        "pause_at_threshold",
-        "spread_of_one",
-        "pauses_of_kept_distances",
-        "random_2",
-    ),
-)
+    "tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time",
+    "usually_more_events", "pause_at_threshold", "spread_of_one", "pauses_of_kept_distances",
+    "random_2",
+)  # fmt: skip
 #: mutants that behave as the source does, and the reason
 EQUAL = {
     (
@@ -78,23 +66,15 @@ EQUAL = {
         "CODE_BITS'(octaves - LOWEST);",
     ): "HIGHEST - LOWEST is the code of all ones",
 }
-_CHANGES = (
-    (re.compile(r" == "), " != "),
-    (re.compile(r" != "), " == "),
-    (re.compile(r" && "), " || "),
-    (re.compile(r" \|\| "), " && "),
-    (re.compile(r" \+ "), " - "),
-    (re.compile(r" - "), " + "),
-    (re.compile(r" < "), " > "),
-    (re.compile(r" > "), " >= "),
-    (re.compile(r" >= "), " > "),
-    (re.compile(r" >> "), " << "),
-    (re.compile(r"1'b1\b"), "1'b0"),
-    (re.compile(r"1'b0\b"), "1'b1"),
-    (re.compile(r"'0\b"), "'1"),
-    (re.compile(r"!(?=[a-z(])"), ""),
-    (re.compile(r" - 1\)"), ")"),
-)
+_CHANGES = tuple(
+    (re.compile(old), new)
+    for old, new in (
+        (r" == ", " != "), (r" != ", " == "), (r" && ", " || "), (r" \|\| ", " && "),
+        (r" \+ ", " - "), (r" - ", " + "), (r" < ", " > "), (r" > ", " >= "),
+        (r" >= ", " > "), (r" >> ", " << "), (r"1'b1\b", "1'b0"), (r"1'b0\b", "1'b1"),
+        (r"'0\b", "'1"), (r"!(?=[a-z(])", ""), (r" - 1\)", ")"),
+    )
+)  # fmt: skip
 _STATEMENT = re.compile(r"^\s+(?:if \([^;]*\) |else )?\w[\w\[\]:]*\s+<= .*;$")
 #: lines with declarations instead of behaviour
 _STATED = re.compile(
@@ -103,27 +83,21 @@ _STATED = re.compile(
 
 
 class Trial(NamedTuple):
-    """Folder of vectors, suite and case, and how it is replayed.
-
-    Attributes
-    ----------
-    stall, resets, reset_at : int
-        Same as for `firmware_model.hardware.simulation.replay`.
-    slow_blocks : bool
-        Whether the core has registers behind its block memories.
-    """
+    """Folder of vectors, suite and case, and how it is replayed."""
 
     vectors: Path
     name: str
-    stall: int = 30
-    resets: int = 1
-    reset_at: int = 0
-    slow_blocks: bool = False
+    conditions: Conditions
 
     def __str__(self) -> str:
         """Return suite and case, and what is special about the replay."""
-        reset = f", reset at clock {self.reset_at}" if self.reset_at else ""
-        return f"{self.name}{reset}{', slow block memories' if self.slow_blocks else ''}"
+        at, slow = self.conditions.reset_at, self.conditions.slow_blocks
+        reset = f", reset at clock {at}" if at else ""
+        return f"{self.name}{reset}{', slow block memories' if slow else ''}"
+
+    def under(self, **changes: Any) -> Trial:
+        """Return the same case under other conditions."""
+        return self._replace(conditions=self.conditions._replace(**changes))
 
 
 class Mutant(NamedTuple):
@@ -135,16 +109,7 @@ class Mutant(NamedTuple):
 
 
 def mutants(file: str, source: str) -> Iterator[Mutant]:
-    """Yield every change of each line of a source.
-
-    Parameters
-    ----------
-    file, source : str
-
-    Yields
-    ------
-    Mutant
-    """
+    """Yield every change of each line of a source."""
     for number, line in enumerate(source.split("\n")):
         code = line.partition("//")[0].rstrip()
         if not code or _STATED.match(code):
@@ -206,25 +171,26 @@ class Bench:
             vectors = folder / str(number)
             write_suites(vectors, design, suites, seed, rtl=True)
             names = (f"{suite}/{case.name}" for suite, cases in suites.items() for case in cases)
-            self.cases += [Trial(vectors, name) for name in names]
+            usual = Conditions(seed, stall=30, resets=1)
+            self.cases += [Trial(vectors, name, usual) for name in names]
         if only is None or "random_0" in only:
             quick = self._short(folder, "quick", QUICK, QUICK_EVENTS)
-            self.cases.append(quick._replace(resets=QUICK_RESETS))
+            self.cases.append(quick.under(resets=QUICK_RESETS))
         self.cases.sort(key=lambda case: case.name.partition("/")[2] not in FIRST)
         slow = [
             case for case in self.cases if case.name.partition("/")[2] in (*FIRST[:5], "random_0")
         ]
-        self.cases += [case._replace(slow_blocks=True) for case in slow]
+        self.cases += [case.under(slow_blocks=True) for case in slow]
         for suite, (design, events, clocks) in EVERY_CLOCK.items():
             if only is None or suite in only:
                 short = self._short(folder, suite, design, events)
-                self.cases += [short._replace(reset_at=clock) for clock in clocks]
+                self.cases += [short.under(reset_at=clock) for clock in clocks]
 
     def _short(self, folder: Path, suite: str, design: Design, events: int) -> Trial:
         """Write a suite of one random case, to be replayed without stalls."""
         cases = random_cases(design, np.random.default_rng(self._seed), 1, events)
         write_suites(folder / suite, design, {suite: cases}, self._seed, rtl=True)
-        return Trial(folder / suite, f"{suite}/{cases[0].name}", stall=0)
+        return Trial(folder / suite, f"{suite}/{cases[0].name}", Conditions(self._seed, resets=1))
 
     def found_by(self, mutant: Mutant | None) -> str | None:
         """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
@@ -233,7 +199,7 @@ class Bench:
             source[mutant.line] = mutant.text
             (self._rtl / mutant.file).write_text("\n".join(source), encoding="ascii")
         try:
-            programs: dict[tuple[str, bool], Path] = {}
+            programs = simulation.Programs(self._work, self._rtl)
             for at, case in enumerate(self.cases):
                 if not self._holds(case, programs):
                     # the next mutant often belongs to the same unit
@@ -244,26 +210,13 @@ class Bench:
             if mutant is not None:
                 shutil.copyfile(sources.FOLDER / mutant.file, self._rtl / mutant.file)
 
-    def _holds(self, case: Trial, programs: dict[tuple[str, bool], Path]) -> bool:
+    def _holds(self, case: Trial, programs: simulation.Programs) -> bool:
         folder = case.vectors / case.name
-        package = folder / f"{PACKAGE}.sv"
-        key = package.read_text(encoding="ascii"), case.slow_blocks
         try:
-            if key not in programs:
-                programs[key] = self._work / f"{len(programs)}.vvp"
-                simulation.compile_bench(
-                    package, programs[key], self._rtl, slow_blocks=case.slow_blocks
-                )
+            program = programs.of(folder, slow_blocks=case.conditions.slow_blocks)
+            results = self._work / "results.csv"
             done = simulation.replay(
-                programs[key],
-                folder,
-                case.name,
-                self._work / "results.csv",
-                seed=self._seed,
-                stall=case.stall,
-                resets=case.resets,
-                reset_at=case.reset_at,
-                seconds=LIMIT,
+                program, folder, case.name, results, case.conditions, seconds=LIMIT
             )
             return not verify(case.vectors, done.records).differences
         except (ToolError, VectorError):
@@ -271,18 +224,7 @@ class Bench:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if a mutant is not found, or a tool is missing.
-    """
+    """Run the command; return 1 if a mutant is not found, or a tool is missing."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--mutants", type=int, default=60, metavar="N", help="drawn of all")
     parser.add_argument("--skip", type=int, default=0, metavar="N", help="go on behind the first N")

@@ -13,16 +13,15 @@ PACKAGE = "vpr_design"
 #: tables that the core reads from files; places are loaded at run time
 _TABLES = ("displacement", "lookup", "codes", "code_tables")
 
+#: quantities of every design whose widths are parameters
+_WIDTHS = (
+    "timestamp", "column", "row", "address", "owner", "slot", "count", "window_count", "table",
+    "entry", "code", "distance", "sum", "product", "place",
+)  # fmt: skip
 #: quantities that a design with fixed codes and sequences does not have
 _ADAPTIVE = (
-    "window_events",
-    "activity",
-    "mean",
-    "distance_total",
-    "reciprocal",
-    "evidence",
-    "trust",
-)
+    "window_events", "activity", "mean", "distance_total", "reciprocal", "evidence", "trust",
+)  # fmt: skip
 #: bits of a price in a list of prices
 PRICE_BITS = 10
 
@@ -41,10 +40,6 @@ def match_bits(design: Design) -> int:
 
 def parameters(design: Design) -> dict[str, tuple[str, int]]:
     """Return the parameters of ``vpr_core``.
-
-    Parameters
-    ----------
-    design : Design
 
     Returns
     -------
@@ -82,21 +77,7 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
         "NUMERATOR": ("logic [15:0]", design.ratio[0]),
         "DENOMINATOR": ("logic [15:0]", design.ratio[1]),
         "EVENT_TIME_BITS": ("int", 32 if design.timestamp_bits <= 32 else 64),
-        "TIMESTAMP_BITS": ("int", bits["timestamp"]),
-        "COLUMN_BITS": ("int", bits["column"]),
-        "ROW_BITS": ("int", bits["row"]),
-        "ADDRESS_BITS": ("int", bits["address"]),
-        "OWNER_BITS": ("int", bits["owner"]),
-        "SLOT_BITS": ("int", bits["slot"]),
-        "COUNT_BITS": ("int", bits["count"]),
-        "WINDOW_COUNT_BITS": ("int", bits["window_count"]),
-        "TABLE_BITS": ("int", bits["table"]),
-        "ENTRY_BITS": ("int", bits["entry"]),
-        "CODE_BITS": ("int", bits["code"]),
-        "DISTANCE_BITS": ("int", bits["distance"]),
-        "SUM_BITS": ("int", bits["sum"]),
-        "PRODUCT_BITS": ("int", bits["product"]),
-        "PLACE_BITS": ("int", bits["place"]),
+        **{f"{name.upper()}_BITS": ("int", bits[name]) for name in _WIDTHS},
         **{f"{name.upper()}_BITS": ("int", bits.get(name, 1)) for name in _ADAPTIVE},
         "MATCH_BITS": ("int", match_bits(design)),
     }
@@ -104,10 +85,6 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
 
 def package(design: Design) -> str:
     """Write the parameters as a SystemVerilog package.
-
-    Parameters
-    ----------
-    design : Design
 
     Returns
     -------

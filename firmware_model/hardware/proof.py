@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from firmware_model.errors import ToolError
@@ -18,18 +18,7 @@ from firmware_model.hardware import stream_proof, unit_proof
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if a proof fails, or a broken version passes.
-    """
+    """Run the command; return 1 if a proof fails, or a broken version passes."""
     argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args(words)
     failures = 0
     try:
@@ -44,35 +33,17 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _outcomes() -> Iterator[tuple[str, bool]]:
     """Run all proofs, and check that each broken version is refused."""
-    proofs: list[tuple[str, Callable[[], bool]]] = [
-        (str(size), partial(unit_proof.prove, size)) for size in unit_proof.SIZES
-    ]
-    proofs.append(("prediction of the place filter", unit_proof.prove_prediction))
-    proofs.append(("end of a window by time", unit_proof.prove_timer))
-    proofs += [(claim.name, partial(stream_proof.holds, claim)) for claim in stream_proof.CLAIMS]
-    for what, proof in proofs:
+    proofs = {name: unit.proved for name, unit in unit_proof.PROVED.items()}
+    proofs |= {claim.name: partial(stream_proof.holds, claim) for claim in stream_proof.CLAIMS}
+    for what, proof in proofs.items():
         holds = proof()
         yield f"{what}: {'proved' if holds else 'NOT PROVED'}", holds
-    trials = [
-        (name, partial(unit_proof.refuted, unit_proof.SMALL, unit_proof.broken(name)))
-        for name in unit_proof.BROKEN
-    ]
-    trials += [
-        (name, partial(_refused, unit_proof.prove_prediction, unit_proof.broken_prediction(name)))
-        for name in unit_proof.BROKEN_PREDICTIONS
-    ]
-    trials += [
-        (name, partial(_refused, unit_proof.prove_timer, unit_proof.broken_timer(name)))
-        for name in unit_proof.BROKEN_TIMERS
-    ]
-    trials += [(name, partial(stream_proof.refused, name)) for name in stream_proof.BROKEN]
-    for what, trial in trials:
+    broken_units = (unit_proof.SMALL_SEARCH, unit_proof.PREDICTION, unit_proof.TIMER)
+    trials = {name: partial(unit.refused, name) for unit in broken_units for name in unit.broken}
+    trials |= {name: partial(stream_proof.refused, name) for name in stream_proof.BROKEN}
+    for what, trial in trials.items():
         refused = trial()
         yield f"{what}: {'refused' if refused else 'NOT REFUSED'}", refused
-
-
-def _refused(proof: Callable[[str], bool], source: str) -> bool:
-    return not proof(source)
 
 
 if __name__ == "__main__":

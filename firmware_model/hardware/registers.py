@@ -76,10 +76,6 @@ REGISTERS = (
 def constants(design: Design) -> dict[str, int]:
     """Return the constants of a design that a driver needs.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     dict of str to int
@@ -139,18 +135,7 @@ def table() -> str:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Print the registers.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if the design cannot be read.
-    """
+    """Print the registers; return 1 if the design cannot be read."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--design", type=Path, metavar="FILE.toml", help="of the header")
     parser.add_argument("--header", action="store_true", help="as a C header; needs --design")

@@ -20,7 +20,7 @@ import numpy as np
 
 from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
-from firmware_model.hardware.simulation import replay_vectors
+from firmware_model.hardware.simulation import Conditions, replay_vectors
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.random_designs import random_adaptive_design, random_design
 from firmware_model.vectors.suite import Suites, standard_suites, write_suites
@@ -28,17 +28,9 @@ from firmware_model.vectors.verify import verify
 
 #: design of the long case
 LONG = Design(
-    width=24,
-    height=16,
-    pixels=9,
-    matching="filter",
-    length=1,
-    code="own-mean",
-    full_scales=(0,),
-    timestamp_bits=24,
-    places=20,
-    lanes=4,
-)
+    width=24, height=16, pixels=9, matching="filter", length=1, code="own-mean", full_scales=(0,),
+    timestamp_bits=24, places=20, lanes=4,
+)  # fmt: skip
 
 
 class Outcome(NamedTuple):
@@ -57,27 +49,11 @@ class Outcome(NamedTuple):
         )
 
 
-def hold(
-    vectors: Path, *, seed: int, stall: int, resets: int, slow_blocks: bool = False
-) -> Outcome:
-    """Replay all cases of a folder of vectors, and compare the results.
-
-    Parameters
-    ----------
-    vectors : path
-    seed, stall, resets, slow_blocks
-        Same as for `firmware_model.hardware.simulation.replay_vectors`.
-
-    Returns
-    -------
-    Outcome
-    """
+def hold(vectors: Path, conditions: Conditions) -> Outcome:
+    """Replay all cases of a folder of vectors, and compare the results."""
     outcome = Outcome(Counter(), [], 0)
     with tempfile.TemporaryDirectory() as work:
-        replays = replay_vectors(
-            vectors, Path(work), seed=seed, stall=stall, resets=resets, slow_blocks=slow_blocks
-        )
-        for _, replay in replays:
+        for _, replay in replay_vectors(vectors, Path(work), conditions):
             verdict = verify(vectors, replay.records)
             outcome.equal.update(verdict.compared)
             outcome.differences.extend(verdict.differences)
@@ -86,87 +62,47 @@ def hold(
 
 
 def hold_random_designs(
-    number: int,
-    *,
-    seed: int,
-    stall: int,
-    resets: int,
-    slow_blocks: bool = False,
-    only: str | None = None,
-    skip: int = 0,
+    number: int, conditions: Conditions, *, only: str | None = None, skip: int = 0
 ) -> Iterator[Outcome]:
-    """Replay the cases of random designs.
+    """Replay the cases of random designs, and yield the outcome of each design.
 
     Parameters
     ----------
     number : int
         Number of designs; every other one has the place filter, own-mean codes, or both.
-    seed : int
-        Seed of designs and cases, and of stalls and resets.
-    stall, resets, slow_blocks
-        Same as for `hold`.
+    conditions : Conditions
+        The seed is also that of designs and cases.
     only : str, optional
         Name of a suite; by default all suites.
     skip : int
         Number of designs that are drawn but not replayed, to continue a run that was ended.
-
-    Yields
-    ------
-    Outcome
-        Of each design that is replayed.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(conditions.seed)
     for at in range(number):
-        # every other design has the place filter, own-mean codes, or both
         design = random_adaptive_design(rng) if at % 2 else random_design(rng)
         if at < skip:
             continue
-        suites = standard_suites(design, seed + at, only)
-        outcome = hold_suites(
-            design, suites, seed=seed + at, stall=stall, resets=resets, slow_blocks=slow_blocks
-        )
+        its_own = conditions._replace(seed=conditions.seed + at)
+        outcome = hold_suites(design, standard_suites(design, its_own.seed, only), its_own)
         yield outcome._replace(differences=[f"{it} ({design})" for it in outcome.differences])
 
 
-def hold_suites(
-    design: Design,
-    suites: Suites,
-    *,
-    seed: int,
-    stall: int,
-    resets: int,
-    slow_blocks: bool = False,
-) -> Outcome:
-    """Write suites of cases, replay them, and compare; other arguments as for `hold`."""
+def hold_suites(design: Design, suites: Suites, conditions: Conditions) -> Outcome:
+    """Write suites of cases, replay them, and compare."""
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors"
-        write_suites(vectors, design, suites, seed, rtl=True)
-        return hold(vectors, seed=seed, stall=stall, resets=resets, slow_blocks=slow_blocks)
+        write_suites(vectors, design, suites, conditions.seed, rtl=True)
+        return hold(vectors, conditions)
 
 
-def hold_many_events(
-    number: int, *, seed: int, stall: int, resets: int, slow_blocks: bool = False
-) -> Outcome:
-    """Replay one case of `number` random events; other arguments as for `hold`."""
-    cases = random_cases(LONG, np.random.default_rng(seed), 1, number)
-    return hold_suites(
-        LONG, {"random": cases}, seed=seed, stall=stall, resets=resets, slow_blocks=slow_blocks
-    )
+def hold_many_events(number: int, conditions: Conditions) -> Outcome:
+    """Replay one case of `number` random events."""
+    cases = random_cases(LONG, np.random.default_rng(conditions.seed), 1, number)
+    return hold_suites(LONG, {"random": cases}, conditions)
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if a case differs.
-    """
+    """Run the command; return 1 if a case differs."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("vectors", nargs="?", type=Path, help="folder of vectors")
     parser.add_argument("--designs", type=int, default=0, metavar="N", help="random designs")
@@ -180,25 +116,20 @@ def main(words: Sequence[str] | None = None) -> int:
     args = parser.parse_args(words)
     if [args.vectors is not None, args.designs > 0, args.events > 0].count(True) != 1:
         parser.error("name a folder of vectors, a number of --designs, or one of --events")
-    given = {
-        "seed": args.seed,
-        "stall": args.stall,
-        "resets": args.resets,
-        "slow_blocks": args.slow_blocks,
-    }
+    conditions = Conditions(args.seed, args.stall, args.resets, slow_blocks=args.slow_blocks)
     try:
         if args.vectors is not None:
-            outcome = hold(args.vectors, **given)
+            outcome = hold(args.vectors, conditions)
         elif args.designs:
             outcome = Outcome(Counter(), [], 0)
-            found = hold_random_designs(args.designs, only=args.suite, skip=args.skip, **given)
+            found = hold_random_designs(args.designs, conditions, only=args.suite, skip=args.skip)
             for at, one in enumerate(found, args.skip + 1):
                 outcome = outcome.with_more(one)
                 print(
                     f"design {at}: {len(one.differences)} of {one.cases} cases differ", flush=True
                 )
         else:
-            outcome = hold_many_events(args.events, **given)
+            outcome = hold_many_events(args.events, conditions)
     except (ToolError, VectorError) as error:
         print(error, file=sys.stderr)
         return 1

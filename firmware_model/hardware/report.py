@@ -80,10 +80,6 @@ def measure(
         JSON file, written after each seed. A seed that it contains for the same design, sources and
         commands is not measured again.
 
-    Returns
-    -------
-    Report
-
     Raises
     ------
     ToolError
@@ -221,10 +217,6 @@ def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
     ----------
     reports : mapping of str to mapping of str to Report
         Reports by the name of a board in `BOARDS`, and by the kind of design.
-
-    Returns
-    -------
-    str
     """
     lines = [
         "| | FPGA | logic cells | block memories | SPRAM | multipliers | MHz, worst and best |",
@@ -246,18 +238,7 @@ def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if a tool fails, or any seed misses the clock of its board.
-    """
+    """Run the command; return 1 if a tool fails, or any seed misses the clock of its board."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented ones")
     parser.add_argument("--board", choices=list(BOARDS), help="one alone")

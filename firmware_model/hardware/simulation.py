@@ -41,6 +41,34 @@ class Replay(NamedTuple):
     events_in_a_row: int
 
 
+class Conditions(NamedTuple):
+    """Conditions of a replay.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of stalls and resets.
+    stall : int
+        Percentage of clocks in which each side waits.
+    resets : int
+        Number of resets, after each of which the case begins again.
+    reset_at : int
+        If not 0, there is one reset instead, of one clock, so many clocks after the first; the
+        places stay.
+    slow_blocks : bool
+        Whether the core has registers for slow block memories, as on an ECP5.
+    """
+
+    seed: int = 1
+    stall: int = 0
+    resets: int = 0
+    reset_at: int = 0
+    slow_blocks: bool = False
+
+
+UNDISTURBED = Conditions()
+
+
 def available() -> bool:
     """Return whether Icarus Verilog is installed."""
     return all(shutil.which(tool) for tool in (COMPILER, RUNTIME))
@@ -78,11 +106,8 @@ def replay(
     case: Path,
     name: str,
     results: Path,
+    conditions: Conditions = UNDISTURBED,
     *,
-    seed: int = 1,
-    stall: int = 0,
-    resets: int = 0,
-    reset_at: int = 0,
     seconds: int | None = None,
     trace: Path | None = None,
 ) -> Replay:
@@ -98,37 +123,20 @@ def replay(
         Suite and case, such as ``corners/tie_of_two``.
     results : path
         CSV file to be written.
-    seed : int
-        Seed of stalls and resets.
-    stall : int
-        Percentage of clocks in which each side waits.
-    resets : int
-        Number of resets, after each of which the case begins again.
-    reset_at : int
-        If not 0, there is one reset instead, of one clock, so many clocks after the first; the
-        places stay.
+    conditions : Conditions
+        The program decides about `slow_blocks`.
     seconds : int, optional
         Processor seconds after which a simulation that has not ended is a fault.
     trace : path, optional
         VCD file of the testbench's signals to be written.
-
-    Returns
-    -------
-    Replay
 
     Raises
     ------
     ToolError
         If Icarus Verilog is not installed, or the testbench ends with a fault.
     """
-    arguments = {
-        "case": name,
-        "results": results.resolve(),
-        "seed": seed,
-        "stall": stall,
-        "resets": resets,
-        "reset_at": reset_at,
-    }
+    arguments = {"case": name, "results": results.resolve(), **conditions._asdict()}
+    del arguments["slow_blocks"]
     if trace is not None:
         arguments["trace"] = trace.resolve()
     words = [f"+{key}={value}" for key, value in arguments.items()]
@@ -140,14 +148,35 @@ def replay(
     return Replay(read_results(results), least, most, in_a_row)
 
 
+class Programs:
+    """Simulations of the designs of some vectors, each of which is compiled once.
+
+    Parameters
+    ----------
+    work : path
+        Folder for the programs.
+    rtl : path
+        Folder of the core's sources.
+    """
+
+    def __init__(self, work: Path, rtl: Path) -> None:
+        self._work, self._rtl = work, rtl
+        self._known: dict[tuple[str, bool], Path] = {}
+
+    def of(self, case: Path, *, slow_blocks: bool) -> Path:
+        """Return the program for the design of a case; raises as `compile_bench`."""
+        package = case / f"{PACKAGE}.sv"
+        key = package.read_text(encoding="ascii"), slow_blocks
+        if key not in self._known:
+            self._known[key] = self._work / f"design_{len(self._known)}.vvp"
+            compile_bench(package, self._known[key], self._rtl, slow_blocks=slow_blocks)
+        return self._known[key]
+
+
 def replay_vectors(
     vectors: Path,
     work: Path,
-    *,
-    seed: int = 1,
-    stall: int = 0,
-    resets: int = 0,
-    slow_blocks: bool = False,
+    conditions: Conditions = UNDISTURBED,
 ) -> Iterator[tuple[str, Replay]]:
     """Replay all cases of vectors that were made with ``rtl``, with the sources beside them.
 
@@ -155,10 +184,8 @@ def replay_vectors(
     ----------
     vectors, work : path
         Folder of the vectors, and a folder for programs and results.
-    seed, stall, resets : int
-        Same as for `replay`; each case has its own random numbers.
-    slow_blocks : bool
-        Same as for `compile_bench`.
+    conditions : Conditions
+        Each case has its own random numbers.
 
     Yields
     ------
@@ -175,27 +202,11 @@ def replay_vectors(
     manifest = load_manifest(vectors)
     if not manifest.rtl:
         raise VectorError(f"{vectors} has no hardware sources: make it by edge-vpr golden --rtl")
-    programs: dict[str, Path] = {}
+    programs = Programs(work, vectors / RTL_FOLDER)
     for name, case in manifest.cases():
-        package = vectors / name / f"{PACKAGE}.sv"
-        parameters = package.read_text(encoding="ascii")
-        if parameters not in programs:
-            programs[parameters] = work / f"design_{len(programs)}.vvp"
-            compile_bench(
-                package, programs[parameters], vectors / RTL_FOLDER, slow_blocks=slow_blocks
-            )
-        yield (
-            name,
-            replay(
-                programs[parameters],
-                vectors / name,
-                name,
-                work / "results.csv",
-                seed=seed + case.number,
-                stall=stall,
-                resets=resets,
-            ),
-        )
+        program = programs.of(vectors / name, slow_blocks=conditions.slow_blocks)
+        its_own = conditions._replace(seed=conditions.seed + case.number)
+        yield name, replay(program, vectors / name, name, work / "results.csv", its_own)
 
 
 def _run(command: Sequence[str], folder: Path | None = None, seconds: int | None = None) -> str:

@@ -10,27 +10,12 @@ FOLDER = Path(__file__).parents[1] / "rtl"
 
 MEMORIES = ("vpr_rom.sv", "vpr_ram.sv", "vpr_ram_single.sv")
 UNITS = (
-    "vpr_delay.sv",
-    "vpr_pixel_lookup.sv",
-    "vpr_window_timer.sv",
-    "vpr_window_quota.sv",
-    "vpr_counters.sv",
-    "vpr_events.sv",
-    "vpr_activity.sv",
-    "vpr_own_mean.sv",
-    "vpr_encoder.sv",
-    "vpr_place_memory.sv",
-    "vpr_sad_lanes.sv",
-    "vpr_distance.sv",
-    "vpr_sequence.sv",
-    "vpr_spread.sv",
-    "vpr_prediction.sv",
-    "vpr_filter.sv",
-    "vpr_trust.sv",
-    "vpr_search.sv",
-    "vpr_accept.sv",
-    "vpr_core.sv",
-)
+    "vpr_delay.sv", "vpr_pixel_lookup.sv", "vpr_window_timer.sv", "vpr_window_quota.sv",
+    "vpr_counters.sv", "vpr_events.sv", "vpr_activity.sv", "vpr_own_mean.sv", "vpr_encoder.sv",
+    "vpr_place_memory.sv", "vpr_sad_lanes.sv", "vpr_distance.sv", "vpr_sequence.sv",
+    "vpr_spread.sv", "vpr_prediction.sv", "vpr_filter.sv", "vpr_trust.sv", "vpr_search.sv",
+    "vpr_accept.sv", "vpr_core.sv",
+)  # fmt: skip
 #: core of one design; the generated package comes first
 DEVICE = (*MEMORIES, *UNITS, "vpr_device.sv")
 #: testbench that replays a case of golden vectors
@@ -51,11 +36,6 @@ COCOTB_BENCH = FOLDER / "cocotb" / "vpr_cocotb.py"
 
 def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:
     """Copy source files into a new folder.
-
-    Parameters
-    ----------
-    folder : path
-    names : sequence of str
 
     Returns
     -------

@@ -20,6 +20,7 @@ from firmware_model.hardware.formal import (
     SIMPLIFIED,
     UNBOUNDED,
     broken_source,
+    chparam,
     core_source,
     model_check,
     run_yosys,
@@ -43,22 +44,14 @@ _OF_FILTERS = {"IDLE": {"RECIPROCAL_BITS": 17}}
 CORE_KINDS: dict[str, dict[str, int]] = {
     "sequences of 2, windows by time": {"PATIENCE": 24},
     "sequences of 1, own means, windows by count": {
-        "LENGTH": 1,
-        "BY_TIME": 0,
-        "OWN_MEAN": 1,
-        "PATIENCE": 24,
+        "LENGTH": 1, "BY_TIME": 0, "OWN_MEAN": 1, "PATIENCE": 24,
     },
     "place filter, windows by time": {"LENGTH": 1, "FILTER": 1, "PATIENCE": 64},
     "place filter that keeps distances, own means, a step back, windows by count": {
-        "LENGTH": 1,
-        "FILTER": 1,
-        "BY_TIME": 0,
-        "KEEP_DISTANCES": 1,
-        "OWN_MEAN": 1,
-        "BACK": 1,
+        "LENGTH": 1, "FILTER": 1, "BY_TIME": 0, "KEEP_DISTANCES": 1, "OWN_MEAN": 1, "BACK": 1,
         "PATIENCE": 64,
     },
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -236,13 +229,13 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
     ToolError
         If a tool is missing, refuses the source, or gives no answer in time.
     """
-    chosen = " ".join(f"-set {name} {value}" for name, value in claim.parameters.items())
     with tempfile.TemporaryDirectory() as name:
         folder, model = Path(name), Path(name) / "model.aig"
         for file in claim.files:
             text = core_source(file) if changed is None or file not in changed else changed[file]
             if file == "vpr_core.sv":
-                text = text.replace("endmodule", f"{_inside()}endmodule")
+                inside = (PROPERTIES / "vpr_core_inside.sv").read_text(encoding="ascii")
+                text = text.replace("endmodule", f"{inside}endmodule")
             (folder / file).write_text(text, encoding="ascii")
         files = [folder / file for file in claim.files]
         if claim.free_memories:
@@ -251,7 +244,7 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
         run_yosys(
             [
                 f"read_verilog -formal -sv -DPROVE_{claim.define} {' '.join(map(str, files))}",
-                f"chparam {chosen} {claim.top}" if chosen else "",
+                chparam(claim.parameters, claim.top),
                 f"hierarchy -check -top {claim.top}",
                 "proc; flatten; memory_map; opt -fast; async2sync; dffunmap; opt_clean",
                 "formalff -clk2ff; setundef -anyseq -undriven",
@@ -262,10 +255,6 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
             claim.top,
         )
         return model_check(model, seconds, claim.method)
-
-
-def _inside() -> str:
-    return (PROPERTIES / "vpr_core_inside.sv").read_text(encoding="ascii")
 
 
 def refused(name: str, *, seconds: int = 3600) -> bool:

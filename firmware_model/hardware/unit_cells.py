@@ -41,10 +41,6 @@ def unit_of(cell: str) -> str:
 def unit_cells(design: Design) -> Counter[str]:
     """Count the logic cells of each unit of a board design.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     Counter of str
@@ -79,18 +75,7 @@ def to_markdown(found: Mapping[str, Counter[str]]) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if a tool fails.
-    """
+    """Run the command; return 1 if a tool fails."""
     argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args(words)
     try:
         print(to_markdown({kind: unit_cells(design) for kind, design in KINDS.items()}))

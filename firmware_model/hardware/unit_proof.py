@@ -1,25 +1,89 @@
 """Prove units of the core with yosys-smtbmc: the search, the filter's prediction, and the timer.
 
 The proofs are by induction, for any number of sums, metrics or windows at any times. Each
-deliberately broken version must be refused.
+deliberately broken version must fail in the clocks of the base case.
 """
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.hardware.formal import broken_source, solve, translate
 
-#: registers of the search to which the induction refers
-REGISTERS = (
+
+@dataclass(frozen=True)
+class Unit:
+    """Unit of the core, and how it is proved.
+
+    Attributes
+    ----------
+    name : str
+        Name of the module, and of its file.
+    parameters : mapping of str to int or str
+    exposed : tuple of str
+        Registers to which the induction refers.
+    base, induction : int
+        Clocks of the base case, and of an induction step.
+    broken : mapping of str to (str, str)
+        Broken versions: text of the file, and its replacement.
+    claimed : mapping of str to int or str
+        Parameters of the properties.
+    beside : tuple of str
+        Files of properties with the units that this one uses.
+    """
+
+    name: str
+    parameters: Mapping[str, int | str]
+    exposed: tuple[str, ...]
+    base: int
+    induction: int
+    broken: Mapping[str, tuple[str, str]]
+    claimed: Mapping[str, int | str] = field(default_factory=dict)
+    beside: tuple[str, ...] = ()
+
+    def proved(self) -> bool:
+        """Return whether base case and induction hold.
+
+        Raises
+        ------
+        ToolError
+            If a tool is missing, refuses the source, or takes too long.
+        """
+        return self._solved(None, self.induction)
+
+    def refused(self, name: str) -> bool:
+        """Return whether a broken version, by its name in `broken`, fails.
+
+        Raises
+        ------
+        ToolError
+            Same as for `proved`; or if the text to be replaced does not occur exactly once.
+        """
+        return not self._solved(broken_source(f"{self.name}.sv", *self.broken[name]))
+
+    def _solved(self, source: str | None, induction: int | None = None) -> bool:
+        with tempfile.TemporaryDirectory() as folder:
+            model = translate(
+                Path(folder), self.name, source, self.parameters, self.exposed, self.claimed,
+                self.beside,
+            )  # fmt: skip
+            base = solve(model, ["-t", str(self.base)], _SECONDS)
+            if induction is None:
+                return base
+            return base and solve(model, ["-i", "-t", str(induction)], _SECONDS)
+
+
+#: time limit of the solver
+_SECONDS = 600
+
+_REGISTERS_OF_SEARCH = (
     *("delay.delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
     *("sum_lower", "sum_equal", "sum_below_second", "oldest_lower", "oldest_place"),
 )
-#: clocks of an induction step, and clocks within which a broken version must fail
-INDUCTION, BOUND = 4, 24
 
 
 class Size(NamedTuple):
@@ -30,12 +94,9 @@ class Size(NamedTuple):
     place_bits: int
 
 
-SIZES = (Size(0, 4, 4), Size(1, 3, 3), Size(2, 3, 4), Size(3, 4, 4))
-#: size of the broken versions
-SMALL = Size(1, 2, 3)
-
-#: broken versions: text of ``vpr_search.sv`` and its replacement
-BROKEN = {
+_SIZES = (Size(0, 4, 4), Size(1, 3, 3), Size(2, 3, 4), Size(3, 4, 4))
+_SMALL = Size(1, 2, 3)
+_BROKEN_SEARCHES = {
     "of equal sums the highest place is best": (
         "below_best[SUM_BITS];",
         "below_best[SUM_BITS] || sum == best_sum;",
@@ -70,187 +131,59 @@ BROKEN = {
 }
 
 
-def prove(size: Size, source: str | None = None, *, seconds: int = 300) -> bool:
-    """Prove the search without a bound on the number of sums.
-
-    Parameters
-    ----------
-    size : Size
-    source : str, optional
-        Text of ``vpr_search.sv``; by default the original.
-    seconds : int
-        Time limit of the solver in seconds.
-
-    Returns
-    -------
-    bool
-        Whether base case and induction hold.
-
-    Raises
-    ------
-    ToolError
-        If a tool is missing, refuses the source, or takes too long.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        model = _search_model(Path(folder), size, source, induction=True)
-        base = solve(model, ["-t", str(INDUCTION)], seconds)
-        return base and solve(model, ["-i", "-t", str(INDUCTION)], seconds)
-
-
-def refuted(size: Size, source: str, *, seconds: int = 300) -> bool:
-    """Return whether a search gives a wrong result for some sums within `BOUND` clocks.
-
-    Parameters
-    ----------
-    size : Size
-    source : str
-        Text of ``vpr_search.sv``.
-    seconds : int
-        Time limit of the solver in seconds.
-
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    ToolError
-        Same as for `prove`.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        model = _search_model(Path(folder), size, source, induction=False)
-        return not solve(model, ["-t", str(BOUND)], seconds)
-
-
-#: parameters of the prediction that is proved: steps of 0, 1 and 2 places, and one back
-_PREDICTION = {
-    "STEPS": "3",
-    "BACK": "1",
-    "STEP_PRICES": f"160'h{2 | 1 << 2 * 10:040x}",
-    "BACK_PRICES": "160'h3",
-    "RESTART": "9",
-    "METRIC_BITS": "4",
-}
-#: broken versions of the prediction: text of ``vpr_prediction.sv`` and its replacement
-BROKEN_PREDICTIONS = {
-    "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
-    "a place off the map is one to come from": ("shifts_off || !below", "!below"),
-}
-
-
-def prove_prediction(source: str | None = None, *, seconds: int = 600) -> bool:
-    """Prove that each prediction is the price of the cheapest way, and at most that of a restart.
-
-    Parameters
-    ----------
-    source : str, optional
-        Text of ``vpr_prediction.sv``; by default the original.
-    seconds : int
-        Time limit of the solver in seconds.
-
-    Returns
-    -------
-    bool
-        Whether base case and induction hold. If `source` is given, only the base case is checked,
-        in which a broken version must fail.
-
-    Raises
-    ------
-    ToolError
-        Same as for `prove`.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        model = translate(
-            Path(folder), "vpr_prediction", source, _parameters(_PREDICTION), ("entries",)
-        )
-        base = solve(model, ["-t", "8"], seconds)
-        return base and (source is not None or solve(model, ["-i", "-t", "8"], seconds))
-
-
-#: parameters of the timer that is proved
-_TIMER = {"TIMESTAMP_BITS": "6", "TAU_US": "11"}
-
-
-def prove_timer(source: str | None = None, *, seconds: int = 300) -> bool:
-    """Prove that a window by time ends when the time of an event requires it, for 6 bits.
-
-    Parameters
-    ----------
-    source : str, optional
-        Text of ``vpr_window_timer.sv``; by default the original.
-    seconds : int
-        Time limit of the solver in seconds.
-
-    Returns
-    -------
-    bool
-        Same as for `prove_prediction`.
-
-    Raises
-    ------
-    ToolError
-        Same as for `prove`.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        model = translate(
-            Path(folder), "vpr_window_timer", source, _parameters(_TIMER),
-            ("end_inverse", "behind"),
-        )  # fmt: skip
-        base = solve(model, ["-t", "20"], seconds)
-        return base and (source is not None or solve(model, ["-i", "-t", "12"], seconds))
-
-
-#: broken versions of the timer: text of ``vpr_window_timer.sv`` and its replacement
-BROKEN_TIMERS = {
-    "half a clock behind the end is before it": (
-        " || low_zero;",
-        ";",
-    ),
-    "an end is added without its carry": ("^ added ^ end_carry", "^ added"),
-    "an event keeps the carry of the one before": ("            behind_carry <= 1'b0;\n", ""),
-}
-
-
-def broken_timer(name: str) -> str:
-    """Return the source of a broken version, by its name in `BROKEN_TIMERS`; raises as `broken`."""
-    return broken_source("vpr_window_timer.sv", *BROKEN_TIMERS[name])
-
-
-def broken_prediction(name: str) -> str:
-    """Return the source of a broken version, by its name in `BROKEN_PREDICTIONS`.
-
-    Raises
-    ------
-    ToolError
-        If the text to be replaced does not occur exactly once.
-    """
-    return broken_source("vpr_prediction.sv", *BROKEN_PREDICTIONS[name])
-
-
-def broken(name: str) -> str:
-    """Return the source of a broken version, by its name in `BROKEN`.
-
-    Raises
-    ------
-    ToolError
-        If the text to be replaced does not occur exactly once.
-    """
-    return broken_source("vpr_search.sv", *BROKEN[name])
-
-
-def _search_model(folder: Path, size: Size, source: str | None, *, induction: bool) -> Path:
-    chosen = {name.upper(): str(value) for name, value in size._asdict().items()}
-    claimed = _parameters(chosen | {"INDUCTION": str(int(induction))})
-    return translate(
-        folder,
+def search(size: Size, *, induction: bool = True) -> Unit:
+    """Return the search of one size, for a proof by induction or for a bounded check."""
+    parameters = {name.upper(): value for name, value in size._asdict().items()}
+    return Unit(
         "vpr_search",
-        source,
-        _parameters(chosen),
-        REGISTERS,
-        claimed,
-        ("vpr_shift_delay.sv",),
+        parameters,
+        _REGISTERS_OF_SEARCH,
+        base=4 if induction else 24,
+        induction=4,
+        broken=_BROKEN_SEARCHES,
+        claimed=parameters | {"INDUCTION": int(induction)},
+        beside=("vpr_shift_delay.sv",),
     )
 
 
-def _parameters(values: Mapping[str, str]) -> str:
-    return " ".join(f"-set {name} {value}" for name, value in values.items())
+#: the search of the broken versions
+SMALL_SEARCH = search(_SMALL, induction=False)
+#: each prediction is the price of the cheapest way, and at most that of a restart; with steps of 0,
+#: 1 and 2 places, and one back
+PREDICTION = Unit(
+    "vpr_prediction",
+    {
+        "STEPS": 3,
+        "BACK": 1,
+        "STEP_PRICES": f"160'h{2 | 1 << 2 * 10:040x}",
+        "BACK_PRICES": "160'h3",
+        "RESTART": 9,
+        "METRIC_BITS": 4,
+    },
+    ("entries",),
+    base=8,
+    induction=8,
+    broken={
+        "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
+        "a place off the map is one to come from": ("shifts_off || !below", "!below"),
+    },
+)
+#: a window by time ends when the time of an event requires it, of 6 bits
+TIMER = Unit(
+    "vpr_window_timer",
+    {"TIMESTAMP_BITS": 6, "TAU_US": 11},
+    ("end_inverse", "behind"),
+    base=20,
+    induction=12,
+    broken={
+        "half a clock behind the end is before it": (" || low_zero;", ";"),
+        "an end is added without its carry": ("^ added ^ end_carry", "^ added"),
+        "an event keeps the carry of the one before": ("            behind_carry <= 1'b0;\n", ""),
+    },
+)
+#: what is proved, by its name
+PROVED = {
+    **{str(size): search(size) for size in _SIZES},
+    "prediction of the place filter": PREDICTION,
+    "end of a window by time": TIMER,
+}

@@ -111,10 +111,6 @@ def draw(panels: Sequence[tuple[str, Sequence[str], Samples]]) -> str:
     ----------
     panels : sequence of (str, sequence of str, samples)
         Title, signals from top to bottom, and clocks from left to right.
-
-    Returns
-    -------
-    str
     """
     width = _LEFT + _WIDTH * max(len(clocks) for _, _, clocks in panels) + 12
     lines: list[str] = []
@@ -185,25 +181,15 @@ def simulate() -> str:
         case = folder / "v" / "random" / CASE
         simulation.compile_bench(case / f"{PACKAGE}.sv", folder / "core.vvp")
         trace = folder / "trace.vcd"
+        conditions = simulation.Conditions(stall=35)
         simulation.replay(
-            folder / "core.vvp", case, CASE, folder / "results.csv", stall=35, trace=trace
+            folder / "core.vvp", case, CASE, folder / "results.csv", conditions, trace=trace
         )
         return trace.read_text(encoding="ascii")
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    words : sequence of str, optional
-        Words of the command line.
-
-    Returns
-    -------
-    int
-        1 if a tool is missing.
-    """
+    """Run the command; return 1 if a tool is missing."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.svg")
     args = parser.parse_args(words)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from firmware_model.design import Design
 from firmware_model.image import HEADER_WORDS, Word, image
 from firmware_model.memories import Memories
-from firmware_model.vectors.image_draft import BASE, PIXELS, Draft, Named, base
+from firmware_model.vectors.image_draft import BASE, PIXELS, Draft, Named, base, each
 
 #: largest activity, price and logarithm that an image may have
 _ACTIVITY, _PRICE, _LEVEL = 0x7FFF_FF00, 1016, 4096
@@ -35,13 +35,10 @@ def accepted_adaptive() -> Named:
     yield "own_mean_alone", adaptive(**own).pack()
     yield _words(steps=1)
     yield _words(back=0)
-    yield _words(restart=0)
-    yield _words(restart=_PRICE)
+    yield from each(_words, "restart", 0, _PRICE)
     yield _words(keep_distances=1)
-    yield _words(trust=0)
-    yield _words(trust=0x3FF0)
-    yield _words(activity=0)
-    yield _words(activity=_ACTIVITY)
+    yield from each(_words, "trust", 0, 0x3FF0)
+    yield from each(_words, "activity", 0, _ACTIVITY)
     # a metric has 10 bits, so that its product with any ratio fits
     yield _words(accept=1, ratio_denominator=0xFFFF)
     yield "sixteen_steps", _many(16, 16).pack()
@@ -74,20 +71,15 @@ def refused_adaptive() -> Named:
     """Yield the names and bytes of images that must not open."""
     yield "seventeen_steps", _many(17, 1).pack()
     yield "seventeen_back", _many(1, 17).pack()
-    yield _words(steps=0xFFFF_FFFF)
-    yield _words(steps=0)
-    yield _words(length=2)
-    yield _words(length=6)
+    yield from each(_words, "steps", 0xFFFF_FFFF, 0)
+    yield from each(_words, "length", 2, 6)
     yield _words(restart=_PRICE + 1)
     yield _words(keep_distances=2)
     yield _words(trust=0x3FF1)
-    yield _words(own_mean=9)
-    yield _words(own_mean=3)
-    yield _words(own_mean=1)
+    yield from each(_words, "own_mean", 9, 3, 1)
     yield _words(own_mean=33, code_max=1)
     yield _words(own_mean=3, code_max=6)
-    yield _words(activity=_ACTIVITY + 1)
-    yield _words(activity=0xFFFF_FFFF)
+    yield from each(_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
     two = adaptive().header(codes=2).grow(Word.CODE_TABLE, 2 * 2 * 4)
     yield "two_tables_of_own_means", two.pack()
     # header words of parts that the design does not have must be zero

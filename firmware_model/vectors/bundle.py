@@ -19,10 +19,6 @@ def bundle(images: Sequence[ImageCase], cases: Iterable[Case]) -> bytes:
     images : sequence of ImageCase
     cases : iterable of Case
         Cases beyond the reference firmware's limits are left out.
-
-    Returns
-    -------
-    bytes
     """
     parts = [struct.pack("<I", len(images))]
     for one in images:

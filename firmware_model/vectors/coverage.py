@@ -72,10 +72,6 @@ def coverage(case: Case) -> dict[str, int]:
 def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     """Run the model over a case, and count how often it reaches each of `CORNERS`.
 
-    Parameters
-    ----------
-    case : Case
-
     Returns
     -------
     done : Trace

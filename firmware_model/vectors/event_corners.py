@@ -12,16 +12,7 @@ from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes, 
 
 
 def event_cases(design: Design) -> list[Case]:
-    """Make the corner cases of events and windows.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    list of Case
-    """
+    """Make the corner cases of events and windows."""
     cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
     by_time = _event_designs(design)["events_by_time"]
     # finds a device that assumes code 0 for a count of 0 instead of looking the code up
@@ -30,16 +21,7 @@ def event_cases(design: Design) -> list[Case]:
 
 
 def adaptive_event_cases(design: Design) -> list[Case]:
-    """Make the corner cases of events and windows that a filter or own-mean codes change.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    list of Case
-    """
+    """Make the corner cases of events and windows that a filter or own-mean codes change."""
     names = ("events_by_time", "events_by_count", "both_polarities", "one_place", "narrow_clock")
     designs = _event_designs(design)
     return [_event_case(f"adaptive_{name}", designs[name]) for name in names]

@@ -18,10 +18,6 @@ def evidence_cases(design: Design) -> list[Case]:
     ----------
     design : Design
         With the place filter, and with logarithmic or linear codes.
-
-    Returns
-    -------
-    list of Case
     """
     return [_far(design), _beyond_a_byte(design), *_small_spreads(design)]
 

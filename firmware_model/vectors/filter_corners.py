@@ -28,10 +28,6 @@ def filter_cases(design: Design) -> list[Case]:
     ----------
     design : Design
         The cases change it to have the filter, own-mean codes, or both.
-
-    Returns
-    -------
-    list of Case
     """
     adaptive = replace(design, matching="filter", length=1, places=12)
     plain = adaptive

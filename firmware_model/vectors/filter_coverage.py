@@ -56,16 +56,7 @@ FILTER_CORNERS = {
 
 
 class FilterCoverage:
-    """Counts corners from the states of a machine, before each window changes them.
-
-    Parameters
-    ----------
-    machine : Machine
-
-    Attributes
-    ----------
-    found : Counter
-    """
+    """Counts corners from the states of a machine, before each window changes them."""
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine

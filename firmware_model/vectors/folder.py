@@ -46,10 +46,6 @@ def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> byte
     case : CaseEntry
     name : str
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     VectorError

@@ -14,12 +14,7 @@ from firmware_model.vectors.manifest import FieldPlace
 
 
 class Packing(NamedTuple):
-    """Layout of a word of several fields, the first in the least significant bits.
-
-    Attributes
-    ----------
-    fields : tuple of (name, bits)
-    """
+    """Layout of a word of several fields, the first in the least significant bits."""
 
     fields: tuple[tuple[str, int], ...]
 

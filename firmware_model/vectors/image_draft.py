@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Self
 
 from firmware_model.design import Design
@@ -66,20 +66,9 @@ class Draft:
 #: three pixels of both polarities, two code tables for counts up to 3, and six places; every table
 #: except that of the places has padding
 BASE = Design(
-    width=9,
-    height=5,
-    pixels=3,
-    polarity=True,
-    code="linear",
-    code_bits=2,
-    full_scales=(3, 2),
-    places=6,
-    length=2,
-    exclusion=1,
-    timestamp_bits=16,
-    tau_us=1000,
-    lookup_depth=16,
-)
+    width=9, height=5, pixels=3, polarity=True, code="linear", code_bits=2, full_scales=(3, 2),
+    places=6, length=2, exclusion=1, timestamp_bits=16, tau_us=1000, lookup_depth=16,
+)  # fmt: skip
 PIXELS = ((8, 0), (3, 2), (4, 2))  # in no pixel of the last two rows
 
 
@@ -87,6 +76,12 @@ def base() -> Draft:
     """Draft an image of `BASE`."""
     places = [[(k + slot) % 4 for slot in range(BASE.slots)] for k in range(BASE.places)]
     return Draft(image(Memories(BASE, PIXELS, places, [0, 1, 0, 1, 0, 1])))
+
+
+def each(words: Callable[..., tuple[str, bytes]], word: str, *values: int) -> Named:
+    """Yield an image for each of some values of one word of the header."""
+    for value in values:
+        yield words(**{word: value})
 
 
 def one_pixel_draft(width: int = 9, **changes: object) -> Draft:

@@ -13,6 +13,7 @@ from firmware_model.vectors.image_draft import (
     Named,
     base,
     deep_draft,
+    each,
     one_pixel_draft,
 )
 from firmware_model.vectors.image_layouts import refused_layouts
@@ -20,14 +21,7 @@ from firmware_model.vectors.image_layouts import refused_layouts
 
 @dataclass(frozen=True)
 class ImageCase:
-    """An image, and whether the reference firmware must open it.
-
-    Attributes
-    ----------
-    name : str
-    image : bytes
-    opens : bool
-    """
+    """An image, and whether the reference firmware must open it."""
 
     name: str
     image: bytes
@@ -62,12 +56,9 @@ def _accepted_words() -> Named:
     yield _words(count_max=7)  # the further codes are the table's padding
     yield _words(codes=3)
     yield _words(places=2)
-    yield _words(length=1)
-    yield _words(length=6)
-    yield _words(exclusion=0)
-    yield _words(exclusion=0xFFFF)
-    yield _words(window=1)
-    yield _words(window=0x7FFF)
+    yield from each(_words, "length", 1, 6)
+    yield from each(_words, "exclusion", 0, 0xFFFF)
+    yield from each(_words, "window", 1, 0x7FFF)
     yield _words(window_kind=1, window=1)
     yield _words(window_kind=1, window=0xFFFF_FFFF)
     yield _words(timestamp_bits=2, window=1)
@@ -79,30 +70,20 @@ def _accepted_words() -> Named:
 
 def _refused_words() -> Named:
     yield _words(magic=0x4952_5057)
-    yield _words(version=0)
-    yield _words(version=1)
-    yield _words(version=3)
+    yield from each(_words, "version", 0, 1, 3)
     for word in ("width", "height", "pixels", "slots", "stride", "count_max", "places", "length"):
-        yield _words(**{word: 0})
-        yield _words(**{word: 0x1_0000})
-        yield _words(**{word: 0xFFFF_FFFF})
-    yield _words(width=8)
-    yield _words(width=(1 << 15) + 1)
+        yield from each(_words, word, 0, 0x1_0000, 0xFFFF_FFFF)
+    yield from each(_words, "width", 8, (1 << 15) + 1)
     yield _words(height=2)
-    yield _words(pixels=2)
-    yield _words(pixels=4)
-    yield _words(pixels=6)
+    yield from each(_words, "pixels", 2, 4, 6)
     yield _words(pixels=0x8000_0003)  # twice that is six in 32 bits
-    yield _words(slots=3)
-    yield _words(slots=5)
-    yield _words(slots=7)
+    yield from each(_words, "slots", 3, 5, 7)
     yield _words(pixels=2, slots=4)
     yield _words(pixels=4, slots=8)
     yield _words(stride=8)
     yield "stride_32", base().header(stride=32).grow(Word.PLACES_TABLE, 6 * 32).pack()
     yield _words(count_max=8)
-    yield _words(places=1)
-    yield _words(places=7)
+    yield from each(_words, "places", 1, 7)
     yield _words(length=7)
     yield _words(exclusion=0x1_0000)
     yield _words(window_kind=2)
@@ -112,23 +93,16 @@ def _refused_words() -> Named:
     yield _words(timestamp_bits=0)
     yield _words(timestamp_bits=1, window=1)
     yield _words(timestamp_bits=2, window=2)
-    yield _words(timestamp_bits=33)
-    yield _words(timestamp_bits=64)
+    yield from each(_words, "timestamp_bits", 33, 64)
     # windows by count do not use the width of the clock
     yield _words(timestamp_bits=1, window_kind=1)
     yield _words(timestamp_bits=33, window_kind=1)
-    yield _words(accept=8)
-    yield _words(accept=0xFFFF_FFFF)
+    yield from each(_words, "accept", 8, 0xFFFF_FFFF)
     yield _words(ratio_denominator=0x1_0000)
-    yield _words(code_max=0)
-    yield _words(code_max=2)
-    yield _words(code_max=256)
-    yield _words(codes=0)
-    yield _words(codes=1)
-    yield _words(codes=5)
+    yield from each(_words, "code_max", 0, 2, 256)
+    yield from each(_words, "codes", 0, 1, 5)
     yield "codes_17", base().header(codes=17).grow(Word.CODE_TABLE, 17 * 4).pack()
-    for depth in (0, 1, 3, 8, 15, 0x8000_0000):
-        yield _words(lookup_depth=depth)
+    yield from each(_words, "lookup_depth", 0, 1, 3, 8, 15, 0x8000_0000)
     # twelve entries hold all pixels, but are not a power of two
     wide = one_pixel_draft(8, lookup_depth=16)
     yield "lookup_depth_12", wide.header(lookup_depth=12).pack()

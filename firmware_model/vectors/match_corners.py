@@ -13,10 +13,6 @@ from firmware_model.vectors.stimulus import Stream, choose_pixels, shown_codes, 
 def match_cases(design: Design) -> list[Case]:
     """Make the corner cases of matches.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     list of Case

@@ -16,10 +16,6 @@ MEMORIES = ("displacement", "lookup", "codes", "code_tables", "places")
 def memory_words(memories: Memories) -> dict[str, tuple[Packing, Table]]:
     """Pack the contents of every memory.
 
-    Parameters
-    ----------
-    memories : Memories
-
     Returns
     -------
     dict of str to (Packing, Table)

@@ -16,10 +16,6 @@ def ram_cases(plain: Design, adaptive: Design) -> list[Case]:
     ----------
     plain, adaptive : Design
         Both have the place filter, and the second has own-mean codes.
-
-    Returns
-    -------
-    list of Case
     """
     route = [0, 1, 2, 3, 4, 5, 6, 7]
     eight = replace(plain, places=8, exclusion=1, keep_distances=True)

@@ -29,10 +29,6 @@ def random_cases(
         Number of cases, each with pixels, places and a stimulus of its own.
     events : int
         Number of events of a stimulus.
-
-    Returns
-    -------
-    list of Case
     """
     return [_case(f"random_{i}", design, rng, events) for i in range(number)]
 

@@ -11,10 +11,6 @@ from firmware_model.memories import Memories
 def random_design(rng: np.random.Generator) -> Design:
     """Draw a design that is small enough to be run in milliseconds.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-
     Returns
     -------
     Design
@@ -51,10 +47,6 @@ def random_design(rng: np.random.Generator) -> Design:
 def random_adaptive_design(rng: np.random.Generator) -> Design:
     """Draw a small design with the place filter, own-mean codes, or both.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-
     Returns
     -------
     Design
@@ -79,17 +71,7 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
 
 
 def random_memories(rng: np.random.Generator, design: Design) -> Memories:
-    """Draw distinct pixels, and places with codes that the design has; some places are equal.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    design : Design
-
-    Returns
-    -------
-    Memories
-    """
+    """Draw distinct pixels, and places with codes that the design has; some places are equal."""
     flat = rng.choice(design.width * design.height, design.pixels, replace=False)
     places = rng.integers(0, design.code_max + 1, (design.places, design.slots))
     for k in range(1, design.places):

@@ -12,14 +12,7 @@ from firmware_model.memories import Codes, Memories, Pixel
 
 
 class Stream:
-    """Stimulus under construction, on the clock of the design.
-
-    Parameters
-    ----------
-    design : Design
-    pixels : sequence of (x, y)
-    start : int
-    """
+    """Stimulus under construction, on the clock of the design."""
 
     def __init__(self, design: Design, pixels: Sequence[Pixel], start: int = 0) -> None:
         self.design = design

@@ -51,10 +51,6 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
         Seed of the random cases.
     only : str, optional
         Name of the only suite to make; by default all are made.
-
-    Returns
-    -------
-    dict of str to list of Case
     """
     makers: dict[str, Callable[[], list[Case]]] = {
         "corners": lambda: corner_cases(design),
@@ -82,10 +78,6 @@ def write_suites(
     seed : int
     rtl : bool
         Add the hardware core's sources and testbench, and add the core's parameters to each case.
-
-    Returns
-    -------
-    Manifest
 
     Raises
     ------

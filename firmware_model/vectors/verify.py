@@ -96,10 +96,6 @@ def verify(
     kinds : sequence of {"event", "window", "match"}
         Kinds of records that the device returns; other kinds are neither expected nor compared.
 
-    Returns
-    -------
-    Verdict
-
     Raises
     ------
     VectorError

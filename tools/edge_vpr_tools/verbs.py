@@ -62,10 +62,6 @@ def find_verb(words: list[str]) -> tuple[str, list[str]]:
     Flags may stand anywhere. ``golden verify`` is taken as the verb of two words, not as ``golden``
     with an argument.
 
-    Parameters
-    ----------
-    words : list of str
-
     Returns
     -------
     verb : str

@@ -36,10 +36,6 @@ def crc32(data: Any, start: Any, stop: Any) -> Any:
     data : ndarray of uint8, shape (n,)
     start, stop : int
         From 0 to n.
-
-    Returns
-    -------
-    int
     """
     value = np.int64(0xFFFFFFFF)
     i = start

@@ -18,7 +18,7 @@ from edge_vpr.recordings.columns import Columns
 from edge_vpr.stream.protocols.edvs_formats import BITS, STEPS, detect, layout_of
 from edge_vpr.stream.protocols.edvs_steps import StepDecoder, encode_steps
 from edge_vpr.stream.protocols.layout import LayoutDecoder, LayoutEncoder
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.stream.timestamp_filter import Clock
 
 SENSOR = Sensor(128, 128)
@@ -105,10 +105,9 @@ class EdvsDecoder(Decoder):
                 detect(sample, self._bits, self._syncs)
 
     def _samples(self) -> Iterable[bytes]:
-        encoder = EdvsEncoder(self.sensor, self._bits[0], self._syncs[0], "new", echo=False)
-        words = encoder.encode(synthetic_events())
-        # a byte in the middle is missing
-        yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
+        yield damaged_sample(
+            EdvsEncoder(self.sensor, self._bits[0], self._syncs[0], "new", echo=False)
+        )
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         return [], data

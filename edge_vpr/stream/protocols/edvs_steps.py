@@ -51,7 +51,7 @@ class StepDecoder(Decoder):
                 if not found:
                     continue
                 self._searching = False
-            used, n_found, self._now, lost = take_steps(
+            used, n_found, self._now, lost = _take_steps(
                 raw[at:], self._sync, self._now, t[count:], x[count:], y[count:], p[count:]
             )
             at, count = at + used, count + n_found
@@ -63,24 +63,36 @@ class StepDecoder(Decoder):
 
 
 @kernel
-def take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
+def _event_at(raw, at, sync):  # type: ignore[no-untyped-def]
+    """Return the length of an event and its time step.
+
+    The length is 0 if bytes of the event are still to come, and -1 if this cannot be an event.
+    """
+    step, end = np.int64(0), at + 2
+    if raw[at] >> 7 != sync:
+        return -1, step
+    while end < raw.size and raw[end] < 128 and end < at + 5:
+        step = step << 7 | np.int64(raw[end])
+        end += 1
+    if end >= raw.size:
+        return 0, step
+    if raw[end] < 128:
+        return -1, step
+    return end + 1 - at, step << 7 | (np.int64(raw[end]) & 127)
+
+
+@kernel
+def _take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode whole events; stop at the first bytes that cannot be an event."""
     at, n = 0, 0
     while at < raw.size:
-        if raw[at] >> 7 != sync:
-            return at, n, now, True
-        step, end = np.int64(0), at + 2
-        while end < raw.size and raw[end] < 128 and end < at + 5:
-            step = step << 7 | np.int64(raw[end])
-            end += 1
-        if end >= raw.size:
-            break
-        if raw[end] < 128:
-            return at, n, now, True
-        now += step << 7 | (np.int64(raw[end]) & 127)
+        length, step = _event_at(raw, at, sync)
+        if length <= 0:
+            return at, n, now, length < 0
+        now += step
         t[n], x[n], y[n], p[n] = now, raw[at + 1] & 127, raw[at] & 127, raw[at + 1] >> 7
         n += 1
-        at = end + 1
+        at += length
     return at, n, now, False
 
 
@@ -97,19 +109,13 @@ def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
         if start >= (first + _LONGEST if first >= 0 else starts):
             break
         at, n, time, bad = start, 0, np.int64(0), False
-        while n < words and at < raw.size and not bad:
-            if raw[at] >> 7 != sync:
-                bad = True
+        while n < words and at < raw.size:
+            length, step = _event_at(raw, at, sync)
+            if length <= 0:
+                bad = length < 0
                 break
-            step, end = np.int64(0), at + 2
-            while end < raw.size and raw[end] < 128 and end < at + 5:
-                step = step << 7 | np.int64(raw[end])
-                end += 1
-            if end >= raw.size:
-                break
-            bad = raw[end] < 128
-            time += step << 7 | (np.int64(raw[end]) & 127)
-            at = end + 1
+            time += step
+            at += length
             n += 1
         if not bad and n > 0:
             if first < 0:

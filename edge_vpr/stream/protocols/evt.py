@@ -14,12 +14,10 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.evt_words import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
 from edge_vpr.recordings.columns import Columns
 from edge_vpr.recordings.evt import Decoder as WordsDecoder
-from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
+from edge_vpr.stream.protocols.protocol import Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.stream.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 from edge_vpr.stream.timestamp_filter import Clock
 
-#: Bytes of a word, and bits of the clock, which counts microseconds.
-_SIZES = {"evt2": (4, 34), "evt21": (8, 34), "evt3": (2, 24)}
 #: Number of bytes that are copied at once; a multiple of each word size.
 _COPIED_BYTES = 4_096
 #: Cameras send the high bits of the time every 16 us, whether changed or not.
@@ -35,20 +33,17 @@ class EvtDecoder(WordDecoder):
     def __init__(self, name: str, sensor: Sensor) -> None:
         if max(sensor) > 2048:
             raise UsageError(f"{name} holds up to 2048x2048 pixels, and not {sensor}")
-        size, clock_bits = _SIZES[name]
+        self._words = WordsDecoder(name, 1)
         super().__init__(
-            sensor, Clock(clock_bits), size,
+            sensor, Clock(self._words.clock_bits), self._words.dtype.itemsize,
             search_words=2 * SEARCH_WORDS if name == "evt3" else SEARCH_WORDS,
             notice_words=64 if name == "evt3" else 16,
         )  # fmt: skip
         self._name = name
         self._shift = np.uint64(32 if name == "evt21" else 0)  # to the upper half of a long word
-        self._words = WordsDecoder(name, 1)
 
     def _samples(self) -> Iterable[bytes]:
-        words = ENCODERS[self._name](self.sensor).encode(synthetic_events())
-        # a byte in the middle is missing
-        yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
+        yield damaged_sample(ENCODERS[self._name](self.sensor))
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
         found = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)

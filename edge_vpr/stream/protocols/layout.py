@@ -12,7 +12,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.columns import Columns
-from edge_vpr.stream.protocols.protocol import Encoder, synthetic_events
+from edge_vpr.stream.protocols.protocol import Encoder, damaged_sample
 from edge_vpr.stream.protocols.words import Raw, Reading, WordDecoder, word_at
 from edge_vpr.stream.timestamp_filter import STEP_US, Clock, no_columns
 
@@ -126,9 +126,7 @@ class LayoutDecoder(WordDecoder):
         self._room = no_columns()
 
     def _samples(self) -> Iterable[bytes]:
-        words = LayoutEncoder("sample", self.layout, self.sensor).encode(synthetic_events())
-        # a byte in the middle is missing
-        yield words[: len(words) // 2] + words[len(words) // 2 + 1 :]
+        yield damaged_sample(LayoutEncoder("sample", self.layout, self.sensor))
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
         return read_words(raw, most, self._form)

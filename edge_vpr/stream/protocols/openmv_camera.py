@@ -12,16 +12,13 @@ from dataclasses import dataclass
 
 from edge_vpr.stream.protocols.openmv_checksums import crc
 from edge_vpr.stream.protocols.openmv_packets import (
-    CAP_ACK,
-    CAP_CRC,
-    CAP_EVENTS,
-    CAP_SEQ,
     CAPS,
     CHECK,
     ENTRY,
     EXTENT,
     HEADER,
     SYNC,
+    Cap,
     Flag,
     Opcode,
     Packet,
@@ -76,7 +73,7 @@ class Camera:
 
     def _reset(self) -> None:
         self._sequence = 0
-        self._caps = CAP_CRC | CAP_SEQ | CAP_ACK | CAP_EVENTS
+        self._caps = Cap.CRC | Cap.SEQ | Cap.ACK | Cap.EVENTS
         self._limit = MAX_PAYLOAD
         self._outbox: deque[Packet] = deque()
         self._sent: _Sent | None = None
@@ -130,7 +127,7 @@ class Camera:
             if at < 0 or len(data) - at < HEADER.size:
                 break
             _, sequence, channel, flags, opcode, length, check = HEADER.unpack_from(data, at)
-            checked = self._caps & CAP_CRC
+            checked = self._caps & Cap.CRC
             if checked and crc(data[at : at + 8], 16) != check:
                 at += 1
                 continue
@@ -177,7 +174,7 @@ class Camera:
             self._answer(Opcode.SYNC, 0, b"", Flag.ACK)
             # the answer to SYNC has the number 0, and so has the next command
             self._sequence = 0
-        elif self._caps & CAP_SEQ and packet.sequence != self._sequence:
+        elif self._caps & Cap.SEQ and packet.sequence != self._sequence:
             self._stats[3] += 1
             self._refuse(packet.opcode, packet.channel, Status.SEQUENCE)
         elif packet.channel and packet.opcode <= Opcode.SYS_EVENT:
@@ -254,7 +251,7 @@ class Camera:
         self, opcode: int, channel: int, data: bytes, flags: int = 0, fragment: int = 1 << 16
     ) -> None:
         step = min(fragment, self._limit)
-        if self._caps & CAP_ACK and not flags & (Flag.ACK | Flag.NAK):
+        if self._caps & Cap.ACK and not flags & (Flag.ACK | Flag.NAK):
             flags |= Flag.ACK_REQ
         for at in range(0, max(1, len(data)), step):
             more = Flag.FRAGMENT if at + step < len(data) else 0

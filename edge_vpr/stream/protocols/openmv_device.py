@@ -10,6 +10,9 @@ from edge_vpr.stream.protocols.openmv_camera import READ_BYTES, Camera
 from edge_vpr.stream.protocols.openmv_packets import Opcode, pack
 from edge_vpr.stream.protocols.protocol import Encoder
 
+#: Number of buffers of a script, and most events of an unrequested packet.
+BUFFERS, PACKET_EVENTS = 8, 256
+
 
 class CameraEncoder(Encoder):
     """Camera with a script that registers one channel.
@@ -20,8 +23,8 @@ class CameraEncoder(Encoder):
     channel : str
     make : callable
         Function that encodes events as records.
-    buffer_events, buffers : int
-        Number of events in one of the script's buffers, and number of buffers.
+    buffer_events : int
+        Number of events in one of the script's buffers.
     """
 
     waits_for_host = True
@@ -33,12 +36,11 @@ class CameraEncoder(Encoder):
         make: Callable[[Events], bytes],
         *,
         buffer_events: int = 8_192,
-        buffers: int = 8,
         fragment: int = READ_BYTES,
     ) -> None:
         super().__init__(sensor)
         self._channel, self._make, self._most = channel, make, buffer_events
-        self.capacity = buffer_events * buffers
+        self.capacity = buffer_events * BUFFERS
         self._camera = Camera(fragment)
         self._counts: deque[int] = deque()
         self._in_flight = 0
@@ -78,22 +80,16 @@ class CameraEncoder(Encoder):
 class PushingEncoder(Encoder):
     """Device that sends the packets of one channel without a request."""
 
-    def __init__(
-        self,
-        sensor: Sensor,
-        channel: int,
-        make: Callable[[Events], bytes],
-        packet_events: int = 256,
-    ) -> None:
+    def __init__(self, sensor: Sensor, channel: int, make: Callable[[Events], bytes]) -> None:
         super().__init__(sensor)
-        self._channel, self._make, self._packet_events = channel, make, packet_events
+        self._channel, self._make = channel, make
         self._sequence = 0
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         return b"".join(
-            self._packet(self._make(events[i : i + self._packet_events]))
-            for i in range(0, events.size, self._packet_events)
+            self._packet(self._make(events[i : i + PACKET_EVENTS]))
+            for i in range(0, events.size, PACKET_EVENTS)
         )
 
     def _packet(self, payload: bytes) -> bytes:

@@ -22,14 +22,11 @@ import struct
 
 from edge_vpr.errors import printable
 from edge_vpr.stream.protocols.openmv_packets import (
-    CAP_ACK,
-    CAP_CRC,
-    CAP_EVENTS,
-    CAP_SEQ,
     CAPS,
     ENTRY,
     EXTENT,
     MAX_PAYLOAD,
+    Cap,
     Flag,
     Opcode,
     Packet,
@@ -198,7 +195,7 @@ class Session:
         """Prepare the command that follows an answer."""
         if self.awaited == Opcode.GET_CAPS:
             self._offered = max(_LEAST_PAYLOAD, CAPS.unpack_from(answer)[1])
-            wanted = CAP_CRC | CAP_SEQ | CAP_EVENTS | (CAP_ACK if self._acknowledge else 0)
+            wanted = Cap.CRC | Cap.SEQ | Cap.EVENTS | (Cap.ACK if self._acknowledge else 0)
             self._ask(Opcode.SET_CAPS, payload=CAPS.pack(wanted, self._offered))
         elif self.awaited == Opcode.SET_CAPS:
             self.limit = self._offered

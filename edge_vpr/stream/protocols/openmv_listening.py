@@ -24,13 +24,7 @@ from edge_vpr.stream.protocols.protocol import Decoder
 
 
 class PacketDecoder(Decoder):
-    """Finds packets and decodes records; subclasses handle the packets.
-
-    Parameters
-    ----------
-    sensor : Sensor
-    records : Records
-    """
+    """Finds packets and decodes records; subclasses handle the packets."""
 
     resync_bytes = MAX_PACKET + HEADER.size
 

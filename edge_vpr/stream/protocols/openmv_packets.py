@@ -79,9 +79,14 @@ class Status(IntEnum):
     OVERFLOW = 7
 
 
-#: Capabilities (checksums, sequence numbers, acknowledgements, events) and longest payload.
+class Cap:
+    """Bits of the capabilities: checksums, sequence numbers, acknowledgements, events."""
+
+    CRC, SEQ, ACK, EVENTS = 1, 2, 4, 8
+
+
+#: Capabilities and longest payload.
 CAPS = struct.Struct("<IH10x")
-CAP_CRC, CAP_SEQ, CAP_ACK, CAP_EVENTS = 1, 2, 4, 8
 #: A channel in the list: number, flags, name.
 ENTRY = struct.Struct("<BB14s")
 #: Part to read: offset, length.

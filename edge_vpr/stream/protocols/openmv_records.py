@@ -108,19 +108,15 @@ def _events(rows, t, x, y, p, state):  # type: ignore[no-untyped-def]
     return n, odd
 
 
-#: Bytes of a word, largest number of events in a word, bits of the clock.
-_EVT = {"evt2": (4, 1, 34), "evt21": (8, 32, 34), "evt3": (2, 12, 24)}
-
-
 class EvtRecords(Records):
     """Decodes ``raw_events`` as Prophesee words, whose state is kept between replies."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.size, self.most, bits = _EVT[name]
+        self._words = words = WordsDecoder(name, 1)
+        self.size, self.most = words.dtype.itemsize, words.per_word
         # a checksum protects each word
-        self.clock = Clock(bits, confirm=1)
-        self._words = WordsDecoder(name, 1)
+        self.clock = Clock(words.clock_bits, confirm=1)
 
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
         """See `Records.decode`."""

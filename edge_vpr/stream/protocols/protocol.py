@@ -233,6 +233,12 @@ def synthetic_events(n: int = 1_000) -> Events:
     return make_events(np.arange(n) * 10, np.zeros(n), np.zeros(n), np.arange(n) % 2)
 
 
+def damaged_sample(encoder: Encoder) -> bytes:
+    """Encode the synthetic events, without a byte in the middle."""
+    words = encoder.encode(synthetic_events())
+    return words[: len(words) // 2] + words[len(words) // 2 + 1 :]
+
+
 class OptionReader:
     """Reads the options of a protocol, each once; options that remain are errors.
 

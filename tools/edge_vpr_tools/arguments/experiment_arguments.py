@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--table", metavar="DIR",
-        help="folder to write the two tables of probabilities to (calibration only)",
+        help="folder to write the tables of probabilities to (calibration only)",
     )  # fmt: skip
     group.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WHEN",
         help="with --online, when to give a match: event (after each one at a selected pixel), "
         "after N events, after a time such as 10ms, window (after each one), or change (when the "
-        "place changes) (default: event)",
+        "place changes) (default: event; window with --delay)",
     )
     parser.add_argument_group("mounting").add_argument(
         "--register",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from edge_vpr.errors import UsageError, did_you_mean
@@ -147,24 +147,23 @@ def takes_value(action: argparse.Action) -> bool:
 def _checked(action: argparse.Action) -> Any:
     """Return the type of an action, with clearer errors than those of argparse."""
     if action.choices is not None and action.type is None:
-        return _OneOf(list(action.choices))
+        return _one_of(list(action.choices))
     if action.type is int:
         return whole_number
     return number if action.type is float else action.type
 
 
-class _OneOf:
-    """Type of an argument with a few allowed values; its error suggests a correction of typos."""
+def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
+    """Return the type of an argument with a few allowed values, which suggests one for a typo."""
 
-    def __init__(self, choices: Sequence[str]) -> None:
-        self.choices = choices
-
-    def __call__(self, text: str) -> str:
-        if text not in self.choices:
+    def read(text: str) -> str:
+        if text not in choices:
             raise argparse.ArgumentTypeError(
-                f"{text!r}: choose from {', '.join(self.choices)}{did_you_mean(text, self.choices)}"
+                f"{text!r}: choose from {', '.join(choices)}{did_you_mean(text, choices)}"
             )
         return text
+
+    return read
 
 
 def whole_number(text: str) -> int:

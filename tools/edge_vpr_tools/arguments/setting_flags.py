@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from edge_vpr.errors import UsageError
@@ -72,16 +73,34 @@ def match_flags(args: argparse.Namespace) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def with_match_flags(args: argparse.Namespace, settings: Settings) -> Settings:
+def with_match_flags(
+    args: argparse.Namespace, settings: Settings, *, online: bool = False
+) -> Settings:
     """Return the settings of a map, changed by the flags of `add_match_flags`.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    settings : Settings
+    online : bool
+        Match while the events come, so that nothing is smoothed.
 
     Raises
     ------
     UsageError
-        If a value is wrong.
+        If a value is wrong, or ``--smooth`` is given online.
     """
+    if online:
+        if args.smooth:
+            raise UsageError(
+                "--smooth needs all windows after each one, which are not known online: leave it "
+                "out, or wait for some of them with --delay"
+            )
+        settings = replace(settings, smooth=False)
     changed = settings.replaced(match_flags(args), "the command line")
     _warn_of_no_effect(args, changed, _of_group(_MATCHING))
+    if args.delay and changed.smooth:
+        warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
     return changed
 
 
@@ -99,14 +118,6 @@ def _warn_of_no_effect(
                 f"{field.flag} has no effect with {other} {now}: it is for {other} "
                 f"{' or '.join(values)}"
             )
-
-
-def check_not_smooth(asked: bool | None) -> None:
-    """Raise UsageError if ``--smooth`` was given to an online run, which has no later windows."""
-    if asked:
-        raise UsageError(
-            "--smooth needs the windows after each one, which are not known online: leave it out"
-        )
 
 
 def _of_group(group: str) -> Iterable[SettingField]:

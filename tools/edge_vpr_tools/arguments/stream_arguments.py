@@ -49,9 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
     places.add_argument(
-        "--every", default="50ms", metavar="WHEN",
+        "--every", metavar="WHEN",
         help="when to give a match: after a time such as 50ms, after N events, after each event or "
-        "window, or after each change of the place",
+        "window, or after each change of the place (default: 50ms; window with --delay)",
     )  # fmt: skip
     places.add_argument(
         "--burst-filter", choices=("exact", "causal"), default="exact",

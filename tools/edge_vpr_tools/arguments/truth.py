@@ -7,14 +7,13 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from edge_vpr.archive import read_archive
-from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.errors import GroundTruthError, MapError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.messages import note
+from edge_vpr_tools.runs.match_folder import read_queries
 from edge_vpr_tools.runs.truth_files import load_truth
 
 #: places times queries of the ground truth: 64 MB
@@ -45,12 +44,10 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
         raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
     reference = ReferenceMap.load(folder / results.MAP)
     matches = Matches.load(folder / results.MATCHES)
-    if (folder / results.QUERIES).is_file():
-        arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
-        queries_us = Descriptors.from_arrays(arrays).centre_us
-    else:  # matched online: each match is a query
+    queries = read_queries(folder)
+    if queries is None:  # matched online: each match is a query
         matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
-        queries_us = matches.time_us
+    queries_us = matches.time_us if queries is None else queries.centre_us
     truth_of = partial(
         load_truth,
         places_us=reference.places.centre_us,

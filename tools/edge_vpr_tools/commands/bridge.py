@@ -14,13 +14,7 @@ from edge_vpr_tools.output.interrupt import stopped_by_signals
 
 
 def run(args: argparse.Namespace) -> None:
-    """Wait for a host and send everything.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong or the recording cannot be read.
-    """
+    """Wait for a host and send everything."""
     if not 0 <= args.speed < math.inf:
         raise UsageError(f"speed {args.speed}: give 1 for real time, 2 for twice that, 0: no limit")
     faults = LineFaults.parse(args.faults)

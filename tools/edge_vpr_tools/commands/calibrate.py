@@ -17,13 +17,7 @@ FEW_MATCHES = 100
 
 
 def run(args: argparse.Namespace) -> None:
-    """Learn the table of probabilities and write it with the map.
-
-    Raises
-    ------
-    EdgeVprError
-        If the folder, the ground truth or the output cannot be used.
-    """
+    """Learn the table of probabilities and write it with the map."""
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
     if args.output is not None:

@@ -13,13 +13,7 @@ from edge_vpr_tools.sweep.comparison_files import markdown, write_comparison
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print the table, and write it with the figure if asked.
-
-    Raises
-    ------
-    EdgeVprError
-        If a run cannot be read, or the output not written.
-    """
+    """Print the table, and write it with the figure if asked."""
     runs, formats = [Path(run) for run in args.runs], read_formats(args.figures)
     output = None if args.output is None else Path(args.output)
     if output is not None:

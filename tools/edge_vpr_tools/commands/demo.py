@@ -18,13 +18,7 @@ _WIDTH = 100
 
 
 def run(args: argparse.Namespace) -> None:
-    """Simulate, try every variant, print the table and write the report.
-
-    Raises
-    ------
-    UsageError
-        If the seed is negative or the folder cannot be written.
-    """
+    """Simulate, try every variant, print the table and write the report."""
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)

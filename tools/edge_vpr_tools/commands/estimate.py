@@ -15,13 +15,7 @@ from edge_vpr_tools.report.style import save
 
 
 def run(args: argparse.Namespace) -> None:
-    """Count, model, and print.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong, or a file cannot be used.
-    """
+    """Count, model, and print."""
     question = question_of(args)
     found = estimate(question)
     show(found, with_sources=args.sources)

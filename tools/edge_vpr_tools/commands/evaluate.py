@@ -19,13 +19,7 @@ from edge_vpr_tools.runs.truth_files import load_tracks
 
 
 def run(args: argparse.Namespace) -> None:
-    """Evaluate, print the figures, and add them to the folder.
-
-    Raises
-    ------
-    EdgeVprError
-        If the folder or the ground truth cannot be used.
-    """
+    """Evaluate, print the figures, and add them to the folder."""
     folder, formats = Path(args.results), read_formats(args.figures)
     reference, matches, truth = load_evaluated(args)
     found = evaluate(

@@ -18,13 +18,7 @@ from edge_vpr_tools.report.formats import read_formats
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run experiments and print their tables as Markdown.
-
-    Raises
-    ------
-    EdgeVprError
-        If the data is not there.
-    """
+    """Run experiments and print their tables as Markdown."""
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
     if args.figures is not None and args.figure is None:

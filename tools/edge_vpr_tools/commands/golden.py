@@ -19,13 +19,7 @@ from firmware_model.vectors import Case, standard_suites, write_suites
 
 @design_errors()
 def run(args: argparse.Namespace) -> None:
-    """Make vectors and write them.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong.
-    """
+    """Make vectors and write them."""
     if (args.design is None) == (args.map is None):
         raise UsageError("golden needs either --design or --map: give one of them")
     if args.recording is not None and args.map is None:

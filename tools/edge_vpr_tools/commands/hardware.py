@@ -19,13 +19,7 @@ from firmware_model.hardware.project import write_project
 
 @design_errors()
 def run(args: argparse.Namespace) -> None:
-    """Write the project.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong.
-    """
+    """Write the project."""
     if (args.design is None) == (args.map is None):
         raise UsageError("hardware needs either --design or --map: give one of them")
     output = Path(args.output)

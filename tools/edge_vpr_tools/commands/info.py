@@ -14,13 +14,7 @@ from edge_vpr_tools.runs.recording_summary import summarise
 
 
 def run(args: argparse.Namespace) -> None:
-    """Read the whole recording once and print what it holds.
-
-    Raises
-    ------
-    EdgeVprError
-        If it cannot be opened.
-    """
+    """Read the whole recording once and print what it holds."""
     recording = open_from(args, args.recording, on_fault="drop")
     facts = summarise(tracked(recording, "reading"))
     if args.json:

@@ -25,13 +25,7 @@ from edge_vpr_tools.runs.mapping import map_recording
 
 
 def run(args: argparse.Namespace) -> None:
-    """Map the recording and save the map.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong or the recording cannot be mapped.
-    """
+    """Map the recording and save the map."""
     output = Path(args.output)
     listed = args.hot_pixels not in (None, "find", "keep")
     inputs = [

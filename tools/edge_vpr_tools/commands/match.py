@@ -26,13 +26,7 @@ from edge_vpr_tools.runs.registration import registered
 
 
 def run(args: argparse.Namespace) -> None:
-    """Match the recording and write the folder of results.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong or the recording cannot be matched.
-    """
+    """Match the recording and write the folder of results."""
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
@@ -46,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
     reference = ReferenceMap.load(args.map)
-    settings = with_match_flags(args, reference.settings)
+    settings = with_match_flags(args, reference.settings, online=args.online)
     asked = reference.matched_with(settings)
     _ = asked.judge  # a precision that the table cannot reach is an error before any work is done
     if args.every is not None and not args.online:

@@ -10,7 +10,6 @@ from edge_vpr.odometry import Odometry
 from edge_vpr.pipeline import check_sensor
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.arguments.reading import describe_faults, open_from
-from edge_vpr_tools.arguments.setting_flags import check_not_smooth
 from edge_vpr_tools.output import results
 from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
 from edge_vpr_tools.output.messages import summary
@@ -45,9 +44,11 @@ def match_online(
         raise UsageError("--online needs events: leave --frames-as-windows out")
     if args.anchor is not None:
         raise UsageError("--online matches belong to the newest window: leave --anchor out")
-    check_not_smooth(args.smooth)
     output, reference = Path(args.output), made_causal(reference)
-    settings, every = reference.settings, args.every or "event"
+    settings, every = (
+        reference.settings,
+        args.every or ("window" if reference.settings.late else "event"),
+    )
     recording = open_from(args, args.recording)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
     reference, shift = registered(reference, recording, args.register)

@@ -20,13 +20,7 @@ from edge_vpr_tools.output.provenance import write_json
 
 
 def run(args: argparse.Namespace) -> None:
-    """Profile this machine.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong, or a sensor fails.
-    """
+    """Profile this machine."""
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")
     if args.ground_truth is not None and args.map is None:

@@ -9,11 +9,5 @@ from edge_vpr_tools.energy.show import compare
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print both profiles, and write them as CSV if asked to.
-
-    Raises
-    ------
-    UsageError
-        If a profile cannot be read.
-    """
+    """Print both profiles, and write them as CSV if asked to."""
     compare(Path(args.first), Path(args.second), None if args.csv is None else Path(args.csv))

@@ -21,13 +21,7 @@ _WHEEL = 51  # random stream of the odometer
 
 
 def run(args: argparse.Namespace) -> None:
-    """Simulate both drives and write them.
-
-    Raises
-    ------
-    UsageError
-        If a value is out of range or the folder exists.
-    """
+    """Simulate both drives and write them."""
     output = Path(args.output)
     check_output_folder(output, args.overwrite)
     pair = simulate_pair(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from edge_vpr.errors import printable
 from edge_vpr.events import Sensor
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.arguments.setting_flags import check_not_smooth, map_settings, with_match_flags
+from edge_vpr_tools.arguments.setting_flags import map_settings, with_match_flags
 from edge_vpr_tools.arguments.stream_checks import check_arguments
 from edge_vpr_tools.output.cleaning import warn_if_much
 from edge_vpr_tools.output.messages import summary
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
         _learn(args, output)
         return
     reference = None if args.map is None else _with_flags(args, ReferenceMap.load(args.map))
-    every = None if reference is None else parse_every(args.every, reference)
+    every = None if reference is None else _schedule(args.every, reference)
     causal = args.burst_filter == "causal"
     follow_line(
         _line(args, reference), output, reference, every,
@@ -66,7 +66,9 @@ def _line(args: argparse.Namespace, reference: ReferenceMap | None) -> Line:
     )  # fmt: skip
 
 
+def _schedule(every: str | None, reference: ReferenceMap) -> MatchSchedule:
+    return parse_every(every or ("window" if reference.settings.late else "50ms"), reference)
+
+
 def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
-    check_not_smooth(args.smooth)
-    settings = with_match_flags(args, reference.settings)
-    return reference.matched_with(replace(settings, smooth=False))
+    return reference.matched_with(with_match_flags(args, reference.settings, online=True))

@@ -20,13 +20,7 @@ _MOST_SHOWN = 5
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run the missing trials, and print the table of all.
-
-    Raises
-    ------
-    EdgeVprError
-        If the plan or an input cannot be used, or a trial failed.
-    """
+    """Run the missing trials, and print the table of all."""
     if args.workers is not None and args.scheduler is not None:
         raise UsageError("--workers are of this machine, --scheduler of a cluster: leave one out")
     plan, store = read_plan(Path(args.plan)), Store(Path(args.output))

@@ -27,10 +27,6 @@ def recorded_case(
     recording : EventSource
     most_events : int
         Largest number of events of the case.
-
-    Returns
-    -------
-    Case
     """
     taken: list[tuple[int, int, int, bool]] = []
     for chunk in cleaned(recording, reference.settings):

@@ -6,6 +6,7 @@ import glob
 import pickle
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -86,6 +87,9 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
                 causal_bursts=causal_bursts,
             )
             live.finish()
+        if settings.matching == "filter":
+            late = replace(reference.settings, smooth=False, delay=1)
+            LiveLocaliser(live.decoder, reference.matched_with(late)).finish()
     for protocol in PROTOCOLS:
         show(f"decoding protocol {protocol}")
         open_decoder(protocol, first.sensor).warm_up()

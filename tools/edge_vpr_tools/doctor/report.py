@@ -11,12 +11,7 @@ _MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
 
 
 def examine() -> list[Finding]:
-    """Run every check on this machine.
-
-    Returns
-    -------
-    list of Finding
-    """
+    """Run every check on this machine."""
     return [
         *packages.check_versions(),
         *packages.check_extras(),

@@ -83,10 +83,6 @@ def compare(
         Matches per second of the mission.
     known : tuple of ReferenceMap and Energy
         A map whose energy has already been measured.
-
-    Returns
-    -------
-    list of DesignResult
     """
     found = []
     for design in designs:

@@ -81,7 +81,7 @@ def paired_energy(trace: Trace, windows: Sequence[Window]) -> tuple[Floats, Floa
     return idle, load
 
 
-def interval(differences: Floats, seed: int = 0) -> Estimate:
+def interval(differences: Floats) -> Estimate:
     """Return the median of paired differences, and its interval by a circular block bootstrap.
 
     Neighbouring pairs share slow changes of the board's temperature. Blocks of neighbours are
@@ -92,11 +92,6 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
     Parameters
     ----------
     differences : ndarray of float64, shape (pairs,)
-    seed : int
-
-    Returns
-    -------
-    Estimate
 
     Raises
     ------
@@ -107,7 +102,7 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
     if n < LEAST_PAIRS:
         raise UsageError(f"{n} pairs of windows: an interval needs {LEAST_PAIRS} or more")
     block = max(1, int(n ** (1 / 3) / 2 + 0.5))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     starts = rng.integers(0, n, (_RESAMPLES, -(-n // block)))
     at = (starts[:, :, None] + np.arange(block)) % n
     medians = np.median(differences[at.reshape(_RESAMPLES, -1)[:, :n]], axis=1)
@@ -116,7 +111,7 @@ def interval(differences: Floats, seed: int = 0) -> Estimate:
     return Estimate(value, value + wider * (low - value), value + wider * (high - value), n)
 
 
-def interval_of_times(seconds: Floats, seed: int = 0) -> Estimate:
+def interval_of_times(seconds: Floats) -> Estimate:
     """Return the median of repeated timings or ratios, and the interval from their logarithms.
 
     Logarithms are used because disturbances multiply a timing, and no timing is below zero.
@@ -125,18 +120,13 @@ def interval_of_times(seconds: Floats, seed: int = 0) -> Estimate:
     ----------
     seconds : ndarray of float64, shape (n,)
         Above zero.
-    seed : int
-
-    Returns
-    -------
-    Estimate
 
     Raises
     ------
     UsageError
         See `interval`.
     """
-    of_logs = interval(np.log(seconds), seed)
+    of_logs = interval(np.log(seconds))
     value, low, high = np.exp([of_logs.value, of_logs.low, of_logs.high]).tolist()
     return Estimate(value, low, high, of_logs.pairs)
 

@@ -94,10 +94,6 @@ def take_turns(
         Must be warm: compiled, and in the caches.
     sleep, clock : callable
         Replaced in tests.
-
-    Returns
-    -------
-    list of Window
     """
     windows = []
     for pair in range(plan.pairs):
@@ -165,10 +161,6 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
         Description of the meter.
     rate : float
         Matches per second of the mission.
-
-    Returns
-    -------
-    Energy
     """
     idle_w, load_w = paired_energy(trace, windows)
     loads = [window for window in windows if window.load]

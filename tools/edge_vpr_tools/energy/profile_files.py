@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -56,15 +55,12 @@ def write_report(found: Profile, folder: Path) -> None:
     if isinstance(energy, Energy) and energy.readings is not None and energy.figures is not None:
         page.heading("Energy")
         readings, of_match = energy.readings, energy.figures
-        drawings: tuple[tuple[str, Callable[[], Figure], str], ...] = (
-            ("power.png", lambda: figures.power_trace(readings),
-             "Power; idle and load windows are shaded."),
-            ("pairs.png", lambda: figures.differences(readings), "Load less idle of each pair."),
-            ("rate.png", lambda: figures.against_rate(energy, of_match),
-             "Energy of a match against the match rate: at low rates the board at rest is all."),
-        )  # fmt: skip
-        for name, draw, caption in drawings:
-            _add(page, folder / name, draw(), caption)
+        caption = "Power; idle and load windows are shaded."
+        _add(page, folder / "power.png", figures.power_trace(readings), caption)
+        caption = "Load less idle of each pair."
+        _add(page, folder / "pairs.png", figures.differences(readings), caption)
+        caption = "Energy of a match against the match rate: at low rates the board at rest is all."
+        _add(page, folder / "rate.png", figures.against_rate(energy, of_match), caption)
     provenance = to_json(found.provenance)
     page.heading("Conditions of the measurement")
     page.table(

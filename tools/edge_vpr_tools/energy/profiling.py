@@ -86,10 +86,6 @@ def profile(
     missing : sequence of Missing
         Reasons why there is no sensor.
 
-    Returns
-    -------
-    Profile
-
     Raises
     ------
     UsageError

@@ -95,10 +95,6 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> Spar
         The selected pixels.
     places : int
         K; fewer are used if all pixels of this many places would need too much memory.
-
-    Returns
-    -------
-    SparseAgainstAll
     """
     sensor = pixel_map.sensor
     events = events[:_MOST_EVENTS]

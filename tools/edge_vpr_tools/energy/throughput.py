@@ -54,10 +54,6 @@ def measure_throughput(workload: Workload, seconds: float) -> Throughput:
     seconds : float
         Duration of the measurement.
 
-    Returns
-    -------
-    Throughput
-
     Raises
     ------
     UsageError

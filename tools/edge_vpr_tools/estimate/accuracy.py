@@ -66,10 +66,6 @@ def try_designs(drives: Drives, design: Design, on_start: Callable[[str], None])
     on_start : callable
         Told what begins.
 
-    Returns
-    -------
-    list of Evaluated
-
     Raises
     ------
     UsageError

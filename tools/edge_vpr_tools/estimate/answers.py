@@ -12,16 +12,7 @@ from firmware_model.design import Design
 
 
 def answer_lines(found: Estimation) -> list[str]:
-    """Return the answer: a sentence for each target, and one on the accuracy.
-
-    Parameters
-    ----------
-    found : Estimation
-
-    Returns
-    -------
-    list of str
-    """
+    """Return the answer: a sentence for each target, and one on the accuracy."""
     asked = found.question
     if found.answers is not None:
         return [

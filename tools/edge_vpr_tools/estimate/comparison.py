@@ -75,10 +75,6 @@ def compare(
     targets : iterable of Target
     measured : Constant, optional
         See `cost`.
-
-    Returns
-    -------
-    Comparison
     """
     a, b = counted(*ours), counted(*theirs)
     return Comparison(

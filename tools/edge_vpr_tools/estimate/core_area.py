@@ -79,10 +79,6 @@ def available() -> int:
 def cells(design: Design) -> int:
     """Predict the logic cells of the core and its SPI slave on an iCE40UP5K.
 
-    Parameters
-    ----------
-    design : Design
-
     Returns
     -------
     int

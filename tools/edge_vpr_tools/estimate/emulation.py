@@ -118,10 +118,6 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
     seed : int
         Of the places and counts.
 
-    Returns
-    -------
-    Counted
-
     Raises
     ------
     ToolError

@@ -151,14 +151,6 @@ class Estimation:
 def estimate(question: Question) -> Estimation:
     """Count, model, and hold against budgets what a question asks for.
 
-    Parameters
-    ----------
-    question : Question
-
-    Returns
-    -------
-    Estimation
-
     Raises
     ------
     UsageError

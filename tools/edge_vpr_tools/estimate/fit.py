@@ -102,10 +102,6 @@ def fit(
     cycle_energy : Constant, optional
         See `cost`.
 
-    Returns
-    -------
-    list of Fit
-
     Raises
     ------
     UsageError
@@ -119,24 +115,12 @@ def fit(
 
     # the firmware in C keeps a byte a code, so that fewer bits save a processor nothing
     packed = target.kind != "processor"
-    found = []
+    most_pixels, found = min(design.width * design.height, 1 << 15), []
     for bits in _BITS if packed else (design.code_bits,):
-        for parameter, most in (
-            ("pixels", min(design.width * design.height, 1 << 15)),
-            ("places", 1 << 20),
-        ):
-            least = design.length if parameter == "places" else 1
-
-            def candidate(value: int, name: str = parameter, width: int = bits) -> Design:
-                return _changed(design, width, name, value)
-
-            found.append(_largest(parameter, bits, least, most, candidate, broken))
-
-    def wider(bits: int) -> Design:
-        return _changed(design, bits, "code_bits", bits)
-
-    most_bits = _largest("code_bits", design.code_bits, 1, MOST_BITS, wider, broken)
-    return [*found, replace(most_bits, code_bits=most_bits.value or design.code_bits)]
+        found.append(_largest(design, bits, "pixels", 1, most_pixels, broken))
+        found.append(_largest(design, bits, "places", design.length, 1 << 20, broken))
+    widest = _largest(design, design.code_bits, "code_bits", 1, MOST_BITS, broken)
+    return [*found, replace(widest, code_bits=widest.value or design.code_bits)]
 
 
 def broken_by(
@@ -191,23 +175,23 @@ def _changed(design: Design, bits: int, name: str, value: int) -> Design:
 
 
 def _largest(
-    parameter: str,
+    design: Design,
     bits: int,
+    parameter: str,
     least: int,
     most: int,
-    candidate: Callable[[int], Design],
     broken: Callable[[Design], str],
 ) -> Fit:
     """Bisect: memory and power grow with J and with K."""
     try:
-        limit = broken(candidate(least))
+        limit = broken(_changed(design, bits, parameter, least))
         if limit:
             return Fit(parameter, bits, 0, limit)
         low, high = least, most + 1
         limit = f"range up to {most}"
         while high - low > 1:
             middle = (low + high) // 2
-            why = broken(candidate(middle))
+            why = broken(_changed(design, bits, parameter, middle))
             if why:
                 high, limit = middle, why
             else:

@@ -155,10 +155,6 @@ def cost(
     mission : Mission
     cycle_energy : Constant, optional
         Measured on the user's own board, instead of the target's; pJ/cycle.
-
-    Returns
-    -------
-    Cost
     """
     instructions = None
     if target.kind == "processor":

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypedDict
-
 import numpy as np
 
 from edge_vpr.descriptors.descriptors import narrow
@@ -11,28 +9,10 @@ from edge_vpr.descriptors.pauses import mean_activity
 from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.design import Design
+from firmware_model.design_ranges import DeviceCode
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
-
-
-class _Code(TypedDict):
-    """The parameters of a design that are its code."""
-
-    code: Literal["linear", "sqrt", "log", "own-mean"]
-    code_bits: int
-    full_scales: tuple[int, ...]
-
-
-class _Matching(TypedDict, total=False):
-    """The parameters of a design that say how it matches."""
-
-    matching: Literal["sequence", "filter"]
-    length: int
-    steps: tuple[int, ...]
-    back: tuple[int, ...]
-    restart: int
-    accept: Literal["margin", "ratio"]
 
 
 def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
@@ -46,10 +26,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     lanes : int
         P, which a map does not say.
 
-    Returns
-    -------
-    Design
-
     Raises
     ------
     DesignError
@@ -61,19 +37,29 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
             f"the map has {len(reference.jumps)} jumps, which the device has not: make the map "
             "without --jumps"
         )
+    code, bits, full_scales = _code_of(reference)
+    filters = settings.matching == "filter"
+    prices = StepPrices.of(settings) if filters else StepPrices()
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
         pixels=len(reference.pixel_map),
         polarity=settings.polarity,
+        code=code,
+        code_bits=bits,
+        full_scales=full_scales,
         window=settings.window,
         tau_us=settings.tau_us,
         window_events=1 if settings.events_per_pixel is None else settings.events_per_window,
         places=len(reference),
+        matching=settings.matching,
+        length=0 if filters else settings.sequence_length,
+        steps=prices.forward,
+        back=prices.back,
+        restart=prices.restart,
         lanes=lanes,
+        accept="margin" if filters else "ratio",
         exclusion=settings.exclusion,
-        **_code_of(reference),
-        **_matching_of(reference),
     )
 
 
@@ -85,10 +71,6 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     reference : ReferenceMap
     design : Design
         Of this map.
-
-    Returns
-    -------
-    Memories
     """
     places, tables = reference.places.counts, None
     if not design.own_mean:
@@ -107,27 +89,13 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     )
 
 
-def _code_of(reference: ReferenceMap) -> _Code:
+def _code_of(reference: ReferenceMap) -> tuple[DeviceCode, int, tuple[int, ...]]:
+    """Return kind, bits and full scales of the codes."""
     own = reference.own_mean_code
     if own is not None:
-        return {"code": "own-mean", "code_bits": own.bits, "full_scales": (own.full_scale,)}
+        return "own-mean", own.bits, (own.full_scale,)
     codes = device_codes(reference).codes
-    scales = tuple(code.full_scale for code in codes)
-    return {"code": codes[0].kind, "code_bits": codes[0].bits, "full_scales": scales}
-
-
-def _matching_of(reference: ReferenceMap) -> _Matching:
-    settings = reference.settings
-    if settings.matching == "sequence":
-        return {"length": settings.sequence_length}
-    prices = StepPrices.of(settings)
-    return {
-        "matching": "filter",
-        "steps": prices.forward,
-        "back": prices.back,
-        "restart": prices.restart,
-        "accept": "margin",
-    }
+    return codes[0].kind, codes[0].bits, tuple(code.full_scale for code in codes)
 
 
 def device_codes(reference: ReferenceMap) -> PixelCodes:

@@ -10,7 +10,14 @@ from matplotlib.figure import Figure
 
 from edge_vpr_tools.estimate.candidates import Candidate
 from edge_vpr_tools.estimate.targets import Target
-from edge_vpr_tools.report.style import BLUE, ORANGE, figure, name_label, quantity_axis
+from edge_vpr_tools.report.style import (
+    BLUE,
+    ORANGE,
+    legend_below,
+    name_label,
+    panels,
+    quantity_axis,
+)
 
 
 def frontier(found: Sequence[Candidate], cost_of: Callable[[Candidate], float]) -> list[Candidate]:
@@ -24,9 +31,7 @@ def frontier(found: Sequence[Candidate], cost_of: Callable[[Candidate], float]) 
 
 def draw(found: Sequence[Candidate], target: Target) -> Figure:
     """Draw accuracy against energy a match and memory; what no other beats has its name."""
-    with figure(12.0, 5.2) as (drawing, only):
-        only.remove()
-        left, right = drawing.subplots(1, 2, sharey=True)
+    with panels(1, 2, 12.0, 5.2, sharey=True) as (drawing, ((left, right),)):
         known = [one for one in found if one.cost.per_match_j is not None]
         if known:
             _panel(left, known, _joules, "J", "energy added by the work of a match: modelled")
@@ -37,8 +42,7 @@ def draw(found: Sequence[Candidate], target: Target) -> Figure:
             left.set_xticks([])
         _panel(right, found, lambda one: one.memory_bytes, "B", "memory (1 kB is 1,000 bytes)")
         left.set_ylabel("P@100R")
-        handles, labels = right.get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+        legend_below(drawing, [right], 3)
         drawing.suptitle(f"Accuracy against energy and bytes on {target.name}")
     return drawing
 

@@ -12,16 +12,7 @@ from edge_vpr_tools.estimate.wording import three
 
 
 def sources(found: Estimation) -> list[str]:
-    """Return a sentence for each assumption, and for each cited constant.
-
-    Parameters
-    ----------
-    found : Estimation
-
-    Returns
-    -------
-    list of str
-    """
+    """Return a sentence for each assumption, and for each cited constant."""
     said = []
     cited: dict[Constant, None] = {}
     for target in found.question.targets:

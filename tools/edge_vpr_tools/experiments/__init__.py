@@ -1,7 +1,23 @@
-"""Experiments whose figures the README and the documentation quote."""
+"""Experiments whose figures the README and the documentation quote.
 
-#: each is a module of this package with a function run(data, seeds, on_start, *figures), which
-#: returns Markdown, and a function draw, which returns its figure
+Each is a module of this package with two functions. ``run(data, seeds, on_start, *figures)``
+returns its tables as Markdown; ``draw`` returns its figure.
+
+data : path, optional
+    Folder of the recorded drives (see `drive_pairs.pairs`) or of the one that the module names as
+    ``FOLDER``; not used by an experiment of `STREETS_ONLY`.
+seeds : int
+    Number of trials: simulated streets, and draws of pixels.
+on_start : callable
+    Called with a description before each part begins.
+*figures : path
+    Files to which the figure is written.
+baselines : sequence of str
+    In `rivals` and `frames`, systems in addition to those that are always compared; see
+    `edge_vpr.baselines.open_baseline`.
+"""
+
+#: module of each experiment by its name on the command line
 EXPERIMENTS = {
     "simulated": "simulated",
     "speck-walks": "speck_walks",

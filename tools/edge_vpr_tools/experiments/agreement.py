@@ -32,7 +32,16 @@ from edge_vpr_tools.experiments.counted_pairs import (
 )
 from edge_vpr_tools.experiments.drive_pairs import absent_data
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
+from edge_vpr_tools.report.style import (
+    CYCLE,
+    DASHES,
+    legend_below,
+    log_ticks,
+    look,
+    mean_line,
+    panels,
+    save,
+)
 
 NUMBERS = (5, 10, 25, 50, 150)
 #: number of pixels whose events are drawn
@@ -133,19 +142,7 @@ def _matched(pair: CountedPair, system: Baseline) -> tuple[Floats, npt.NDArray[n
 
 
 def run(data: Path | None, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Compare on simulated pairs, and on recorded ones if a folder is given.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder of the recorded drives; see `counted_pairs.recorded_pairs`.
-    seeds : int
-        Number of simulated pairs, and of draws of pixels.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Compare on simulated pairs, and on recorded ones if a folder is given."""
     results: dict[str, Found] = {}
     for trial in trials(data, seeds, on_start):
         score(trial, results.setdefault(trial.pair.name, Found()))
@@ -171,14 +168,11 @@ def _table(found: Found) -> str:
 
 def draw(results: Mapping[str, Found]) -> Figure:
     """Draw events a second of some pixels and all, and the measures; a column each pair."""
-    with figure(4.4 * len(results) + 1.5, 7.4) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(2, len(results), squeeze=False)
-        for (above, below), (pair, found) in zip(panels.T, results.items(), strict=True):
+    with panels(2, len(results), 4.4 * len(results) + 1.5, 7.4) as (drawing, grid):
+        for (above, below), (pair, found) in zip(grid.T, results.items(), strict=True):
             for i, (name, profile) in enumerate(found.profiles.items()):
                 relative = profile / max(float(profile.mean()), 1e-9)
-                look = {"color": CYCLE[i], "linestyle": DASHES[i], "lw": 1.3}
-                above.plot(relative, label=name, **look)
+                above.plot(relative, label=name, lw=1.3, **look(i))
             above.set(title=pair, xlabel="window", ylim=(0, None))
             for i, measure in enumerate(MEASURES):
                 for dashes, (strategy, called) in zip(DASHES, STRATEGIES.items(), strict=False):
@@ -186,12 +180,10 @@ def draw(results: Mapping[str, Found]) -> Figure:
                     values = [found.figures[strategy, n, measure] for n in numbers]
                     label = f"{measure}, {called}"
                     mean_line(below, numbers, values, color=CYCLE[i], linestyle=dashes, label=label)
-            below.set(xscale="log", xlabel="pixels", ylim=(0, 1.03))
-            below.set_xticks(NUMBERS, [str(number) for number in NUMBERS])
-            below.minorticks_off()
-        panels[0, 0].set_ylabel("events of a pixel, share of the mean")
-        panels[1, 0].set_ylabel("agreement with all pixels")
-        panels[0, 0].legend()
-        handles, labels = panels[1, 0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+            below.set(xlabel="pixels", ylim=(0, 1.03))
+            log_ticks(below, NUMBERS)
+        grid[0, 0].set_ylabel("events of a pixel, share of the mean")
+        grid[1, 0].set_ylabel("agreement with all pixels")
+        grid[0, 0].legend()
+        legend_below(drawing, grid[1], 3)
     return drawing

@@ -49,19 +49,7 @@ def evaluate_lengths(data: Path) -> dict[int, Evaluation]:
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Return the figures of each sequence length as a Markdown table.
-
-    Parameters
-    ----------
-    data : path
-        Folder that holds ``brisbane_sparse49``.
-    seeds : int
-        Not used: nothing is drawn, since all 49 locations are compared.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Return the figures of each sequence length as a Markdown table."""
     on_start("matching sunset 1 against sunset 2")
     by_length = evaluate_lengths(data)
     if figures:

@@ -16,11 +16,10 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.pipeline import EventSource, map_traverse
-from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.speck_walks import FOLDER, FRAME_PERIOD, truth_of_walks
-from edge_vpr_tools.experiments.trial import Kept, Summary, markdown_table
+from edge_vpr_tools.experiments.speck_walks import FOLDER, open_walks, truth_of_walks
+from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.dot_plot import dot_plot
 from edge_vpr_tools.report.style import save
 from edge_vpr_tools.runs.online import made_causal
@@ -98,25 +97,10 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Match the query under flashes with each filter, and return a Markdown table.
-
-    Parameters
-    ----------
-    data : path
-        Folder that holds ``speck_walks``.
-    seeds : int
-        Number of draws of pixels and flashes. No setting is chosen by the result.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Match the query under flashes with each filter, and return a Markdown table."""
     on_start("reading the walks")
     folder = data / FOLDER
-    walked, query = (
-        Kept(open_recording(folder / f"{name}.npz", frame_period=FRAME_PERIOD))
-        for name in ("reference", "query")
-    )
+    walked, query = open_walks(folder)
     truth_of = truth_of_walks(folder)
     scores: dict[str, Scores] = {RIGHT: {}, SAME: {}}
     for seed in range(seeds):

@@ -1,8 +1,8 @@
-"""The shipped table of probabilities: learnt on simulated streets, judged on real drives.
+"""The shipped tables of probabilities: learnt on simulated streets, judged on real drives.
 
 Each street is mapped once and driven in three lights and speed profiles. Each drive has three
 versions: as it was; with a quarter of the places cut out of the map; and with a detour through
-another street, as long as a quarter of the drive. Two more streets judge the table, also with
+another street, as long as a quarter of the drive. Two more streets judge the tables, also with
 drives in which the camera is carried to another part of the street and back; this is too rare to
 learn from.
 """
@@ -20,7 +20,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from edge_vpr import __version__
-from edge_vpr.confidence import DEFAULT_TABLE, SMOOTHED_TABLE, Confidence
+from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, SMOOTHED, Confidence
 from edge_vpr.evaluation.calibration import Reliability, learn_confidence, reliability
 from edge_vpr.evaluation.rejection import judge_rejection
 from edge_vpr.settings import QueryMean
@@ -36,6 +36,11 @@ from edge_vpr_tools.report.style import save
 JUDGED = 2
 PRECISION = 0.99
 _CUTS = 7  # random stream that decides where drives are cut
+#: settings of the matches that each table is for
+MATCHINGS: dict[str, dict[str, object]] = {
+    **{str(delay): {"smooth": False, "delay": delay} for delay in LEARNT_DELAYS},
+    SMOOTHED: {"smooth": True},
+}
 
 
 class Sample(NamedTuple):
@@ -104,18 +109,32 @@ def joined(found: list[Sample]) -> Sample:
     return Sample(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def write_table(path: Path, confidence: Confidence, seeds: int, learnt: Sample) -> None:
-    """Write a table and its origin in the package's format, atomically."""
-    right, off_map = learnt.correct.mean(), 1 - learnt.has_place.mean()
+def write_tables(path: Path, learnt: Mapping[str, tuple[Confidence, Sample]], seeds: int) -> None:
+    """Write the tables and their origin in the package's format, atomically.
+
+    Parameters
+    ----------
+    path : path
+    learnt : mapping of str to (Confidence, Sample)
+        Each table, and the matches that it was learnt from, by its name in `MATCHINGS`.
+    seeds : int
+        Number of streets.
+    """
+    tables = {
+        name: {
+            "right": round(float(found.correct.mean()), 4),
+            "off_map": round(float(1 - found.has_place.mean()), 4),
+            "trust": confidence.trust.tolist(),
+            "probability": [round(p, 6) for p in confidence.probability.tolist()],
+            "matches": confidence.matches.tolist(),
+        }
+        for name, (confidence, found) in learnt.items()
+    }
     made = {
         "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
         "version": __version__,
         "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
-        "right": round(float(right), 4),
-        "off_map": round(float(off_map), 4),
-        "trust": confidence.trust.tolist(),
-        "probability": [round(p, 6) for p in confidence.probability.tolist()],
-        "matches": confidence.matches.tolist(),
+        "tables": tables,
     }
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(made) + "\n", encoding="utf-8")
@@ -128,7 +147,7 @@ def run(
     *figures: Path,
     table: Path | None = None,
 ) -> str:
-    """Learn both tables on simulated streets, and return a report as Markdown.
+    """Learn the tables on simulated streets, and return a report as Markdown.
 
     Parameters
     ----------
@@ -141,9 +160,9 @@ def run(
     *figures : path
         Path of the reliability diagram of the streets that judge the tables.
     table : path, optional
-        Folder to which the two tables are written.
+        Folder to which they are written, in one file.
     """
-    lots = {smooth: _Lot(smooth) for smooth in (False, True)}
+    lots = {name: _Lot(changes) for name, changes in MATCHINGS.items()}
     live: dict[str, list[Case]] = {}
     for street in streets(seeds + JUDGED, on_start):
         judging = street.seed >= FIRST_SEED + seeds
@@ -156,26 +175,34 @@ def run(
             lot.take(street, judging)
     parts = []
     judged: dict[str, Reliability] = {}
-    for smooth, lot in lots.items():
+    tables: dict[str, tuple[Confidence, Sample]] = {}
+    for name, lot in lots.items():
         learnt = joined(lot.found)
         confidence = learn_confidence(learnt.trust, learnt.correct)
-        if table is not None:
-            write_table(table / (SMOOTHED_TABLE if smooth else DEFAULT_TABLE), confidence, seeds,
-                        learnt)  # fmt: skip
+        tables[name] = confidence, learnt
         pooled = joined([some for version in lot.held.values() for some in version])
         given = confidence.probability_of(pooled.trust)
-        how = "Smoothed" if smooth else "Window by window"
+        how = described(name)
         judged[how] = reliability(given, pooled.correct)
         parts += [f"{how}:",
                   f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
                   f"{1 - learnt.has_place.mean():.3f} off the map",
                   _steps(confidence), _judged(confidence, lot.held)]  # fmt: skip
-        if not smooth:
+        if name == "0":
             rows = [first_row(name, confidence, live[name]) for name in live]
             parts += ["Switched on in mid-route:", markdown_table(HEADER, rows)]
+    if table is not None:
+        write_tables(table / DEFAULT_TABLES, tables, seeds)
     if figures:
         save(draw(judged), *figures)
     return "\n\n".join(parts)
+
+
+def described(name: str) -> str:
+    """Return the name of one of `MATCHINGS` as the heading of a table."""
+    if name == SMOOTHED:
+        return "Smoothed"
+    return "Window by window" if name == "0" else f"{name} windows late"
 
 
 def draw(judged: Mapping[str, Reliability]) -> Figure:
@@ -184,15 +211,15 @@ def draw(judged: Mapping[str, Reliability]) -> Figure:
 
 
 class _Lot:
-    """Matches of all streets, smoothed or not: for learning, and by version for judging."""
+    """Matches of all streets by one of `MATCHINGS`: for learning, and by version for judging."""
 
-    def __init__(self, smooth: bool) -> None:
-        self._smooth, self._rng = smooth, np.random.default_rng(_CUTS)
+    def __init__(self, changes: Mapping[str, object]) -> None:
+        self._changes, self._rng = changes, np.random.default_rng(_CUTS)
         self.found: list[Sample] = []
         self.held: dict[str, list[Sample]] = {}
 
     def take(self, street: Street, judging: bool) -> None:
-        street = street._replace(case=with_settings(street.case, smooth=self._smooth))
+        street = street._replace(case=with_settings(street.case, **self._changes))
         for name, some in versions_of(street, self._rng, carried=judging):
             (self.held.setdefault(name, []) if judging else self.found).append(some)
 

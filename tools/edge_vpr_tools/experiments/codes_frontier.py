@@ -18,7 +18,7 @@ from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.pipeline import coded_map, describe, map_traverse
 from edge_vpr_tools.experiments.drive_pairs import Pair, check_data, pairs
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
+from edge_vpr_tools.report.style import legend_below, log_ticks, look, mean_line, panels, save
 from fixedpoint.codes import packed_bytes
 
 __all__ = ["check_data", "run"]
@@ -70,19 +70,7 @@ def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Compare every code on every pair of drives, and return Markdown tables.
-
-    Parameters
-    ----------
-    data : path
-        Folder of the drives; see `drive_pairs.pairs`.
-    seeds : int
-        Number of draws of pixels.
-    on_start : callable
-        Called with the name of each pair before it begins.
-    *figures : path
-        Path of the figure, a PNG.
-    """
+    """Compare every code on every pair of drives, and return Markdown tables."""
     by_width = {
         (name, bits): {**code, "counter_bits": bits}
         for name, code in CODES.items()
@@ -116,20 +104,12 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
 
 
 def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
-    """Draw P@100R against packed bytes a place, with a panel for each pair of drives.
-
-    Parameters
-    ----------
-    found : mapping of pair to scores by code and bits
-    pixels : mapping of pair to J
-    """
-    with figure(max(11.5, 3.8 * ((len(found) + 1) // 2)), 8.0) as (drawing, only):
-        only.remove()
-        columns = (len(found) + 1) // 2
-        panels = drawing.subplots(2, columns, squeeze=False)
-        for empty in panels.T.flat[len(found) :]:
+    """Draw P@100R against packed bytes a place, with a panel for each pair of drives."""
+    columns = (len(found) + 1) // 2
+    with panels(2, columns, max(11.5, 3.8 * columns), 8.0) as (drawing, grid):
+        for empty in grid.T.flat[len(found) :]:
             empty.remove()
-        for axes, (pair, scores) in zip(panels.T.flat, found.items(), strict=False):
+        for axes, (pair, scores) in zip(grid.T.flat, found.items(), strict=False):
             for i, name in enumerate(CODES):
                 values = [scores[name, bits] for bits in BITS]
                 mean_line(
@@ -137,25 +117,20 @@ def draw(found: Mapping[str, Scores], pixels: Mapping[str, int]) -> Figure:
                     # shifted a little, so that the spreads can be distinguished
                     [packed_bytes(pixels[pair], bits) * 1.015 ** (i - 2.5) for bits in BITS],
                     values,
-                    color=CYCLE[i],
-                    linestyle=DASHES[i % len(DASHES)],
                     lw=1.6,
                     elinewidth=0.8,
                     label=name,
+                    **look(i),
                 )
             raw = float(np.mean(scores[RAW]))
             axes.axhline(raw, color="gray", lw=0.9)
-            axes.set_xscale("log", base=2)
-            ticks = [packed_bytes(pixels[pair], bits) for bits in BITS]
-            axes.set_xticks(ticks, [f"{tick}" for tick in ticks])
-            axes.minorticks_off()
+            log_ticks(axes, [packed_bytes(pixels[pair], bits) for bits in BITS], base=2)
             axes.set(title=pair, xlabel=f"bytes a place ({', '.join(map(str, BITS))} bits)")
             lowest = min(float(np.mean(values)) for values in scores.values())
             axes.set_ylim(max(0.2, lowest - 0.07), 1.01)
-        for axes in panels[:, 0]:
+        for axes in grid[:, 0]:
             axes.set_ylabel("P@100R (grey: counts of 8 bits)")
-        handles, labels = panels[0, 0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+        legend_below(drawing, grid[0], 3)
         drawing.suptitle("Right matches against memory, for each code of the event counts")
     return drawing
 

@@ -23,13 +23,11 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.track_files import load_nmea
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.evaluation.truth_from_alignment import from_alignment
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.pipeline import EventSource, WindowSource
-from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.experiments import SOURCES, brisbane, speck_walks
 from edge_vpr_tools.experiments.simulated import SIMULATED
-from edge_vpr_tools.experiments.trial import Kept, Times, TruthOf
+from edge_vpr_tools.experiments.trial import Times, TruthOf, truth_of_tracks
 
 PAPER = PRESETS["paper"]
 #: numbers of pixels with which each pair of drives is matched
@@ -116,7 +114,7 @@ def pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
             yield from open_pairs(data / folder)
     for pair in published_pairs(data):
         tracks = Tracks(pair.reference.track, pair.query.track)
-        truth_of = truth_of_tracks(tracks, pair.tolerance_m)
+        truth_of = truth_of_tracks(*tracks, pair.tolerance_m)
         drives = pair.reference.recording, pair.query.recording
         for pixels in NUMBERS:
             settings = PAPER.replaced({"pixels": pixels}, "published traverses")
@@ -143,15 +141,6 @@ def event_pairs(data: Path | None) -> Iterator[EventPair]:
             yield EventPair(
                 pair.drives, pair.reference, pair.query, pair.settings, pair.truth_of, pair.tracks
             )
-
-
-def truth_of_tracks(tracks: Tracks, tolerance_m: float) -> TruthOf:
-    """Return the ground truth by the distances between two tracks."""
-
-    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
-        return from_tracks(*tracks, places_us, queries_us, tolerance_m)
-
-    return truth_of
 
 
 def check_data(data: Path | None) -> None:
@@ -247,10 +236,7 @@ def _indoor(folder: Path) -> Iterator[Pair]:
 
 
 def _walks(folder: Path) -> Iterator[Pair]:
-    reference, query = (
-        Kept(open_recording(folder / f"{name}.npz", frame_period=speck_walks.FRAME_PERIOD))
-        for name in ("reference", "query")
-    )
+    reference, query = speck_walks.open_walks(folder)
     truth_of = speck_walks.truth_of_walks(folder)
     for pixels in NUMBERS:
         settings = speck_walks.SETTINGS.replaced({"pixels": pixels}, "walks")
@@ -261,7 +247,7 @@ def _brisbane(folder: Path) -> Iterator[Pair]:
     names = ("sunset2", "sunset1")
     reference, query = (PublishedWindows(folder / f"{name}.npz") for name in names)
     tracks = Tracks(*(load_nmea(folder / f"{name}.nmea") for name in names))
-    truth_of = truth_of_tracks(tracks, brisbane.TOLERANCE_M)
+    truth_of = truth_of_tracks(*tracks, brisbane.TOLERANCE_M)
     drawn = brisbane.SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
     yield Pair("Brisbane", reference, query, drawn, truth_of, tracks=tracks)
     yield Pair(

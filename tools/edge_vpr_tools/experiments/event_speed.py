@@ -51,19 +51,7 @@ def events_of(
 
 
 def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Drive several streets at each speed, and return a Markdown table.
-
-    Parameters
-    ----------
-    data : object
-        Not used: nothing is read.
-    seeds : int
-        Number of streets.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Drive several streets at each speed, and return a Markdown table."""
     found: dict[str, Events] = {}
     for name, (camera, changes) in cases().items():
         on_start(name)

@@ -13,6 +13,7 @@ _FILTER = {"matching": "filter", "anchor": "end", "score": None}
 _SMOOTH = {"smooth": True}
 _LOG = {"counter_code": "log", "score": None}
 _OWN = {**_LOG, "counter_scaling": "own-mean"}
+_ROBOT = {**_FILTER, **_OWN, "query_mean": "running"}
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "sequences of 5, counts (the paper)": {"sequence_length": 5},
     "sequences of 5, 3-bit log": {**_LOG, "sequence_length": 5},
@@ -21,7 +22,8 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "place filter, counts": _FILTER,
     "place filter, 3-bit log": {**_FILTER, **_LOG},
     "place filter, own mean": {**_FILTER, **_OWN},
-    "place filter, running mean (robot)": {**_FILTER, **_OWN, "query_mean": "running"},
+    "place filter, running mean (robot)": _ROBOT,
+    "place filter, running mean (robot), 4 windows late": {**_ROBOT, "delay": 4},
     "place filter, own mean, smoothed (default)": {**_FILTER, **_OWN, **_SMOOTH},
 }
 BEST = "place filter, own mean, smoothed (default)"

@@ -22,7 +22,7 @@ from edge_vpr.simulate import REFERENCE, simulate_pair
 from edge_vpr_tools.experiments.drive_pairs import absent_events, event_pairs
 from edge_vpr_tools.experiments.simulated import SIMULATED, truth_of_pair
 from edge_vpr_tools.experiments.trial import Summary, TruthOf, Variant, markdown_table, run_trial
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
+from edge_vpr_tools.report.style import legend_below, log_ticks, look, mean_line, panels, save
 
 LENGTH_M = 450.0
 #: speeds of the query as multiples of the reference's
@@ -107,19 +107,7 @@ def recorded_drives(data: Path | None, seeds: int) -> Iterator[Drives]:
 
 
 def run(data: Path | None, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Compare both kinds of window on simulated pairs, and on recorded ones if a folder is given.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder of the recorded events; see `drive_pairs.event_pairs`.
-    seeds : int
-        Number of streets, and of draws of pixels.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Compare both kinds of window on simulated pairs, and on recorded ones of a folder."""
     found: dict[str, Row] = {}
     for seed in range(seeds):
         on_start(f"street {seed + 1} of {seeds}")
@@ -166,29 +154,24 @@ def _table(found: Mapping[str, Row]) -> str:
 def draw(found: Mapping[str, Row]) -> Figure:
     """Draw right matches and the events of the query against its duration; a column each group."""
     groups = list(dict.fromkeys(row.group for row in found.values()))
-    with figure(4.2 * len(groups) + 1.5, 7.0) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(2, len(groups), squeeze=False, sharex=True)
+    with panels(2, len(groups), 4.2 * len(groups) + 1.5, 7.0, sharex=True) as (drawing, grid):
         for column, group in enumerate(groups):
             rows = sorted(
                 (row for row in found.values() if row.group == group),
                 key=lambda row: float(np.mean(row.durations)),
             )
             across = [float(np.mean(row.durations)) for row in rows]
-            above, below = panels[:, column]
+            above, below = grid[:, column]
             for i, variant in enumerate(VARIANTS):
                 values = [row.right[variant.name] for row in rows]
-                look = {"color": CYCLE[i], "linestyle": DASHES[i]}
-                mean_line(above, across, values, label=variant.name, **look)
+                mean_line(above, across, values, label=variant.name, **look(i))
             mean_line(below, across, [row.events for row in rows], color="gray")
             below.axhline(1.0, color="gray", lw=0.8, linestyle=":")
             above.set(title=group, ylim=(0, 1.03))
             below.set(xlabel="duration of the query / of the reference", ylim=(0, None))
-            below.set(xscale="log", xlim=(0.2, 5.0))
-            below.set_xticks(DURATIONS, [f"{share:g}" for share in DURATIONS])
-            below.minorticks_off()
-        panels[0, 0].set_ylabel("P@100R")
-        panels[1, 0].set_ylabel("events, share of the reference's")
-        handles, labels = panels[0, 0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=2)
+            log_ticks(below, DURATIONS)
+            below.set_xlim(0.2, 5.0)
+        grid[0, 0].set_ylabel("P@100R")
+        grid[1, 0].set_ylabel("events, share of the reference's")
+        legend_below(drawing, grid[0], 2)
     return drawing

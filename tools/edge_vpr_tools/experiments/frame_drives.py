@@ -18,16 +18,14 @@ import numpy as np
 
 from edge_vpr.datasets.published_drives import PublishedDrive, published_pairs
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.intensity import IntensityFrames, frames_at, open_intensity
 from edge_vpr.pipeline import EventSource
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, count_pair
-from edge_vpr_tools.experiments.trial import Times, TruthOf
+from edge_vpr_tools.experiments.trial import Times, truth_of_tracks
 
 FRAMES = "frames"
 #: largest distance of a correct match, by the kind of track
@@ -91,7 +89,7 @@ def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[Framed
 def _read(
     name: str, reference: FramedDrive, query: FramedDrive, tolerance_m: float | None = None
 ) -> FramedPair:
-    truth_of = _truth_of(
+    truth_of = truth_of_tracks(
         reference.track, query.track, tolerance_m or TOLERANCE_M[reference.track.kind]
     )
     if reference.recording is None or query.recording is None:
@@ -107,13 +105,6 @@ def _read(
         for drive, wanted in zip((reference, query), times, strict=True)
     )
     return FramedPair(name, events, CountedPair(name, first, second, SETTINGS, truth_of))
-
-
-def _truth_of(reference: Track, query: Track, tolerance_m: float) -> TruthOf:
-    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
-        return from_tracks(reference, query, places_us, queries_us, tolerance_m)
-
-    return truth_of
 
 
 def _grid(drive: FramedDrive) -> Times:

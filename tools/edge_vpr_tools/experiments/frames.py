@@ -113,21 +113,7 @@ def run(
     *figures: Path,
     baselines: Sequence[str] = (),
 ) -> str:
-    """Compare frames with events on simulated pairs, and on the user's if a folder is given.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder with drives that have frames; see `edge_vpr_tools.experiments.frame_drives`.
-    seeds : int
-        Number of simulated pairs, and of draws of pixels.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure with the curves of precision and recall.
-    baselines : sequence of str
-        Additional baselines; see `edge_vpr.baselines.open_baseline`.
-    """
+    """Compare frames with events on simulated pairs, and on the user's if a folder is given."""
     rows = titles(baselines)
     results: dict[str, dict[str, list[Result]]] = {}
 
@@ -166,10 +152,10 @@ def draw(results: Mapping[str, Results], rows: Mapping[str, str]) -> Figure:
     shown = {key: title for key, title in rows.items() if _choice(key) not in hidden}
     choices = list(dict.fromkeys(map(_choice, shown)))
     looks = {
-        key: (
-            CYCLE[choices.index(_choice(key)) % len(CYCLE)],
-            "-" if key.startswith("events") else "--",
-        )
+        key: {
+            "color": CYCLE[choices.index(_choice(key)) % len(CYCLE)],
+            "linestyle": "-" if key.startswith("events") else "--",
+        }
         for key in shown
     }
     return draw_curves(results, shown, looks)

@@ -62,10 +62,6 @@ def measure_latency(
         Schedule of matches.
     reach_m : float
         Reach in metres.
-
-    Returns
-    -------
-    Latency
     """
     localiser = Localiser(reference, every=every)
     given = [localiser.update(events) for events in cleaned(query, reference.settings)]

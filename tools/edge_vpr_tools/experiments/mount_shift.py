@@ -23,21 +23,17 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.pipeline import EventSource, WindowSource, map_traverse, match_traverse, register
-from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings import Settings
 from edge_vpr_tools.experiments import SOURCES, brisbane
 from edge_vpr_tools.experiments.drive_pairs import PAPER, check_data, pairs, without_pairs
-from edge_vpr_tools.experiments.trial import Summary, TruthOf, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
+from edge_vpr_tools.experiments.trial import DEFAULT_MATCHING, Summary, TruthOf, markdown_table
+from edge_vpr_tools.report.style import CYCLE, DASHES, legend_below, mean_line, panels, save
 
 __all__ = ["check_data", "run"]
 
 #: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)
 _CODED = {"counter_code": "log"}
-_DEFAULT = {
-    name: getattr(PRESETS["default"], name)
-    for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
-}
 
 
 @dataclass(frozen=True)
@@ -66,8 +62,8 @@ WAYS = (
     Way("counts, registered", {}, True),
     Way("3-bit logarithms", _CODED),
     Way("3-bit logarithms, registered", _CODED, True),
-    Way("place filter (default)", _DEFAULT),
-    Way("place filter, registered", _DEFAULT, True),
+    Way("place filter (default)", DEFAULT_MATCHING),
+    Way("place filter, registered", DEFAULT_MATCHING, True),
 )
 #: ways that draw no pixels, and are therefore matched once, beside the largest number of pixels
 EVERY = (
@@ -176,20 +172,7 @@ def score(
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Shift the queries of every pair of drives, and return Markdown tables.
-
-    Parameters
-    ----------
-    data : path
-        Folder of the drives; see `drive_pairs.pairs`. The published counts of Brisbane, which are
-        no images, are left out.
-    seeds : int
-        Number of draws of pixels.
-    on_start : callable
-        Called with the name of each pair before it begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Shift the queries of every pair of drives, and return Markdown tables."""
     parts, drawn = [], {}
     for pair in pairs(data):
         if not pair.has_images:
@@ -233,10 +216,8 @@ def _off(estimates: Sequence[tuple[int, int, int]]) -> str:
 def draw(found: dict[str, Scores]) -> Figure:
     """Draw right matches against the shift, with a panel for each pair."""
     rows = (len(found) + 1) // 2
-    with figure(10.5, 3.0 * rows + 1) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(rows, 2, squeeze=False)
-        for axes, (pair, scores) in zip(panels.flat, found.items(), strict=False):
+    with panels(rows, 2, 10.5, 3.0 * rows + 1) as (drawing, grid):
+        for axes, (pair, scores) in zip(grid.flat, found.items(), strict=False):
             for i, way in enumerate(_matched(scores)):
                 values = [scores[way.name, shift] for shift in SHIFTS]
                 mean_line(
@@ -248,7 +229,5 @@ def draw(found: dict[str, Scores]) -> Figure:
                     label=way.name,
                 )
             axes.set(title=pair, xlabel="shift, pixels", ylabel="P@100R", ylim=(0, 1.02))
-        most = max(panels.flat, key=lambda axes: len(axes.get_legend_handles_labels()[1]))
-        handles, labels = most.get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+        legend_below(drawing, grid.flat, 3)
     return drawing

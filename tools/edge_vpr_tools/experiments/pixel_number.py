@@ -23,7 +23,7 @@ from edge_vpr_tools.experiments.counted_pairs import CountedDrive, CountedPair, 
 from edge_vpr_tools.experiments.drive_pairs import absent_data
 from edge_vpr_tools.experiments.systems import compare_systems
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
+from edge_vpr_tools.report.style import legend_below, log_ticks, look, mean_line, panels, save
 
 NUMBERS = (5, 10, 25, 50, 83, 150, 300)
 #: strategies with the suppression of the default number of pixels; numbers of pixels that do not
@@ -109,19 +109,7 @@ def run(
     on_start: Callable[[str], None],
     *figures: Path,
 ) -> str:
-    """Vary the number of pixels on simulated pairs, and on recorded ones if a folder is given.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder of the recorded drives; see `counted_pairs.recorded_pairs`.
-    seeds : int
-        Number of simulated pairs, and of draws of pixels.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Vary the number of pixels on simulated pairs, and on recorded ones if a folder is given."""
     results: dict[str, Found] = {}
     for each in draws(data, seeds, on_start):
         found = results.setdefault(each.name, Found({}, []))
@@ -148,34 +136,22 @@ def _table(found: Found, method: str) -> str:
 
 def draw(results: Mapping[str, Found]) -> Figure:
     """Draw right matches against the number of pixels: a column each pair, a row each method."""
-    with figure(4.2 * len(results) + 1.5, 8.0) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(2, len(results), squeeze=False, sharex=True)
+    with panels(2, len(results), 4.2 * len(results) + 1.5, 8.0, sharex=True) as (drawing, grid):
         every = (
             (pair, found, method) for method in (PAPER, ROBOT) for pair, found in results.items()
         )
-        for axes, (pair, found, method) in zip(panels.flat, every, strict=True):
+        for axes, (pair, found, method) in zip(grid.flat, every, strict=True):
             for i, name in enumerate(STRATEGIES):
                 numbers = [n for n in NUMBERS if (method, name, n) in found.few]
                 values = [found.few[method, name, n] for n in numbers]
-                mean_line(
-                    axes,
-                    numbers,
-                    values,
-                    color=CYCLE[i],
-                    linestyle=DASHES[i],
-                    label=name,
-                )
+                mean_line(axes, numbers, values, label=name, **look(i))
             if method == PAPER:
                 axes.axhline(float(np.mean(found.every)), color="gray", lw=0.9, label=ALL)
-            axes.set_xscale("log")
-            axes.set_xticks(NUMBERS, [str(number) for number in NUMBERS])
-            axes.minorticks_off()
+            log_ticks(axes, NUMBERS)
             axes.set(title=f"{pair}\n{method}", ylim=(0, 1.03))
-        for row in panels:
+        for row in grid:
             row[0].set_ylabel("P@100R")
-        for axes in panels[-1]:
+        for axes in grid[-1]:
             axes.set_xlabel("pixels")
-        handles, labels = panels[0, 0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+        legend_below(drawing, grid[0], 3)
     return drawing

@@ -36,7 +36,7 @@ from edge_vpr_tools.experiments.filter_variants import (
 )
 from edge_vpr_tools.experiments.simulated import truth_of_pair
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.report.style import CYCLE, figure, save
+from edge_vpr_tools.report.style import CYCLE, legend_below, panels, save
 
 __all__ = ["check_data", "run"]
 
@@ -104,10 +104,6 @@ def counted_pairs(
         Number of draws of pixels of a real pair, and of streets of the simulator.
     on_start : callable
         Called with a description before each part begins.
-
-    Returns
-    -------
-    dict of str to list of Counted
     """
     found: dict[str, list[Counted]] = {}
     for pair in pairs(data):
@@ -153,19 +149,7 @@ def _street(seed: int, on_start: Callable[[str], None]) -> Iterator[tuple[str, C
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Compare every variant on every pair of drives, and return Markdown tables.
-
-    Parameters
-    ----------
-    data : path
-        Folder of the recorded drives; see `drive_pairs.pairs`.
-    seeds : int
-        Number of draws of pixels, and of streets of the simulator.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the sensitivity plot, a PNG.
-    """
+    """Compare every variant on every pair of drives, and return Markdown tables."""
     drives = counted_pairs(data, seeds, on_start)
     if figures:
         on_start("varying each parameter")
@@ -194,13 +178,14 @@ def ablation(drives: Mapping[str, Sequence[Counted]]) -> str:
     for name, trials in drives.items():
         row = [name]
         for changes in VARIANTS.values():
-            found = [trial.evaluated(changes) for trial in trials]
-            row.append(
-                f"{Summary([f.precision_at_100_recall for f in found])} / "
-                f"{np.mean([f.recall_at_99_precision for f in found]):.2f}"
-            )
+            row.append(_right_and_recall([trial.evaluated(changes) for trial in trials]))
         rows.append(row)
     return markdown_table(("drives", *VARIANTS), rows)
+
+
+def _right_and_recall(found: Sequence[Evaluation]) -> str:
+    right = Summary([each.precision_at_100_recall for each in found])
+    return f"{right} / {np.mean([each.recall_at_99_precision for each in found]):.2f}"
 
 
 def started(drives: Mapping[str, Sequence[Counted]]) -> str:
@@ -231,10 +216,7 @@ def with_odometry(drives: Mapping[str, Sequence[Counted]]) -> str:
                     trial.evaluated(VARIANTS[variant], None, trial.odometry if used else None)
                     for trial in drives[row[0]]
                 ]
-                row.append(
-                    f"{Summary([f.precision_at_100_recall for f in found])} / "
-                    f"{np.mean([f.recall_at_99_precision for f in found]):.2f}"
-                )
+                row.append(_right_and_recall(found))
     return markdown_table(header, rows)
 
 
@@ -252,10 +234,8 @@ def by_score(drives: Mapping[str, Sequence[Counted]], variant: str) -> str:
 
 def draw(drives: Mapping[str, Sequence[Counted]]) -> Figure:
     """Draw P@100R of every pair against each parameter, with the others at their default."""
-    with figure(11.0, 4.6) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(1, len(SWEEPS), sharey=True)
-        for axes, (title, values) in zip(panels, SWEEPS.items(), strict=True):
+    with panels(1, len(SWEEPS), 11.0, 4.6, sharey=True) as (drawing, (row,)):
+        for axes, (title, values) in zip(row, SWEEPS.items(), strict=True):
             for i, (name, trials) in enumerate(drives.items()):
                 right = [
                     np.mean(
@@ -271,8 +251,7 @@ def draw(drives: Mapping[str, Sequence[Counted]]) -> Figure:
                     color=CYCLE[i % len(CYCLE)], ls=("-", "--", ":")[i // len(CYCLE) % 3],
                 )  # fmt: skip
             axes.set(xlabel=title)
-        panels[0].set_ylabel("P@100R")
-        handles, labels = panels[0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7)
+        row[0].set_ylabel("P@100R")
+        legend_below(drawing, row, 4, fontsize=7)
         drawing.suptitle("The place filter's parameters, each varied alone")
     return drawing

@@ -43,20 +43,8 @@ def run(
 ) -> str:
     """Compare systems on simulated pairs, and on recorded ones if a folder is given.
 
-    Parameters
-    ----------
-    data : path, optional
-        Folder of the recorded drives; see `counted_pairs.recorded_pairs`.
-    seeds : int
-        Number of simulated pairs, and of draws of pixels.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure of right matches against memory. The same against the time of a query,
-        and the curves of precision and recall, are written beside it, with ``_time`` and
-        ``_curves`` in their names.
-    baselines : sequence of str
-        Baselines in addition to `baseline_names`; see `edge_vpr.baselines.open_baseline`.
+    The figure is that of `draw`. Right matches against the time of a query, and the curves of
+    precision and recall, are written beside it, with ``_time`` and ``_curves`` in their names.
     """
     titles = {name: open_baseline(name).title for name in [*baseline_names(), *baselines]}
     found: dict[str, dict[str, list[Result]]] = {}

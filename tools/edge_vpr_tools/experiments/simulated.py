@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulate import SimulatedRecording, simulate_pair
 from edge_vpr_tools.experiments.latency import Latency, measure_latency
-from edge_vpr_tools.experiments.trial import Times, Trial, TruthOf, Variant, run_trial
+from edge_vpr_tools.experiments.trial import (
+    DEFAULT_MATCHING,
+    Trial,
+    TruthOf,
+    Variant,
+    run_trial,
+    truth_of_tracks,
+)
 from edge_vpr_tools.experiments.variants import draw_variants, variants_table
 from edge_vpr_tools.report.style import save
 
@@ -22,17 +27,13 @@ TOLERANCE_M = 10.0
 SETTINGS = PRESETS["paper"]
 DEFAULT = "150 varying pixels, place filter (default)"
 DEFAULT_FEW = "25 varying pixels, place filter"
-_FILTERED = {
-    name: getattr(PRESETS["default"], name)
-    for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
-}
 BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
 CODED = "150 varying pixels, fixed N, 3-bit log"
 FEW, FEW_RANDOM = "25 varying pixels, fixed N", "25 random pixels, fixed N"
 DENSE = "all pixels, fixed N"
 VARIANTS = (
-    Variant(DEFAULT, _FILTERED),
-    Variant(DEFAULT_FEW, {**_FILTERED, "pixels": 25}),
+    Variant(DEFAULT, DEFAULT_MATCHING),
+    Variant(DEFAULT_FEW, {**DEFAULT_MATCHING, "pixels": 25}),
     Variant(BEST, {"window": "count"}),
     Variant(CODED, {"window": "count", "counter_code": "log"}),
     Variant(BY_TIME),
@@ -46,11 +47,7 @@ VARIANTS = (
 
 def truth_of_pair(reference: SimulatedRecording, query: SimulatedRecording) -> TruthOf:
     """Return the ground truth of a simulated pair, by the positions along the route."""
-
-    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
-        return from_tracks(reference.track, query.track, places_us, queries_us, TOLERANCE_M)
-
-    return truth_of
+    return truth_of_tracks(reference.track, query.track, TOLERANCE_M)
 
 
 def run_variants(
@@ -101,19 +98,7 @@ def compare_latencies(
 
 
 def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Simulate several pairs, and return the figures of every variant as a Markdown table.
-
-    Parameters
-    ----------
-    data : object
-        Not used: nothing is read.
-    seeds : int
-        Number of pairs. Each has its own street, camera, drives, and draw of pixels.
-    on_start : callable
-        Called with the name of each pair before it begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Simulate several pairs, and return the figures of every variant as a Markdown table."""
     pairs = []
     for seed in range(seeds):
         on_start(f"pair {seed + 1} of {seeds}")

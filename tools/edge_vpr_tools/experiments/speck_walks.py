@@ -37,6 +37,15 @@ VARIANTS = (
 )
 
 
+def open_walks(folder: Path) -> tuple[Kept, Kept]:
+    """Read the events of the reference and the query."""
+    reference, query = (
+        Kept(open_recording(folder / f"{name}.npz", frame_period=FRAME_PERIOD))
+        for name in ("reference", "query")
+    )
+    return reference, query
+
+
 def truth_of_walks(folder: Path) -> TruthOf:
     """Return the published alignment of the two walks as ground truth."""
     alignment = load_alignment(folder / "ground_truth.csv")
@@ -55,25 +64,10 @@ def truth_of_walks(folder: Path) -> TruthOf:
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Run every variant with several draws of pixels, and return a Markdown table.
-
-    Parameters
-    ----------
-    data : path
-        Folder that holds ``speck_walks``.
-    seeds : int
-        Number of draws of pixels.
-    on_start : callable
-        Called with the name of each variant before it begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Run every variant with several draws of pixels, and return a Markdown table."""
     folder = data / FOLDER
     on_start("reading the walks")
-    reference, query = (
-        Kept(open_recording(folder / f"{name}.npz", frame_period=FRAME_PERIOD))
-        for name in ("reference", "query")
-    )
+    reference, query = open_walks(folder)
     truth_of = truth_of_walks(folder)
     found: dict[str, list[Trial]] = {}
     for variant in VARIANTS:

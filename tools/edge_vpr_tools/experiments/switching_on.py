@@ -38,7 +38,7 @@ def first_row(name: str, table: Confidence, switched_on: Sequence[Case]) -> list
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
     starts = 0
     for case in switched_on:
-        windows = len(case.counted)
+        windows, late = len(case.counted), case.reference.settings.late
         for start in range(0, windows - _LEFT, START_EVERY):
             if not case.truth.known[start]:
                 continue
@@ -51,7 +51,8 @@ def first_row(name: str, table: Confidence, switched_on: Sequence[Case]) -> list
                 sure = np.flatnonzero(given >= least)
                 if sure.size:
                     j = int(sure[0])
-                    lasted = rest.counted.end_us[j] - rest.counted.start_us[0]
+                    given_at = min(j + late, len(matches) - 1)
+                    lasted = rest.counted.end_us[given_at] - rest.counted.start_us[0]
                     right = bool(case.truth.correct[matches.place[j], start + j])
                     found.append((float(lasted) / 1e6, right))
     row.append(str(starts))

@@ -7,7 +7,6 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from edge_vpr.baselines import Baseline, Compared, compare
@@ -18,18 +17,17 @@ from edge_vpr_tools.experiments.counted_pairs import CountedPair
 from edge_vpr_tools.experiments.trial import Summary, markdown_table
 from edge_vpr_tools.report.style import (
     CYCLE,
-    DASHES,
     MARKERS,
-    figure,
+    legend_below,
+    look,
     mean_and_spread,
     name_label,
+    panels,
 )
 
 Result = tuple[Compared, Evaluation]
 #: trials by the name of the system
 Results = Mapping[str, Sequence[Result]]
-#: colour and dashes of a curve
-Look = tuple[str, Any]
 #: recall of the points of a curve, from 0 to 1
 _RECALL = np.linspace(0.0, 1.0, 501)
 _HEADER = (
@@ -44,11 +42,6 @@ def compare_systems(
     pair: CountedPair, systems: Iterable[tuple[str, Baseline]]
 ) -> dict[str, Result]:
     """Match a pair with every system that can be used on its sensor.
-
-    Parameters
-    ----------
-    pair : CountedPair
-    systems : iterable of (name, Baseline)
 
     Returns
     -------
@@ -122,10 +115,8 @@ def _draw_costs(
     label: str,
     cost_of: Callable[[Compared], float],
 ) -> Figure:
-    with figure(4.2 * len(found) + 1.5, 4.8) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(1, len(found), squeeze=False)
-        for axes, (pair, results) in zip(panels.flat, found.items(), strict=True):
+    with panels(1, len(found), 4.2 * len(found) + 1.5, 4.8) as (drawing, (row,)):
+        for axes, (pair, results) in zip(row, found.items(), strict=True):
             for i, (name, title) in enumerate(titles.items()):
                 if name not in results:
                     continue
@@ -144,13 +135,15 @@ def _draw_costs(
                 )
             axes.set_xscale("log")
             axes.set(title=pair, xlabel=label, ylim=(0, 1.03))
-        panels[0, 0].set_ylabel("P@100R")
-        _legend(drawing)
+        row[0].set_ylabel("P@100R")
+        legend_below(drawing, row, 2)
     return drawing
 
 
 def draw_curves(
-    found: Mapping[str, Results], titles: Mapping[str, str], looks: Mapping[str, Look] | None = None
+    found: Mapping[str, Results],
+    titles: Mapping[str, str],
+    looks: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Figure:
     """Draw precision against recall of every system, with a panel for each pair of drives.
 
@@ -161,38 +154,24 @@ def draw_curves(
     found : mapping of pair to mapping of name to sequence of (Compared, Evaluation)
     titles : mapping of name to str
         Titles of the systems that are drawn.
-    looks : mapping of name to (colour, dashes), optional
+    looks : mapping of name to colour and dashes, optional
+        See `edge_vpr_tools.report.style.look`.
     """
-    with figure(4.2 * max(len(found), 2) + 1.5, 5.4) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(1, len(found), squeeze=False, sharey=True)
+    width = 4.2 * max(len(found), 2) + 1.5
+    with panels(1, len(found), width, 5.4, sharey=True) as (drawing, (row,)):
         lowest = 1.0
-        for axes, (pair, results) in zip(panels.flat, found.items(), strict=True):
+        for axes, (pair, results) in zip(row, found.items(), strict=True):
             for i, (name, title) in enumerate(titles.items()):
                 if name not in results:
                     continue
-                colour, dashes = CYCLE[i % len(CYCLE)], DASHES[i % len(DASHES)]
-                if looks is not None:
-                    colour, dashes = looks[name]
+                drawn = look(i) if looks is None else looks[name]
                 curves = [evaluation.curve for _, evaluation in results[name]]
                 precision = mean_precision(curves, _RECALL)
                 # at low recall, a curve of few matches has jumps
                 lowest = min(lowest, float(precision[_RECALL > 0.05].min()))
-                axes.plot(
-                    _RECALL, precision, color=colour, linestyle=dashes, lw=1.8,
-                    label=name_label(title),
-                )  # fmt: skip
+                axes.plot(_RECALL, precision, lw=1.8, label=name_label(title), **drawn)
             axes.axhline(0.99, color="gray", lw=0.8)
             axes.set(title=pair, xlabel="recall", xlim=(0, 1.01))
-        panels[0, 0].set(ylabel="precision", ylim=(max(0.0, np.floor(10 * lowest) / 10), 1.01))
-        _legend(drawing)
+        row[0].set(ylabel="precision", ylim=(max(0.0, np.floor(10 * lowest) / 10), 1.01))
+        legend_below(drawing, row, 2)
     return drawing
-
-
-def _legend(drawing: Figure) -> None:
-    """Put one legend of all panels below them, since a system may be missing in some."""
-    entries: dict[str, Artist] = {}
-    for axes in drawing.axes:
-        handles, labels = axes.get_legend_handles_labels()
-        entries.update((str(label), each) for label, each in zip(labels, handles, strict=True))
-    drawing.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,16 +15,28 @@ from edge_vpr.baselines.comparing import fastest
 from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.drive_matching import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import EventSource, describe_query, map_traverse
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
+from edge_vpr.settings import PRESETS, Settings
 
+#: matching of the default: the place filter with own-mean codes
+DEFAULT_MATCHING = {
+    name: getattr(PRESETS["default"], name)
+    for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
+}
 Times = npt.NDArray[np.int64]
 #: maps the centre times of places and query windows to their ground truth
 TruthOf = Callable[[Times, Times], GroundTruth]
+
+
+def truth_of_tracks(reference: Track, query: Track, tolerance_m: float) -> TruthOf:
+    """Return the ground truth by the distances between two tracks."""
+    return partial(from_tracks, reference, query, tolerance_m=tolerance_m)
 
 
 class Kept:

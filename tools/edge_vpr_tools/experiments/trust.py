@@ -8,14 +8,21 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr.confidence import Confidence, default_confidence
+from edge_vpr.confidence import SMOOTHED, Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.place_positions import with_positions
 from edge_vpr.evaluation.rejection import Rejection, judge_rejection
 from edge_vpr.evaluation.tracks import distances
 from edge_vpr.pipeline import count_windows, map_traverse
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.experiments.calibration import Sample, joined, sample, with_settings
+from edge_vpr_tools.experiments.calibration import (
+    MATCHINGS,
+    Sample,
+    described,
+    joined,
+    sample,
+    with_settings,
+)
 from edge_vpr_tools.experiments.detours import Case, carried_off, without_places
 from edge_vpr_tools.experiments.drive_pairs import Pair, Tracks, check_data, pairs
 from edge_vpr_tools.experiments.switching_on import HEADER, first_row
@@ -26,25 +33,16 @@ from edge_vpr_tools.report.style import save
 __all__ = ["check_data", "run"]
 
 PRECISION = 0.99
+#: of `MATCHINGS`, those that are judged, and those that a robot can use
+LIVE = ("4", "0")
+JUDGED = (SMOOTHED, *LIVE)
 #: places that are cut out of the map of Brisbane's counts; of other maps, it is the third quarter
 _CUT = (220, 330)
 
 
 def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Judge the shipped table on every pair of real drives, and return Markdown tables.
-
-    Parameters
-    ----------
-    data : path
-        Folder of the drives; see `drive_pairs.pairs`.
-    seeds : int
-        Number of draws of pixels.
-    on_start : callable
-        Called with the name of each pair before it begins.
-    *figures : path
-        Path of the reliability diagram of all pairs together.
-    """
-    rows = {smooth: _Rows() for smooth in (True, False)}
+    """Judge the shipped table on every pair of real drives, and return Markdown tables."""
+    rows = {name: _Rows() for name in JUDGED}
     first, everything, intervals = [], [], []
     for pair in pairs(data):
         if pair.has_images or not pair.drawn:  # 49 of 49 pixels represent the counts of Brisbane
@@ -52,19 +50,19 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
             drawn = list(cases(pair, seeds))
             if pair.tracks is not None:
                 intervals.append(_intervals(pair.name, pair.tracks, drawn[0]))
-            for smooth, tables in rows.items():
-                found = tables.add(pair, [with_settings(case, smooth=smooth) for case in drawn])
-                everything += found if smooth else []
-            live = [
-                with_settings(case, query_mean="running", smooth=False)
-                for case in drawn[: min(seeds, 2)]
-            ]
-            first.append(first_row(pair.name, default_confidence(), live))
+            for name, tables in rows.items():
+                found = tables.add(pair, [with_settings(case, **MATCHINGS[name]) for case in drawn])
+                everything += found if name == SMOOTHED else []
+            for name in LIVE:
+                changes = {**MATCHINGS[name], "query_mean": "running"}
+                live = [with_settings(case, **changes) for case in drawn[: min(seeds, 2)]]
+                table = default_confidence(late=int(name))
+                first.append(first_row(f"{pair.name}, {described(name).lower()}", table, live))
     if figures:
         save(draw(joined(everything)), *figures)
     parts = []
-    for smooth, tables in rows.items():
-        how = "smoothed" if smooth else "window by window"
+    for name, tables in rows.items():
+        how = described(name).lower()
         parts += [
             f"Whole drives, {how}:",
             markdown_table(
@@ -98,7 +96,8 @@ class _Rows:
 
     def add(self, pair: Pair, drawn: list[Case]) -> list[Sample]:
         """Judge the shipped table on a pair, and return the matches of its whole drives."""
-        table = default_confidence(drawn[0].reference.settings.smooth)
+        settings = drawn[0].reference.settings
+        table = default_confidence(settings.smooth, settings.late)
         found = [sample(case) for case in drawn]
         self.whole.append(_whole_row(pair.name, table, found))
         pieces = [sample(without_places(case, *_piece(case, pair))) for case in drawn]
@@ -136,10 +135,6 @@ def cases(pair: Pair, seeds: int) -> Iterator[Case]:
     pair : Pair
     seeds : int
         Number of draws of pixels.
-
-    Yields
-    ------
-    Case
     """
     for seed in range(seeds if pair.drawn else 1):
         settings = PRESETS["default"].replaced(

@@ -21,7 +21,7 @@ from edge_vpr_tools.experiments.trial import (
     markdown_table,
     match_trial,
 )
-from edge_vpr_tools.report.style import CYCLE, DASHES, figure, mean_line, save
+from edge_vpr_tools.report.style import log_ticks, look, mean_line, panels, save
 
 #: duration of one window in seconds
 WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -53,19 +53,7 @@ def run(
     on_start: Callable[[str], None],
     *figures: Path,
 ) -> str:
-    """Vary windows and sequences on simulated pairs, and on recorded ones if a folder is given.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder of the recorded events; see `drive_pairs.event_pairs`.
-    seeds : int
-        Number of simulated pairs, and of draws of pixels.
-    on_start : callable
-        Called with a description before each part begins.
-    *figures : path
-        Path of the figure.
-    """
+    """Vary windows and sequences on simulated pairs, and on recorded ones if a folder is given."""
     results: dict[str, Found] = {}
     for name, seed, reference, query, truth_of in _trials(data, seeds):
         found = results.setdefault(name, {})
@@ -122,24 +110,13 @@ def _table(found: Found) -> str:
 
 def draw(results: Mapping[str, Found]) -> Figure:
     """Draw right matches against the length of a window, with a panel for each pair."""
-    with figure(4.6 * len(results) + 1.5, 4.2) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(1, len(results), squeeze=False)
-        for axes, (name, found) in zip(panels.flat, results.items(), strict=True):
+    with panels(1, len(results), 4.6 * len(results) + 1.5, 4.2) as (drawing, (row,)):
+        for axes, (name, found) in zip(row, results.items(), strict=True):
             for i, span in enumerate(SPANS_S):
                 values = [found[window, span] for window in WINDOWS_S]
-                mean_line(
-                    axes,
-                    WINDOWS_S,
-                    values,
-                    color=CYCLE[i],
-                    linestyle=DASHES[i],
-                    label=f"{span:g} s a match",
-                )
-            axes.set_xscale("log")
-            axes.set_xticks(WINDOWS_S, [f"{window:g}" for window in WINDOWS_S])
-            axes.minorticks_off()
+                mean_line(axes, WINDOWS_S, values, label=f"{span:g} s a match", **look(i))
+            log_ticks(axes, WINDOWS_S)
             axes.set(title=name, xlabel="length of a window, s", ylim=(0, 1.03))
-        panels[0, 0].set_ylabel("P@100R")
-        panels[0, 0].legend()
+        row[0].set_ylabel("P@100R")
+        row[0].legend()
     return drawing

@@ -75,10 +75,6 @@ def from_json(kind: type[T], value: object, where: str = "") -> T:
     where : str
         Names of the fields that lead to it, for the message.
 
-    Returns
-    -------
-    kind
-
     Raises
     ------
     RecordError

@@ -33,10 +33,6 @@ class Notice(NamedTuple):
 class Panel:
     """Shows named texts, the position as a bar, and notices.
 
-    Parameters
-    ----------
-    live : rich.live.Live
-
     Attributes
     ----------
     lost : bool

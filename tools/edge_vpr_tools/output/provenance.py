@@ -100,10 +100,6 @@ def run_record(
         Files or folders that were read.
     removed : RemovedEvents, optional
         By cleaning.
-
-    Returns
-    -------
-    RunRecord
     """
     versions = {"python": platform.python_version()}
     versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}

@@ -18,13 +18,7 @@ _ON, _OFF, _NONE = (255, 255, 255), (70, 110, 255), (20, 20, 20)
 
 
 class RerunView:
-    """Sends pictures and matches, with times on the clock of the stream.
-
-    Parameters
-    ----------
-    recording : rerun.RecordingStream
-    sensor : Sensor
-    """
+    """Sends pictures and matches, with times on the clock of the stream."""
 
     def __init__(self, recording: Any, sensor: Sensor) -> None:
         self._recording = recording

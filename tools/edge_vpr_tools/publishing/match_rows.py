@@ -18,12 +18,14 @@ class MatchRows:
     Parameters
     ----------
     reference : ReferenceMap, optional
-        With positions, each row has that of its place.
+        With positions, each row has that of its place. With a delay, each row has the host time
+        of its own window.
     """
 
     def __init__(self, reference: ReferenceMap | None = None) -> None:
         self._names: tuple[str, ...] = ()
         self._where: list[list[float | None]] = []
+        self._late = reference is not None and reference.settings.late > 0
         self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
         if reference is not None and reference.route is not None:
             route = reference.route
@@ -51,16 +53,18 @@ class MatchRows:
         str
             What is not known is null: JSON has no not-a-number.
         """
-        tail = f'"incomplete": {_FLAG[result.incomplete]}, "host_us": {host_us}'
+        incomplete = _FLAG[result.incomplete]
         for values in result.matches.tolist():
             t, place, best_sum, second, second_sum, ratio, events, start, trust, chance, lost = (
                 values
             )
+            came_us = host_us - (result.reached_us - t) * self._late
             yield (
                 f'{{"kind": "match", "t": {t}, "place": {place}, "distance_sum": {best_sum}, '
                 f'"second": {second}, "second_sum": {second_sum}, "ratio": {_number(ratio)}, '
                 f'"events": {events}, "start": {start}, "trust": {trust}, '
-                f'"probability": {_number(chance)}, "lost": {_FLAG[lost]}, {tail}'
+                f'"probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
+                f'"incomplete": {incomplete}, "host_us": {came_us}'
                 f"{self._where_text(place) if self._where else ''}}}"
             )
 

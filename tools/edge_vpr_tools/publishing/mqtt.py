@@ -76,11 +76,6 @@ class MqttPublisher:
     """Passes rows to a client of paho-mqtt, which reconnects by itself.
 
     Messages are sent with QoS 0. While there is no broker, they are not stored.
-
-    Parameters
-    ----------
-    client : paho.mqtt.client.Client
-    broker : Broker
     """
 
     name = "mqtt"

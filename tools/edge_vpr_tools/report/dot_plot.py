@@ -6,7 +6,14 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from edge_vpr_tools.report.style import CYCLE, MARKERS, figure, mean_and_spread, name_label
+from edge_vpr_tools.report.style import (
+    CYCLE,
+    MARKERS,
+    legend_below,
+    mean_and_spread,
+    name_label,
+    panels,
+)
 
 #: values of the trials by row
 Rows = Mapping[str, Sequence[float]]
@@ -28,10 +35,6 @@ def dot_plot(
     limits : (float, float), optional
         Of the horizontal axes; None chooses them by the values.
 
-    Returns
-    -------
-    Figure
-
     Examples
     --------
     >>> drawing = dot_plot({"P@100R": {"": {"25 pixels": [0.7, 0.8], "all": [0.9, 0.9]}}})
@@ -41,16 +44,15 @@ def dot_plot(
     some = next(iter(measures.values()))
     names = list(next(iter(some.values())))
     lines = len(names) * (1 + len(some)) / 2
-    with figure(3.4 + 3.2 * len(measures), 1.4 + _LINE_HEIGHT * lines) as (drawing, only):
-        only.remove()
-        panels = drawing.subplots(1, len(measures), squeeze=False, sharey=True)[0]
-        for axes, (measure, series) in zip(panels, measures.items(), strict=True):
+    size = 3.4 + 3.2 * len(measures), 1.4 + _LINE_HEIGHT * lines
+    with panels(1, len(measures), *size, sharey=True) as (drawing, (row,)):
+        for axes, (measure, series) in zip(row, measures.items(), strict=True):
             for i, (title, rows) in enumerate(series.items()):
                 found = [mean_and_spread(rows[name]) for name in names]
                 axes.errorbar(
                     [mean for mean, _ in found],
                     # several dots of a row stand below each other
-                    [row + 0.5 * ((i + 0.5) / len(series) - 0.5) for row in range(len(names))],
+                    [line + 0.5 * ((i + 0.5) / len(series) - 0.5) for line in range(len(names))],
                     xerr=[spread for _, spread in found],
                     color=CYCLE[i % len(CYCLE)],
                     marker=MARKERS[i % len(MARKERS)],
@@ -59,9 +61,8 @@ def dot_plot(
                     label=name_label(title),
                 )
             axes.set(xlabel=measure, xlim=limits)
-        panels[0].set_yticks(range(len(names)), [name_label(name) for name in names], fontsize=9)
-        panels[0].set_ylim(len(names) - 0.5, -0.5)
+        row[0].set_yticks(range(len(names)), [name_label(name) for name in names], fontsize=9)
+        row[0].set_ylim(len(names) - 0.5, -0.5)
         if len(some) > 1:
-            handles, labels = panels[0].get_legend_handles_labels()
-            drawing.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+            legend_below(drawing, row, len(some))
     return drawing

@@ -21,7 +21,7 @@ from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.scales import Scale, add_scale
-from edge_vpr_tools.report.style import BLUE, CYCLE, DASHES, ORANGE, RED, SKY, figure
+from edge_vpr_tools.report.style import BLUE, CYCLE, ORANGE, RED, SKY, figure, look
 from edge_vpr_tools.report.wording import MISSED
 
 
@@ -130,8 +130,7 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
                 found.curve.recall,
                 found.curve.precision,
                 where="post",
-                color=CYCLE[i % len(CYCLE)],
-                linestyle=DASHES[i % len(DASHES)],
+                **look(i),
                 lw=2,
                 label=f"{name}\nP@100R {found.precision_at_100_recall:.3f}, "
                 f"R@99P {found.recall_at_99_precision:.3f}",
@@ -167,21 +166,18 @@ def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
             sizes = 15 + 285 * one.matches / one.matches.max()
             label = f"{one.matches.sum()} matches in {len(one.matches)} bins, larger: more"
             if len(found) > 1:
-                label = f"{name}: {label}\nexpected calibration error {_error(one)}"
+                label = f"{name}: {one.matches.sum():,} matches, error {_error(one)}"
             axes.scatter(one.probability, one.right, s=sizes, color=colour, label=label)
         single = next(iter(found.values())) if len(found) == 1 else None
         axes.set(
-            title="Reliability"
-            + ("" if single is None else f": expected calibration error {_error(single)}"),
+            title="Reliability: expected calibration error"
+            + (", larger dots: more" if single is None else f" {_error(single)}"),
             xlabel="probability of being right, from the trust",
             ylabel="share of right matches",
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
-        if single is None:
-            axes.legend(loc="upper left", bbox_to_anchor=(0, -0.12), fontsize=9)
-        else:
-            axes.legend(loc="best")
+        axes.legend(loc="best" if single else "lower right", fontsize=9)
     return drawing
 
 

@@ -69,12 +69,7 @@ class _Section:
 
 
 class Page:
-    """Gathers the parts of a page and writes it at once, by ``templates/page.html.jinja``.
-
-    Parameters
-    ----------
-    title : str
-    """
+    """Gathers the parts of a page and writes it at once, by ``templates/page.html.jinja``."""
 
     def __init__(self, title: str) -> None:
         self._title = title

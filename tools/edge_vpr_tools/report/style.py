@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import numpy.typing as npt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -56,8 +58,41 @@ def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Ax
         yield drawing, drawing.add_subplot()
 
 
+@contextmanager
+def panels(
+    rows: int, columns: int, width: float, height: float, **shared: Any
+) -> Iterator[tuple[Figure, npt.NDArray[Any]]]:
+    """Return a figure in the common style, and its axes by row and column; see `figure`."""
+    with figure(width, height) as (drawing, only):
+        only.remove()
+        yield drawing, drawing.subplots(rows, columns, squeeze=False, **shared)
+
+
+def legend_below(drawing: Figure, shown: Iterable[Axes], columns: int, **options: Any) -> None:
+    """Put one legend of some panels below all, with each of their labels once."""
+    entries: dict[str, Artist] = {}
+    for axes in shown:
+        handles, labels = axes.get_legend_handles_labels()
+        entries.update((str(label), each) for label, each in zip(labels, handles, strict=True))
+    drawing.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=columns, **options
+    )
+
+
+def log_ticks(axes: Axes, values: Sequence[float], base: int = 10) -> None:
+    """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
+    axes.set_xscale("log", base=base)
+    axes.set_xticks(values, [f"{value:g}" for value in values])
+    axes.minorticks_off()
+
+
+def look(i: int) -> dict[str, Any]:
+    """Return colour and dashes of the i-th curve of a figure."""
+    return {"color": CYCLE[i % len(CYCLE)], "linestyle": DASHES[i % len(DASHES)]}
+
+
 def mean_line(
-    axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **look: Any
+    axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **curve: Any
 ) -> None:
     """Draw the mean of the trials at each point, with their standard deviation as a bar.
 
@@ -68,12 +103,12 @@ def mean_line(
         Points of the horizontal axis.
     trials : sequence of sequence of float
         Figures of each point's trials.
-    **look
+    **curve
         Of the line; see `matplotlib.axes.Axes.errorbar`.
     """
     found = [mean_and_spread(values) for values in trials]
     means, spreads = ([pair[i] for pair in found] for i in (0, 1))
-    axes.errorbar(across, means, spreads, marker="o", ms=3.5, **look)
+    axes.errorbar(across, means, spreads, marker="o", ms=3.5, **curve)
 
 
 def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:

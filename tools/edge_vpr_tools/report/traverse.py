@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from edge_vpr.archive import read_archive
 from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
@@ -26,6 +25,7 @@ from edge_vpr_tools.report.run_section import add_run
 from edge_vpr_tools.report.scales import Scale, along_route, seconds
 from edge_vpr_tools.report.style import drawn, save
 from edge_vpr_tools.report.wording import MISSED
+from edge_vpr_tools.runs.match_folder import read_queries
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500
@@ -54,15 +54,11 @@ def write_report(
     """
     reference = ReferenceMap.load(folder / results.MAP)
     matches = Matches.load(folder / results.MATCHES)
-    queries = None
-    if (folder / results.QUERIES).is_file():
-        arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
-        queries = Descriptors.from_arrays(arrays)
+    queries = read_queries(folder)
     route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")
 
-    def add(name: str, draw: Callable[[], Figure], caption: str) -> None:
-        drawing = draw()
+    def add(name: str, drawing: Figure, caption: str) -> None:
         saved = save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
         page.picture(saved.get("png") or drawn(drawing, "png"), caption)
 
@@ -81,17 +77,17 @@ def write_report(
         page.heading("How many are right")
         page.text(f"Ground truth: {truth.description}.")
         page.table(("figure", "value", "what it says"), _figures_of(found))
-        add("precision_recall", lambda: figures.precision_recall(
+        add("precision_recall", figures.precision_recall(
             {f"{len(reference.pixel_map)} pixels, {settings.strategy}": found}
         ), "Precision against recall, one step for each threshold.")  # fmt: skip
         certain = found.reliability
         if certain is not None:
-            add("reliability", lambda: figures.reliability_diagram({"": certain}),
+            add("reliability", figures.reliability_diagram({"": certain}),
                  "Above the line, matches are right more often than their probability; below, less."
                  )  # fmt: skip
     page.heading("Matches")
     if queries is None:
-        add(ONLINE_FIGURE, lambda: figures.online_places(matches, along_route(reference, route)),
+        add(ONLINE_FIGURE, figures.online_places(matches, along_route(reference, route)),
              "A drive that is recognised makes a line; trusted matches are dark.")  # fmt: skip
     else:
         scales = seconds(queries.centre_us, "query"), along_route(reference, route)
@@ -119,7 +115,7 @@ def write_online_figure(
 
 def _add_queries(
     page: Page,
-    add: Callable[[str, Callable[[], Figure], str], None],
+    add: Callable[[str, Figure, str], None],
     reference: ReferenceMap,
     queries: Descriptors,
     matches: Matches,
@@ -133,14 +129,14 @@ def _add_queries(
         for name, drive in (("reference", reference.places), ("query", queries))
     ]
     distances, stride = shown_distances(reference.places, queries, matches)
-    add("distance_matrix", lambda: figures.distance_matrix(
+    add("distance_matrix", figures.distance_matrix(
         distances, stride, matches, truth, found, *scales
     ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
     page.heading("Pixels")
-    add("pixels", lambda: figures.selected_pixels(reference),
+    add("pixels", figures.selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
     page.heading("Events and windows")
-    add("event_rate", lambda: figures.event_rate(drives),
+    add("event_rate", figures.event_rate(drives),
          "The selected pixels follow the whole sensor, at a fraction of the events."
          + (" Their events are estimated from codes." if reference.is_coded else ""))  # fmt: skip
     lengths = (
@@ -148,7 +144,7 @@ def _add_queries(
         if reference.settings.window == "count"
         else "Windows of a fixed time are equally long."
     )
-    add("window_lengths", lambda: figures.window_lengths(drives), lengths)
+    add("window_lengths", figures.window_lengths(drives), lengths)
 
 
 def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:

@@ -51,10 +51,6 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
         Of a drive against this map.
     truth : GroundTruth
 
-    Returns
-    -------
-    Calibrated
-
     Raises
     ------
     EdgeVprError

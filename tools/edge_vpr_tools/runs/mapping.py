@@ -47,10 +47,6 @@ def map_recording(
     odometry : Odometry, optional
         Gives each place its distance along the drive.
 
-    Returns
-    -------
-    MapRun
-
     Raises
     ------
     EdgeVprError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from edge_vpr.archive import write_archive
+from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.matches_csv import write_csv
@@ -51,3 +51,11 @@ def write_match_folder(
     left_out = removed_record(removed, int(reference.hot.sum()))
     write_json(folder / results.RUN, run_record(matches.settings.to_dict(), inputs, left_out))
     write_json(folder / results.METRICS, metrics)
+
+
+def read_queries(folder: Path) -> Descriptors | None:
+    """Read the windows of a match; None of a match event by event."""
+    if not (folder / results.QUERIES).is_file():
+        return None
+    arrays, _ = read_archive(folder / results.QUERIES, results.QUERIES_KIND)
+    return Descriptors.from_arrays(arrays)

@@ -84,10 +84,6 @@ def match_recording(
     odometry : Odometry, optional
         Of the query drive.
 
-    Returns
-    -------
-    MatchRun
-
     Raises
     ------
     EdgeVprError
@@ -97,7 +93,7 @@ def match_recording(
     start = time.perf_counter()
     queries = describe_query(reference, recording, removed=removed)
     # compiled before timing
-    match_query(reference, queries.first(reference.settings.windows_per_match))
+    match_query(reference, queries.take(slice(reference.settings.windows_per_match)))
     described = time.perf_counter()
     matches = match_query(reference, queries, odometry)
     matched = time.perf_counter()

@@ -100,10 +100,6 @@ def localise(
     odometry : Odometry, optional
         Of the query drive.
 
-    Returns
-    -------
-    OnlineRun
-
     Raises
     ------
     EdgeVprError
@@ -121,7 +117,7 @@ def localise(
         found += fed.update(events)
         busy_s += time.perf_counter() - start
         events_fed += events.size
-    rows = np.concatenate(found)
+    rows = np.concatenate([*found, localiser.finish()])
     if rows.size == 0:
         raise UsageError(
             f"the recording ended before a sequence of {settings.windows_per_match} windows was "

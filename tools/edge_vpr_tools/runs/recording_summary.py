@@ -44,14 +44,6 @@ class RecordingSummary:
 def summarise(recording: Recording) -> RecordingSummary:
     """Count a recording in one pass.
 
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    RecordingSummary
-
     Raises
     ------
     EdgeVprError

@@ -9,16 +9,24 @@ from edge_vpr.settings import duration_us
 
 
 def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
-    """Return the schedule of matches with a map, see `read_every`."""
-    return read_every(text) or MatchSchedule.window(reference.settings)
+    """Return the schedule of matches with a map, see `read_every`.
+
+    Raises
+    ------
+    UsageError
+        If it is none, or matches come late and are wanted at other times than the ends of windows.
+    """
+    schedule = read_every(text)
+    if schedule is not None and reference.settings.late:
+        raise UsageError(
+            f"--every {text} with a delay of {reference.settings.late} windows, which gives a "
+            "match at the end of each window: leave --every out, or set --delay 0"
+        )
+    return schedule or MatchSchedule.window(reference.settings)
 
 
 def read_every(text: str) -> MatchSchedule | None:
     """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
-
-    Parameters
-    ----------
-    text : str
 
     Returns
     -------

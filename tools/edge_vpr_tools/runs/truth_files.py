@@ -51,10 +51,6 @@ def load_truth(
     frame_period : str, optional
         Needed for an alignment in frames, in seconds, for example ``1/30``.
 
-    Returns
-    -------
-    GroundTruth
-
     Raises
     ------
     UsageError

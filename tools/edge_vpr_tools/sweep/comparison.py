@@ -80,10 +80,6 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
     runs : sequence of Path
         Folders of `edge-vpr sweep`, or of `edge-vpr match` after `edge-vpr evaluate`.
 
-    Returns
-    -------
-    list of Row
-
     Raises
     ------
     UsageError
@@ -103,12 +99,7 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
 
 
 def table_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return heading and cells of a table: means, and their spread if there are several seeds.
-
-    Parameters
-    ----------
-    rows : iterable of Row
-    """
+    """Return heading and cells of a table: means, and their spread if there are several seeds."""
     head = ["run", "variant", "drives", "seeds", *MEASURES.values()]
     lines = []
     for row in rows:
@@ -119,12 +110,7 @@ def table_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str]]]:
 
 
 def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | float | None]]]:
-    """Return heading and cells of a spreadsheet, with mean and spread in separate columns.
-
-    Parameters
-    ----------
-    rows : iterable of Row
-    """
+    """Return heading and cells of a spreadsheet, with mean and spread in separate columns."""
     head = ["run", "variant", "drives", "seeds", "failed"]
     head += [f"{name}_{what}" for name in MEASURES for what in ("mean", "std")]
     lines: list[list[str | float | None]] = []

@@ -32,14 +32,7 @@ class NamedTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """All combinations of variants, drives and seeds.
-
-    Attributes
-    ----------
-    variants : mapping of str to Settings
-    drives : mapping of str to PairOfDrives
-    seeds : tuple of int
-    """
+    """All combinations of variants, drives and seeds."""
 
     variants: Mapping[str, Settings]
     drives: Mapping[str, PairOfDrives]
@@ -76,10 +69,6 @@ def read_plan(path: Path) -> Plan:
         list of values for each setting, every combination of which is a variant;
         ``[variants.NAME]`` with additional variants; ``[drives.NAME]`` with the fields of
         `PairOfDrives`.
-
-    Returns
-    -------
-    Plan
 
     Raises
     ------

@@ -51,10 +51,6 @@ def run_all(
         A function of a module, so that other processes can import it.
     workers : Workers
 
-    Yields
-    ------
-    Outcome
-
     Raises
     ------
     EdgeVprError

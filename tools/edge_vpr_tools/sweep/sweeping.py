@@ -68,10 +68,6 @@ def run_sweep(
     run : callable
         Maps a trial to its result; must be a function of a module.
 
-    Returns
-    -------
-    SweepRun
-
     Raises
     ------
     EdgeVprError

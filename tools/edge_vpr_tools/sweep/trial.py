@@ -192,14 +192,6 @@ class KeptFailure:
 def run_trial(trial: Trial) -> TrialResult:
     """Map, match and evaluate one trial.
 
-    Parameters
-    ----------
-    trial : Trial
-
-    Returns
-    -------
-    TrialResult
-
     Raises
     ------
     EdgeVprError

@@ -93,10 +93,6 @@ class _Cluster(Workers):
 def processes(workers: int) -> Iterator[Workers]:
     """Provide worker processes of this machine, which end with the block.
 
-    Parameters
-    ----------
-    workers : int
-
     Raises
     ------
     UsageError

@@ -99,12 +99,7 @@ class Missing:
 
 
 class NumberFile:
-    """One number in a file of sysfs, which is opened once and read repeatedly from its beginning.
-
-    Parameters
-    ----------
-    path : path
-    """
+    """One number in a file of sysfs, opened once and read repeatedly from its beginning."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._descriptor = path, -1
