@@ -78,10 +78,11 @@ class Separate:
             self.whole_us = self.reached
         if 0 <= whole_us <= before_us:
             self.since += sum((x, y) in PIXELS for x, y in kept[["x", "y"]].tolist())
+        windows = chosen.windows_per_match + chosen.late
         if chosen.window == "time":
-            whole = 0 <= whole_us <= before_us - chosen.windows_per_match * chosen.tau_us
+            whole = 0 <= whole_us <= before_us - windows * chosen.tau_us
         else:
-            whole = since >= chosen.windows_per_match * chosen.events_per_window
+            whole = since >= windows * chosen.events_per_window
         return bool(self.losses) and not whole
 
 
@@ -89,7 +90,9 @@ def a_map(rng, kind, window, remove_bursts):
     changes = {"window": window, "tau_us": 2_000, "events_per_pixel": 2.0}
     changes |= {"remove_bursts": remove_bursts}
     counts = rng.integers(0, 6, (30, len(PIXELS)))
-    if kind == "filter":
+    if kind == "delayed":
+        changes |= {"smooth": False, "delay": 1}
+    if kind != "sequence":
         return filtered_map(counts, **changes)
     return map_of(counts, sequence_length=2, **changes)
 
@@ -143,10 +146,11 @@ def cut(rng, sent, whole):
     return [data[begin:end] for begin, end in zip(at, [*at[1:], len(data)], strict=True)]
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32),
     device=st.sampled_from(["evpr", "evpr", "evt2"]),
-    kind=st.sampled_from(["sequence", "filter"]),
+    kind=st.sampled_from(["sequence", "filter", "delayed"]),
     window=st.sampled_from(["time", "count"]),
     remove_bursts=st.booleans(),
     every=st.sampled_from(SCHEDULES),
@@ -158,6 +162,8 @@ def test_one_call_gives_the_results_of_its_parts_whatever_comes_and_however_it_i
 ):
     rng = np.random.default_rng(seed)
     reference = a_map(rng, kind, window, remove_bursts)
+    if kind == "delayed":
+        every = MatchSchedule.window(reference.settings)
     live = LiveLocaliser(open_decoder(device, SENSOR), reference, every, causal_bursts=True)
     separate = Separate(device, reference, every)
     sent = a_stream(rng, device)
@@ -175,7 +181,8 @@ def test_one_call_gives_the_results_of_its_parts_whatever_comes_and_however_it_i
     events, found = (each.tobytes() for each in (last.events, last.matches))
     ended = separate.decoder.finish()
     matches, _ = separate.match(ended, separate.decoder.reached_us)
-    assert (events, found) == (ended.tobytes(), matches.tobytes())
+    matches = matches.tobytes() + separate.localiser.finish().tobytes()
+    assert (events, found) == (ended.tobytes(), matches)
     live._localiser.verify()
 
 
