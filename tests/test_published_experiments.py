@@ -151,7 +151,9 @@ def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, sm
     text = codes_frontier.run(downloads, 1, nothing)
     assert f"| code | {PAIR}, 25 px | mean |" in text
     text = trust.run(downloads, 1, nothing)
-    assert text.count(f"| {PAIR}, 25 px |") == 7
+    assert text.count(f"| {PAIR}, 25 px |") == 9  # three tables each: smoothed, late, at once
+    for how in ("4 windows late", "window by window"):
+        assert text.count(f"| {PAIR}, 25 px, {how} |") == 1
     assert f"Intervals along the route of {PAIR}, 25 px hold" in text
 
 
