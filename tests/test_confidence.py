@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors, random_events
 
-from edge_vpr.confidence import Confidence, Judge, default_confidence
+from edge_vpr.confidence import LEARNT_DELAYS, Confidence, Judge, default_confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
@@ -26,6 +26,7 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings.table import MOST_DELAY
 
 SENSOR = Sensor(16, 12)
 outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)
@@ -47,6 +48,15 @@ def test_blocks_of_pooled_violators_are_the_least_squares_rising_fit(found):
         fit += [mean] * (end - begin)
     assert np.allclose(fit, naive.isotonic(values.tolist(), weights.tolist()))
     assert (np.diff([fit[begin] for begin in begins]) > 0).all()
+
+
+def test_a_delay_takes_the_table_of_the_next_lower_one_that_was_learnt():
+    tables = [default_confidence(late=late).trust.tolist() for late in LEARNT_DELAYS]
+    assert all(tables.count(table) == 1 for table in tables)
+    for late, learnt in {1: 0, 2: 2, 3: 2, 4: 4, 7: 4, 8: 8, MOST_DELAY: 8}.items():
+        taken = default_confidence(late=late).trust.tolist()
+        assert taken == tables[LEARNT_DELAYS.index(learnt)]
+    assert default_confidence(smoothed=True).trust.tolist() not in tables
 
 
 @given(outcomes)
