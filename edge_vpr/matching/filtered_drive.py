@@ -125,7 +125,7 @@ def filter_drive(
     events, block = queries.activity, max(1, _BLOCK_DISTANCES // places)
     kept = _Kept.empty(n, places if smooth else 0)
     found = _Found.empty(n, metrics)
-    lag = FixedLag(place_filter.moves, place_filter.exclusion, delay)
+    lag = FixedLag(place_filter.moves, place_filter.exclusion, delay) if delay else None
     for first, last in runs(ways, block):
         way = ways[first]
         if way is not None:
@@ -134,14 +134,14 @@ def filter_drive(
         rows = place_filter.advance_windows(distances, events[first:last])
         if smooth:
             kept.keep(first, last, rows)
-        elif delay:
+        elif lag is not None:
             late = (lag.add(rows.part(i, i + 1), ways[first + i]) for i in range(last - first))
             found.put_decided(last - delay, late)
         else:
             found.put(first, rows.columns, rows.metrics)
     if smooth:
         _smooth(place_filter, kept, ways, block, found)
-    elif delay:
+    elif lag is not None:
         found.put_decided(n, lag.finish())
     return FilteredDrive(found.columns, found.candidates)
 

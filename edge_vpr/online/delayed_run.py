@@ -52,7 +52,7 @@ class DelayedRun(FilterRun):
             )
         super().__init__(reference, windows, schedule)
         self._lag = FixedLag(self.place_filter.moves, settings.exclusion, settings.late)
-        self._given: deque[np.void] = deque()  # by the kernel, of the window that ends
+        self._given: np.void | None = None  # by the kernel, of the window that ends
         self._undecided: deque[np.void | None] = deque()  # None of a window that was skipped
         self._decided: list[np.void] = []
 
@@ -74,11 +74,12 @@ class DelayedRun(FilterRun):
 
     def _taken(self, given: int) -> npt.NDArray[np.void]:
         rows = super()._taken(given)
-        self._given.extend(rows)
+        (self._given,) = rows
         return rows[:0]
 
     def _ended(self, rows: WindowRows) -> None:
-        self._undecided.append(self._given.popleft() if self._given else None)
+        self._undecided.append(self._given)
+        self._given = None
         decided = self._lag.add(rows, self.odometer.travelled_mm)
         if decided is not None:
             self._replace(decided)

@@ -134,11 +134,8 @@ def feed(
 
     Parameters
     ----------
-    rate : float
-        Events a second.
-    number : int
-        Matches; there are `FRAMES` times as many frames.
-    burst_filter : str
+    rate, number, burst_filter
+        See `byte_to_match`.
     pause_us : float
         Sleep before each frame, in which other work uses the caches.
 

@@ -18,7 +18,7 @@ from edge_vpr_tools.report.formats import read_formats
 from edge_vpr_tools.runs.match_folder import write_match_folder
 from edge_vpr_tools.runs.online import localise, made_causal
 from edge_vpr_tools.runs.registration import registered
-from edge_vpr_tools.runs.schedule import parse_every
+from edge_vpr_tools.runs.schedule import every_of, parse_every
 
 
 def match_online(
@@ -47,7 +47,7 @@ def match_online(
     output, reference = Path(args.output), made_causal(reference)
     settings, every = (
         reference.settings,
-        args.every or ("window" if reference.settings.late else "event"),
+        every_of(args.every, "event", reference),
     )
     recording = open_from(args, args.recording)
     check_sensor(recording.sensor, reference.pixel_map.sensor)

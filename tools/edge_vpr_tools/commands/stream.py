@@ -7,7 +7,6 @@ from pathlib import Path
 
 from edge_vpr.errors import printable
 from edge_vpr.events import Sensor
-from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import duration_us
 from edge_vpr_tools.arguments.setting_flags import map_settings, with_match_flags
@@ -15,7 +14,7 @@ from edge_vpr_tools.arguments.stream_checks import check_arguments
 from edge_vpr_tools.output.cleaning import warn_if_much
 from edge_vpr_tools.output.messages import summary
 from edge_vpr_tools.runs.live import Line, LiveOutput, follow_line, learn_map
-from edge_vpr_tools.runs.schedule import parse_every
+from edge_vpr_tools.runs.schedule import every_of, parse_every
 
 
 def run(args: argparse.Namespace) -> None:
@@ -35,7 +34,9 @@ def run(args: argparse.Namespace) -> None:
         _learn(args, output)
         return
     reference = None if args.map is None else _with_flags(args, ReferenceMap.load(args.map))
-    every = None if reference is None else _schedule(args.every, reference)
+    every = None
+    if reference is not None:
+        every = parse_every(every_of(args.every, "50ms", reference), reference)
     causal = args.burst_filter == "causal"
     follow_line(
         _line(args, reference), output, reference, every,
@@ -64,10 +65,6 @@ def _line(args: argparse.Namespace, reference: ReferenceMap | None) -> Line:
         drop=None if args.on_overload is None else args.on_overload == "drop",
         max_lag_s=duration_us(args.max_lag) / 1e6,
     )  # fmt: skip
-
-
-def _schedule(every: str | None, reference: ReferenceMap) -> MatchSchedule:
-    return parse_every(every or ("window" if reference.settings.late else "50ms"), reference)
 
 
 def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:

@@ -8,6 +8,11 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import duration_us
 
 
+def every_of(given: str | None, default: str, reference: ReferenceMap) -> str:
+    """Return the given ``--every``; without one, the default, or ``window`` if matches are late."""
+    return given or ("window" if reference.settings.late else default)
+
+
 def parse_every(text: str, reference: ReferenceMap) -> MatchSchedule:
     """Return the schedule of matches with a map, see `read_every`.
 
