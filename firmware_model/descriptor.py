@@ -29,12 +29,14 @@ class EventResult(NamedTuple):
 class WindowResult(NamedTuple):
     """A window that ended, and the number of events processed before its end.
 
-    It is a pause if it has so few events at selected pixels that the camera must be standing.
+    It is quiet if it has so few events at selected pixels that the camera hardly moves, and a pause
+    too if it has so few that the camera must be standing.
     """
 
     number: int
     events: int
     codes: Codes
+    quiet: bool = False
     paused: bool = False
 
 
@@ -136,7 +138,8 @@ class DescriptorModel:
 
     def _end_window(self) -> Iterator[WindowResult]:
         paused = self.activity.pauses(self.counted)
-        yield WindowResult(self.windows, self.events, self.codes, paused)
+        quiet = self.activity.is_quiet(self.counted)
+        yield WindowResult(self.windows, self.events, self.codes, quiet, paused)
         if self.design.own_mean and not paused:
             self.mean.update(self._entries())
         self.activity.update(self.counted)

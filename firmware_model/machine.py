@@ -113,7 +113,7 @@ class Machine:
         """Compare a window with every place."""
         if self.design.filters:
             return self.place_filter.match(
-                window.number, window.paused, lambda: self._distances(window.codes)
+                window.number, window.quiet, window.paused, lambda: self._distances(window.codes)
             )
         self.sequence.next_window()
         self.search = SearchModel(self.design)
@@ -126,7 +126,9 @@ class Machine:
     def _distances(self, codes: Codes) -> Iterator[int]:
         return (self.comparator.distance(place, codes) for place in range(self.design.places))
 
-    def filter_cycles(self, codes: Codes, paused: bool = False) -> Iterator[Cycle]:
+    def filter_cycles(
+        self, codes: Codes, quiet: bool = False, paused: bool = False
+    ) -> Iterator[Cycle]:
         """Do what `match` does with the place filter, one clock cycle after another.
 
         Encoding takes a cycle a slot. The distance unit takes P codes of a place in a cycle, for
@@ -145,7 +147,7 @@ class Machine:
                 phases += self._compared(codes) if not design.keep_distances else []
                 phases += [Cycle(0, "compare")] * (design.places if design.keep_distances else 0)
                 phases += [Cycle(0, "divide")] * cost.scale
-        self.place_filter.match(0, paused, lambda: self._distances(codes))
+        self.place_filter.match(0, quiet, paused, lambda: self._distances(codes))
         for place, metric in enumerate(self.place_filter.metrics):
             again = not (paused or design.keep_distances)
             words = list(self.comparator.steps(place, codes)) if again else [None]

@@ -15,8 +15,8 @@ from firmware_model.largest_values import (
 )
 from firmware_model.running import moved
 
-#: prices of a step of 0, 1 and 2 places in a pause
-PAUSE_STEPS = (0, 0, 1)
+#: prices of a step of 0, 1 and 2 places in a quiet window
+QUIET_STEPS = (0, 0, 1)
 #: the trust moves by 1/4 of the difference to the margin in each window
 TRUST_SHIFT = 2
 #: while the place stays the same, the trust falls by 1/16 in each window
@@ -44,16 +44,16 @@ class PlaceFilterModel:
         self.reciprocal = 0
         self.place, self.trust = -1, 0
 
-    def predictions(self, paused: bool) -> list[int]:
+    def predictions(self, quiet: bool) -> list[int]:
         """Return the price of being at each place one window later, without evidence."""
         if self.place < 0:
             return [0] * self.design.places
         least = min(self.metrics)
-        return [self.prediction(place, paused, least) for place in range(self.design.places)]
+        return [self.prediction(place, quiet, least) for place in range(self.design.places)]
 
-    def prediction(self, place: int, paused: bool, least: int) -> int:
+    def prediction(self, place: int, quiet: bool, least: int) -> int:
         """Return the price of being at one place one window later; `least` is the lowest metric."""
-        steps, back = (PAUSE_STEPS, ()) if paused else (self.design.steps, self.design.back)
+        steps, back = (QUIET_STEPS, ()) if quiet else (self.design.steps, self.design.back)
         cheapest = self.design.restart << FRACTION_BITS
         for origin, price in (
             *((place - step, price) for step, price in enumerate(steps)),
@@ -64,7 +64,7 @@ class PlaceFilterModel:
         return cheapest
 
     def match(
-        self, number: int, paused: bool, distances: Callable[[], Iterable[int]]
+        self, number: int, quiet: bool, paused: bool, distances: Callable[[], Iterable[int]]
     ) -> MatchResult:
         """Advance by a window, and return its match.
 
@@ -72,11 +72,12 @@ class PlaceFilterModel:
         ----------
         number : int
             Of the window.
-        paused : bool
+        quiet, paused : bool
+            See `WindowResult`.
         distances : callable
             Gives those to all places; not called if the window pauses.
         """
-        predictions = self.predictions(paused)
+        predictions = self.predictions(quiet)
         if paused:
             self.metrics = predictions
         else:
@@ -99,7 +100,7 @@ class PlaceFilterModel:
         assert result is not None, "there is a place"
         margin = METRIC_TOP if result.second_sum is None else result.second_sum - result.sum
         design = self.design
-        last = max(len(design.steps), len(PAUSE_STEPS)) - 1
+        last = max(len(design.steps), len(QUIET_STEPS)) - 1
         follows = self.place >= 0 and -len(design.back) <= result.place - self.place <= last
         kept = self.trust if follows else 0
         trust = moved(kept, margin << TRUST_BITS, TRUST_SHIFT)

@@ -8,7 +8,9 @@ from firmware_model.design import Design
 from firmware_model.largest_values import ACTIVITY_BITS, EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
-#: a window is a pause if it has no events, or less than 1/16 of the usual number
+#: a window is quiet if it has no events, or less than 1/8 of the usual number
+QUIET_SHIFT = 3
+#: it is a pause if it has none, or less than 1/16
 PAUSE_SHIFT = 4
 #: the usual number moves by 1/64 of the difference in a window
 ACTIVITY_SHIFT = 6
@@ -33,6 +35,10 @@ class ActivityModel:
 
     def __init__(self, usual: int) -> None:
         self.usual = usual
+
+    def is_quiet(self, events: int) -> bool:
+        """Return whether a window with this many events at selected pixels is quiet."""
+        return events == 0 or events << (ACTIVITY_BITS + QUIET_SHIFT) < self.usual
 
     def pauses(self, events: int) -> bool:
         """Return whether a window with this many events at selected pixels is a pause."""

@@ -354,8 +354,9 @@ def place_filter(
     for j, d in enumerate(distances):
         mean = sum(d) // len(d)
         spread = max(sum(abs(x - mean) for x in d) // len(d), 1)
+        quiet = events[j] == 0 or 8 * 256 * events[j] < activity
         pause = events[j] == 0 or 16 * 256 * events[j] < activity
-        steps = {0: 0, 1: 0, 2: 4} if pause else prices
+        steps = {0: 0, 1: 0, 2: 4} if quiet else prices
         least, way = min(metric), travelled[j] if travelled else None
         ways = ways_of_steps(len(d), steps, jumps) if way is None else (
             ways_of_odometry(along, way, jumps)
@@ -410,12 +411,13 @@ def smoothed_filter(
     metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
     for d, count, way in zip(distances, events, travelled, strict=True):
         own = 65536 // max(sum(abs(x - sum(d) // k) for x in d) // k, 1)
+        quiet = count == 0 or 8 * 256 * count < usual
         pause = count == 0 or 16 * 256 * count < usual
         scaled = own if scale is None else scale
         evidence.append([0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d])
         scale = scale if pause else own
         usual += (256 * min(count, 2**23 - 1) - usual) // 64
-        steps = {0: 0, 1: 0, 2: 4} if pause else prices
+        steps = {0: 0, 1: 0, 2: 4} if quiet else prices
         ways.append(
             ways_of_steps(k, steps, jumps) if way is None else ways_of_odometry(along, way, jumps)
         )

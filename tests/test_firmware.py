@@ -505,6 +505,7 @@ FILTER_MUTATIONS = {
         "follows ? s->trust : s->trust",
     ),
     "trust follows too far": ("filter.h", "<= (d->back + last)", "<= (d->back + last + 1U)"),
+    "quiet windows are lively": ("vpr.c", "has_too_few(s, events, QUIET_BITS)", "s->paused"),
     "pauses are windows": ("vpr.c", "(events == 0U) || (events < least)", "least > 1U << 30"),
     "a window of few events is none that pauses": (
         "vpr.c",

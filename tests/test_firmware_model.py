@@ -131,6 +131,7 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         seen["own mean"] += design.own_mean
         seen["filter"] += design.filters
         seen["pauses"] += sum(window.paused for window in done.windows)
+        seen["quiet"] += sum(window.quiet and not window.paused for window in done.windows)
         seen["moves"] += sum(not window.paused for window in done.windows)
         seen["back"] += bool(design.back)
         seen["rejected by trust"] += sum(
@@ -258,9 +259,9 @@ def test_cycles_and_results_of_the_stepped_filter():
         at_once, stepped = Machine(memories), Machine(memories)
         for number in range(4):
             codes = tuple(rng.integers(0, design.code_max + 1, design.slots).tolist())
-            paused = number == 2
-            at_once.match(WindowResult(number, 0, codes, paused))
-            states = list(stepped.filter_cycles(codes, paused))
+            quiet, paused = number in (1, 2), number == 2
+            at_once.match(WindowResult(number, 0, codes, quiet, paused))
+            states = list(stepped.filter_cycles(codes, quiet, paused))
             metrics = at_once.place_filter.metrics
             assert stepped.place_filter.metrics == metrics
             assert stepped.place_filter.trust == at_once.place_filter.trust

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr.descriptors.pauses import find_pauses, mean_activity
+from edge_vpr.descriptors.pauses import find_pauses, is_quiet, mean_activity
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import filtered_drive
 from edge_vpr.matching.drive_matching import match_descriptors
@@ -44,7 +44,7 @@ def test_metrics_answers_and_trust_equal_the_oracle(
 ):
     rng = np.random.default_rng(seed)
     distances = rng.integers(0, largest + 1, (windows, places))
-    events = rng.choice([0, 3, 90, 200], windows)
+    events = rng.choice([0, 3, 9, 12, 90, 200], windows)
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_ways(rng, places, windows, spacing)
     found = PlaceFilter(places, priced, exclusion, usual, jumps=pairs, along_mm=along)
@@ -94,7 +94,7 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     """Smoothed whole, or as far as the windows go that a match waits for."""
     rng = np.random.default_rng(seed)
     reference, queries = (rng.integers(0, 9, (n, 3)) for n in (places, windows))
-    events = rng.choice([0, 3, 90, 200], windows)
+    events = rng.choice([0, 3, 9, 12, 90, 200], windows)
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_ways(rng, places, windows, spacing)
     odometry = None if along is None else readings(travelled)
@@ -237,6 +237,23 @@ def test_while_the_camera_stands_the_answer_stays():
     assert [found.advance(row, 9).place for row in standing] == [9] * 6
     after = drive_through(50, list(range(10, 15)), rng)
     assert [found.advance(row, 160).place for row in after] == list(range(10, 15))
+
+
+def test_a_quiet_window_has_less_than_an_eighth_of_the_usual_events():
+    assert [is_quiet(events, 256 * 160) for events in (20, 19, 0)] == [False, True, True]
+    assert is_quiet(0, 0) and not is_quiet(1, 0)
+
+
+def test_in_a_quiet_window_standing_costs_nothing_and_evidence_counts():
+    """With as many events again, a step of one place is as much cheaper than standing."""
+    for events, standing, moving in ((20, 4, 0), (19, 0, 0), (9, 0, 0)):
+        found = PlaceFilter(30, StepPrices(), activity=256 * 160)
+        distances = np.full(30, 100)
+        distances[[5, 6]] = 0
+        found.advance(distances, 160)
+        match = found.advance_windows(distances[np.newaxis], np.array([events]))
+        metrics = match.metrics[0]
+        assert (metrics[5], metrics[6], metrics[7] > 0) == (standing, moving, events > 9), events
 
 
 def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():

@@ -1,4 +1,4 @@
-"""Pauses: windows with so few events that the camera must be standing still."""
+"""Quiet windows and pauses: so few events that the camera hardly moves, or stands still."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 
-#: a window with no event, or less than 1/16 of the usual number, is a pause
+#: a window with no event, or less than 1/8 of the usual number, is quiet: standing costs nothing
+QUIET_SHIFT = 3
+#: a window with no event, or less than 1/16 of the usual number, is a pause: it has no evidence
 PAUSE_SHIFT = 4
 #: the usual number moves by 1/64 of the difference in each window; it has 8 fraction bits
 ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
@@ -16,8 +18,14 @@ EVENTS_TOP = (1 << 23) - 1
 
 
 @kernel
+def is_quiet(events: int, usual: int) -> bool:
+    """Return whether a window of `events` selected events is quiet (`usual`: see `Activity`)."""
+    return events == 0 or events << (ACTIVITY_BITS + QUIET_SHIFT) < usual
+
+
+@kernel
 def is_pause(events: int, usual: int) -> bool:
-    """Return whether a window of `events` selected events is a pause (`usual`: see `Activity`)."""
+    """Return whether a window of `events` selected events is a pause, which is quiet too."""
     return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < usual
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.descriptors.pauses import is_pause, usual_after
+from edge_vpr.descriptors.pauses import is_pause, is_quiet, usual_after
 from edge_vpr.matching.filter_arithmetic import (
     TRUST_BITS,
     evidence_of,
@@ -31,12 +31,12 @@ class Predictions(NamedTuple):
 
     Attributes
     ----------
-    moving, paused : ndarray of int32, shape (K,)
+    moving, quiet : ndarray of int32, shape (K,)
     follows : ndarray of bool, shape (K,)
     """
 
     moving: Metrics
-    paused: Metrics
+    quiet: Metrics
     follows: npt.NDArray[np.bool_]
 
 
@@ -51,14 +51,14 @@ class WindowRows(NamedTuple):
         After each window.
     evidence : ndarray of uint8, shape (n, K)
         Which each window added.
-    pauses : ndarray of bool, shape (n,)
-        Which windows are pauses.
+    quiet : ndarray of bool, shape (n,)
+        Which windows are quiet.
     """
 
     columns: npt.NDArray[np.int64]
     metrics: Metrics
     evidence: npt.NDArray[np.uint8]
-    pauses: npt.NDArray[np.bool_]
+    quiet: npt.NDArray[np.bool_]
 
     @classmethod
     def empty(cls, windows: int, places: int) -> WindowRows:
@@ -74,13 +74,13 @@ class WindowRows(NamedTuple):
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
         return WindowRows(
             self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
-            self.pauses[first:last],
+            self.quiet[first:last],
         )  # fmt: skip
 
     def take(self, others: WindowRows) -> None:
         """Copy the rows of as many other windows."""
         self.columns[:], self.metrics[:] = others.columns, others.metrics
-        self.evidence[:], self.pauses[:] = others.evidence, others.pauses
+        self.evidence[:], self.quiet[:] = others.evidence, others.quiet
 
 
 @kernel
@@ -112,14 +112,14 @@ def advance_windows(
     now = numbers[0]
     for i in range(len(distances)):
         metric, evidence = rows.metrics[i], rows.evidence[i]
-        pauses = is_pause(events[i], now.usual)
-        rows.pauses[i] = pauses
+        quiet = is_quiet(events[i], now.usual)
+        rows.quiet[i] = quiet
         if i > 0:
-            prices, first = (steps.paused, 0) if pauses else (steps.prices, steps.first)
+            prices, first = (steps.quiet, 0) if quiet else (steps.prices, steps.first)
             prediction = predict(rows.metrics[i - 1], prices, first, steps.restart, steps.jumps)
         else:
-            prediction = predicted.paused if pauses else predicted.moving
-        if pauses:
+            prediction = predicted.quiet if quiet else predicted.moving
+        if is_pause(events[i], now.usual):
             evidence[:] = 0
         else:
             own = reciprocal_of_spread(distances[i])
@@ -166,7 +166,7 @@ def smooth_windows(
     turned: Metrics,
     back: StepTable,
     exclusion: int,
-    pauses: npt.NDArray[np.bool_],
+    quiet: npt.NDArray[np.bool_],
     evidence: npt.NDArray[np.uint8],
     summed: Metrics,
     columns: npt.NDArray[np.int64],
@@ -184,7 +184,7 @@ def smooth_windows(
     back : StepTable
         Of `Moves.reversed`.
     exclusion : int
-    pauses, evidence
+    quiet, evidence
         See `WindowRows`.
     summed : ndarray of int32, shape (n, K)
         Metrics; after the call, the price of the best path through each place.
@@ -197,5 +197,5 @@ def smooth_windows(
         columns[i, 5] = write_match(summed[i], place, second, ties, columns[i]) << TRUST_BITS
         for k in range(turned.size):
             turned[k] = onward[turned.size - 1 - k] + evidence[i, turned.size - 1 - k]
-        prices, first = (back.paused, 0) if pauses[i] else (back.prices, back.first)
+        prices, first = (back.quiet, 0) if quiet[i] else (back.prices, back.first)
         onward[:] = predict(turned, prices, first, back.restart, back.jumps)[::-1]

@@ -47,7 +47,7 @@ class _Kept(NamedTuple):
 
     metrics: npt.NDArray[np.uint16]
     evidence: npt.NDArray[np.uint8]
-    pauses: npt.NDArray[np.bool_]
+    quiet: npt.NDArray[np.bool_]
 
     @classmethod
     def empty(cls, windows: int, places: int) -> _Kept:
@@ -61,13 +61,13 @@ class _Kept(NamedTuple):
     def keep(self, first: int, last: int, rows: WindowRows) -> None:
         """Keep the values of the windows from `first` to before `last`."""
         self.metrics[first:last], self.evidence[first:last] = rows.metrics, rows.evidence
-        self.pauses[first:last] = rows.pauses
+        self.quiet[first:last] = rows.quiet
 
     def rows(self, first: int, last: int) -> WindowRows:
         """Return the values of these windows, with columns to be filled."""
         columns = np.empty((last - first, len(FilterMatch._fields)), dtype=np.int64)
         metrics = self.metrics[first:last].astype(np.int32)
-        return WindowRows(columns, metrics, self.evidence[first:last], self.pauses[first:last])
+        return WindowRows(columns, metrics, self.evidence[first:last], self.quiet[first:last])
 
 
 def filter_drive(

@@ -23,8 +23,8 @@ class StepTable(NamedTuple):
     ----------
     prices : ndarray of int32, shape (steps,)
         Of a step of ``first``, ``first + 1`` ... places, with fraction bits.
-    paused : ndarray of int32, shape (steps,)
-        Of a step of 0, 1 ... places while nothing moves.
+    quiet : ndarray of int32, shape (steps,)
+        Of a step of 0, 1 ... places in a quiet window.
     first, last : int
         Smallest step, and the largest after which an answer follows from the one before.
     restart : int
@@ -33,7 +33,7 @@ class StepTable(NamedTuple):
     """
 
     prices: Metrics
-    paused: Metrics
+    quiet: Metrics
     first: int
     last: int
     restart: int

@@ -15,7 +15,7 @@ from edge_vpr.matching.move_kernels import (
     predict,
     predict_travelled,
 )
-from edge_vpr.matching.step_prices import FRACTION_BITS, PAUSE_STEPS, Metrics, StepPrices
+from edge_vpr.matching.step_prices import FRACTION_BITS, QUIET_STEPS, Metrics, StepPrices
 from edge_vpr.odometry import MOST_MM
 
 #: with odometry, the price of being one mean spacing away from where the distance leads
@@ -63,7 +63,7 @@ class Moves:
         self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
         check_jumps(self.jumps, places)
         self.by_step = StepTable(
-            prices.scaled, np.array(PAUSE_STEPS, dtype=np.int32) << FRACTION_BITS,
+            prices.scaled, np.array(QUIET_STEPS, dtype=np.int32) << FRACTION_BITS,
             prices.first, prices.last, prices.restart << FRACTION_BITS, self.jumps,
         )  # fmt: skip
         self._along = along_mm
@@ -88,10 +88,10 @@ class Moves:
         steps = self.by_step
         return predict(metric, steps.prices, steps.first, steps.restart, steps.jumps)
 
-    def while_paused(self, metric: Metrics) -> Metrics:
+    def if_quiet(self, metric: Metrics) -> Metrics:
         """Return the price of each place after a window without motion, shape (K,)."""
         steps = self.by_step
-        return predict(metric, steps.paused, 0, steps.restart, steps.jumps)
+        return predict(metric, steps.quiet, 0, steps.restart, steps.jumps)
 
     def by_distance(self, metric: Metrics, travelled_mm: int) -> Metrics:
         """Return the price of each place after a distance of `travelled_mm`, shape (K,).

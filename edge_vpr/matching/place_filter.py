@@ -58,7 +58,7 @@ class PlaceFilter:
         The second best is searched more than this many places from the best.
     activity : int
         Events that a window of the reference has at the selected pixels on average, in units of
-        1/256 event; 0 if windows never pause.
+        1/256 event; 0 if only windows without events are quiet.
     jumps, along_mm : ndarray, optional
         Of the map, see `Moves`.
 
@@ -67,9 +67,9 @@ class PlaceFilter:
     moves : Moves
     metric : ndarray of int32, shape (K,)
         Of 10 bits, 2 of them fraction bits.
-    prediction, paused : ndarray of int32, shape (K,)
-        Price of being at each place one window later, without its evidence; while the camera
-        stands, `paused`.
+    prediction, quiet : ndarray of int32, shape (K,)
+        Price of being at each place one window later, without its evidence; `quiet` if that window
+        is quiet.
     follows : ndarray of bool, shape (K,)
         Which places follow from the latest answer, so that its trust is kept.
     reciprocal : int
@@ -96,7 +96,7 @@ class PlaceFilter:
         self.activity = Activity(activity)
         self.metric = np.zeros(places, dtype=np.int32)
         self.prediction = np.zeros(places, dtype=np.int32)
-        self.paused = np.zeros(places, dtype=np.int32)
+        self.quiet = np.zeros(places, dtype=np.int32)
         self.follows = np.zeros(places, dtype=np.bool_)
         self.reciprocal = 0
         self.place, self.trust = -1, 0
@@ -170,12 +170,12 @@ class PlaceFilter:
         """
         prediction = self.moves.by_distance(self.metric, travelled_mm)
         if self.place >= 0:
-            self.prediction = self.paused = prediction
+            self.prediction = self.quiet = prediction
             self.follows = self.moves.following(self.place, travelled_mm)
 
     def _predict(self) -> None:
         self.prediction = self.moves.by_steps(self.metric)
-        self.paused = self.moves.while_paused(self.metric)
+        self.quiet = self.moves.if_quiet(self.metric)
         self.follows = self.moves.following(self.place, None)
 
     def _rows(
@@ -189,7 +189,7 @@ class PlaceFilter:
         rows = WindowRows.empty(*distances.shape)
         numbers = np.zeros(1, dtype=NUMBERS).view(np.recarray)
         numbers[0] = (self.reciprocal, self.activity.usual, self.place, self.trust)
-        predicted = Predictions(self.prediction, self.paused, self.follows)
+        predicted = Predictions(self.prediction, self.quiet, self.follows)
         steps = self.moves.by_step
         advance_windows(numbers, predicted, steps, self.exclusion, distances, events, rows)
         return rows, numbers

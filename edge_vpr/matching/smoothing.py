@@ -58,7 +58,7 @@ class Onward:
             run = rows.part(first, last)
             smooth_windows(
                 self._price, self._turned, self._back.by_step, self._exclusion,
-                run.pauses, run.evidence, run.metrics, run.columns,
+                run.quiet, run.evidence, run.metrics, run.columns,
             )  # fmt: skip
             way = ways[first]
             if way is not None:

@@ -16,8 +16,8 @@ Metrics = npt.NDArray[np.int32]
 FRACTION_BITS = 2
 #: largest metric: 10 bits
 METRIC_TOP = (1 << 10) - 1
-#: prices of a step of 0, 1, 2 ... places in a pause
-PAUSE_STEPS = (0, 0, 1)
+#: prices of a step of 0, 1, 2 ... places in a quiet window
+QUIET_STEPS = (0, 0, 1)
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class StepPrices:
     @property
     def last(self) -> int:
         """Largest step, in places; a match that is farther away is a jump."""
-        return max(len(self.forward), len(PAUSE_STEPS)) - 1
+        return max(len(self.forward), len(QUIET_STEPS)) - 1
 
     @property
     def scaled(self) -> npt.NDArray[np.int32]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from edge_vpr.compiling import kernel
-from edge_vpr.descriptors.pauses import is_pause
+from edge_vpr.descriptors.pauses import is_pause, is_quiet
 from edge_vpr.matching.filter_arithmetic import (
     add_evidence,
     least_and_second,
@@ -88,15 +88,16 @@ def filter_answer(predicted, metric, sums, c, events, row):
     bool
         False if only changes are asked for and there is none; nothing is written then.
     """
+    prediction = predicted.quiet if is_quiet(events, c.usual) else predicted.moving
     if is_pause(events, c.usual):
         for k in range(metric.size):
-            metric[k] = min(predicted.paused[k], METRIC_TOP)
+            metric[k] = min(prediction[k], METRIC_TOP)
     else:
         some = sums[: metric.size]
         reciprocal = c.reciprocal
         if reciprocal == 0:
             reciprocal = reciprocal_of_spread(some)
-        add_evidence(predicted.moving, some, reciprocal, metric)
+        add_evidence(prediction, some, reciprocal, metric)
     best, second, _ = least_and_second(metric, c.exclusion)
     if c.change and best == c.place_told:
         return False

@@ -90,7 +90,7 @@ class FilterRun(MatchRun):
     def _predict(self) -> None:
         """Copy the state of the filter to the kernel, after each change."""
         found, control, predicted = self.place_filter, self._control, self._followed.predicted
-        predicted.moving[:], predicted.paused[:] = found.prediction, found.paused
+        predicted.moving[:], predicted.quiet[:] = found.prediction, found.quiet
         predicted.follows[:] = found.follows
         control.usual, control.reciprocal = found.activity.usual, found.reciprocal
         control.place, control.trust = found.place, found.trust

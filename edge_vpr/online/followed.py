@@ -111,10 +111,10 @@ class Followed(NamedTuple):
             if judge.precision is not None:
                 first.least_trust = judge.confidence.least_trust(judge.precision)
         places = len(reference) if settings.matching == "filter" else 0
-        moving, paused, metric = np.zeros((3, places), dtype=np.int32)
+        moving, quiet, metric = np.zeros((3, places), dtype=np.int32)
         return cls(
             s,
-            Predictions(moving, paused, np.zeros(metric.size, dtype=np.bool_)),
+            Predictions(moving, quiet, np.zeros(metric.size, dtype=np.bool_)),
             metric,
             control,
             trust,

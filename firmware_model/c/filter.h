@@ -17,7 +17,7 @@
 #define TRUST_BITS 4U
 #define TRUST_SHIFT 2U
 #define STANDING_SHIFT 4U
-#define PAUSE_STEPS 3U
+#define QUIET_STEPS 3U
 #define STEPS_MAX 16U
 #define NEAR 4U      /* steps whose metrics stay in registers: 0 to 3 places */
 #define BLOCK 16U    /* places whose distances are at hand at once */
@@ -203,10 +203,10 @@ static uint32_t total_of(const block_t *b, uint32_t *nearest)
     return total;
 }
 
-/* Advance by a window in which the camera moved, in passes over the places: for the mean of the
+/* Advance by a window that does not pause, in passes over the places: for the mean of the
  * distances, for the spread, which only the first window needs beforehand, and for the metrics. If
  * the distances are not kept, each pass computes them again, a block at a time. */
-static void advance_moving(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
+static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
 {
     enum { FOR_MEAN, FOR_SPREAD, FOR_METRICS, PASSES };
     uint16_t room[BLOCK];
@@ -244,8 +244,8 @@ static void advance_moving(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
     }
 }
 
-/* Advance by a window in which it stood. */
-static void advance_standing(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
+/* Advance by a window that pauses, without evidence. */
+static void advance_paused(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
 {
     const block_t all = {0U, d->place_count, s->distance};
     predict(p, s->metric, &all);
@@ -257,9 +257,9 @@ static void advance_standing(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
 /* Prices of this window's steps. */
 static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
 {
-    static const uint16_t standing[PAUSE_STEPS] = {0U, 0U, 4U};
-    const uint16_t *const price = s->paused ? standing : d->price;
-    const uint32_t steps = s->paused ? PAUSE_STEPS : d->steps;
+    static const uint16_t standing[QUIET_STEPS] = {0U, 0U, 4U};
+    const uint16_t *const price = s->quiet ? standing : d->price;
+    const uint32_t steps = s->quiet ? QUIET_STEPS : d->steps;
     for (uint32_t i = 0U; i < NEAR; i++) {
         p->near[i] = ((i < steps) ? price[i] : FAR) - s->least;
     }
@@ -267,7 +267,7 @@ static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
     p->far_count = (steps > NEAR) ? (steps - NEAR) : 0U;
     p->far = &price[steps - p->far_count];
     p->back = &d->price[d->steps];
-    p->back_count = s->paused ? 0U : d->back;
+    p->back_count = s->quiet ? 0U : d->back;
     p->above = 0U;
     p->least = s->least;
     /* before the first window, each place is as likely as another */
@@ -312,7 +312,7 @@ static void search_places(const vpr_design_t *d, const uint16_t *metric, uint32_
 static void trust(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
     const uint32_t margin = (m->second == VPR_NONE) ? METRIC_TOP : (m->second_sum - m->sum);
-    const uint32_t last = ((d->steps > PAUSE_STEPS) ? d->steps : PAUSE_STEPS) - 1U;
+    const uint32_t last = ((d->steps > QUIET_STEPS) ? d->steps : QUIET_STEPS) - 1U;
     const bool follows =
         (s->place != VPR_NONE) && (((m->place + d->back) - s->place) <= (d->back + last));
     const uint32_t kept = follows ? s->trust : 0U;
@@ -332,9 +332,9 @@ static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
     set_prices(d, s, &prices);
     s->least = VPR_NONE;
     if (s->paused) {
-        advance_standing(d, s, &prices);
+        advance_paused(d, s, &prices);
     } else {
-        advance_moving(d, s, &prices);
+        advance_by_evidence(d, s, &prices);
     }
     search_places(d, s->metric, s->least, m);
     trust(d, s, m);

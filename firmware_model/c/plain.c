@@ -90,6 +90,7 @@ void plain_begin(plain_t *p, const uint8_t *image, uint32_t bytes, uint32_t star
         p->mean[i] = (int64_t)half_at(p, plain_word(p, MEANS) + ((uint64_t)i * 2U)) * 256;
     }
     p->usual = plain_word(p, ACTIVITY);
+    p->quiet = false;
     p->paused = false;
     p->moved = 0U;
     p->reciprocal = 0;
@@ -166,6 +167,7 @@ static uint8_t own_mean_code(plain_t *p, uint32_t slot)
 const uint8_t *plain_window_end(plain_t *p)
 {
     const int64_t events = (p->counted < 0x7FFFFFU) ? p->counted : 0x7FFFFF;
+    p->quiet = (events == 0) || ((events * 8 * 256) < p->usual);
     p->paused = (events == 0) || ((events * 16 * 256) < p->usual);
     const uint32_t slots = plain_word(p, SLOTS);
     uint8_t *const codes = &p->codes[(size_t)p->windows * slots];
@@ -226,15 +228,15 @@ static int64_t reciprocal_of(const int64_t *distances, uint32_t places)
 static int64_t predicted(const plain_t *p, const int64_t *metric, int64_t least, uint32_t place)
 {
     static const int64_t standing[] = {0, 0, 4};
-    const int64_t steps = p->paused ? 3 : (int64_t)plain_word(p, STEPS);
-    const int64_t back = p->paused ? 0 : (int64_t)plain_word(p, BACK);
+    const int64_t steps = p->quiet ? 3 : (int64_t)plain_word(p, STEPS);
+    const int64_t back = p->quiet ? 0 : (int64_t)plain_word(p, BACK);
     int64_t cheapest = plain_word(p, RESTART);
     for (int64_t step = -back; step < steps; step++) {
         const int64_t from = (int64_t)place - step;
         const int64_t entry = (step < 0) ? ((int64_t)plain_word(p, STEPS) - 1 - step) : step;
         const int64_t price =
-            p->paused ? standing[entry]
-                      : (int64_t)half_at(p, plain_word(p, PRICES) + ((uint64_t)entry * 2U));
+            p->quiet ? standing[entry]
+                     : (int64_t)half_at(p, plain_word(p, PRICES) + ((uint64_t)entry * 2U));
         if ((from >= 0) && (from < (int64_t)plain_word(p, PLACES)) &&
             ((metric[from] - least + price) < cheapest)) {
             cheapest = metric[from] - least + price;

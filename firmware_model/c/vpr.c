@@ -62,7 +62,8 @@ enum {
 #define EVENTS_TOP 0x7FFFFFU
 #define ACTIVITY_BITS 8U
 #define ACTIVITY_SHIFT 6U
-#define PAUSE_BITS 12U /* of a number of events less than 1/16 of the usual */
+#define QUIET_BITS 11U /* of a number of events less than 1/8 of the usual */
+#define PAUSE_BITS 12U /* of one less than 1/16 */
 
 /* The search over the places of one match, in ascending order. */
 typedef struct {
@@ -324,6 +325,7 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->seen = 0U;
     s->newest = 0U;
     s->usual = d->activity;
+    s->quiet = false;
     s->paused = false;
     s->mean_shift = FIRST_SHIFT;
     s->mean_windows = 1U << FIRST_SHIFT;
@@ -425,13 +427,21 @@ static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
     }
 }
 
-/* Whether the open window pauses; and the usual number of events with it. */
+/* Whether a window has less than 1 / 2^bits of the usual number of events, which has 8 of these bits
+ * as fraction. */
+static bool has_too_few(const vpr_state_t *s, uint32_t events, uint32_t bits)
+{
+    const uint32_t least = (s->usual + ((1U << bits) - 1U)) >> bits;
+    return (events == 0U) || (events < least);
+}
+
+/* Whether the open window is quiet, and whether it pauses; and the usual number of events with it. */
 static void take_activity(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t counted = d->budget - s->left;
     const uint32_t events = (counted < EVENTS_TOP) ? counted : EVENTS_TOP;
-    const uint32_t least = (s->usual + ((1U << PAUSE_BITS) - 1U)) >> PAUSE_BITS;
-    s->paused = (events == 0U) || (events < least);
+    s->quiet = has_too_few(s, events, QUIET_BITS);
+    s->paused = has_too_few(s, events, PAUSE_BITS);
     s->usual = moved(s->usual, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
 }
 

@@ -79,7 +79,8 @@ typedef struct {
     uint32_t seen;     /* the same, at most length */
     uint32_t newest;   /* row of history */
     uint32_t usual;    /* events of a window, in units of 1/256 */
-    bool paused;       /* the window that ended last had hardly any */
+    bool quiet;        /* the window that ended last had few */
+    bool paused;       /* it had hardly any */
     uint32_t *mean;    /* [slots]: running mean of the logarithm, in units of 1/65536 octave */
     uint32_t mean_shift;
     uint32_t mean_windows; /* until the shift grows */

@@ -55,8 +55,8 @@ EVERY_CLOCK = {
 #: cases that find most mutants come first
 FIRST = (
     "tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time",
-    "usually_more_events", "pause_at_threshold", "spread_of_one", "pauses_of_kept_distances",
-    "random_2",
+    "usually_more_events", "pause_at_threshold", "quiet_at_threshold", "spread_of_one",
+    "pauses_of_kept_distances", "random_2",
 )  # fmt: skip
 #: mutants that behave as the source does, and the reason
 EQUAL = {

@@ -1,9 +1,9 @@
-// Usual number of events in a window, and whether the open one pauses: it has none, or less than
-// 1/16 of the usual number, which is told in units of 1/256 event.
+// Usual number of events in a window, in units of 1/256 event, and whether the open one is quiet: it
+// has none, or less than 1/8 of that number. It pauses with none, or less than 1/16.
 //
 // With `window_end` the usual number moves by 1/64 of its difference to the window's; the events of
 // a window saturate. That is done a bit a clock, while `settled` is low: until then no event may be
-// counted, and no window may end. `pauses` is of the open window.
+// counted, and no window may end. `quiet` and `pauses` are of the open window.
 module vpr_activity #(
     parameter int EVENTS_BITS   = 23,
     parameter int ACTIVITY_BITS = 31
@@ -14,12 +14,13 @@ module vpr_activity #(
     input  logic                     counted,
     input  logic                     window_end,
     output logic                     settled,
+    output logic                     quiet,
     output logic                     pauses
 );
     localparam int FRACTION       = ACTIVITY_BITS - EVENTS_BITS;
-    localparam int PAUSE_SHIFT    = 4;
+    localparam int QUIET_SHIFT    = 3;  // a pause: one more
     localparam int ACTIVITY_SHIFT = 6;
-    localparam int DROPPED        = FRACTION + PAUSE_SHIFT;
+    localparam int DROPPED        = FRACTION + QUIET_SHIFT;
     localparam int STEPS          = ACTIVITY_BITS;
     localparam int STEP_BITS      = $clog2(STEPS + 1);
     // an event is 256, and moves the usual number by 1/64 of that
@@ -28,13 +29,15 @@ module vpr_activity #(
     logic [EVENTS_BITS-1:0]   events;
     logic [ACTIVITY_BITS-1:0] usual;
 
-    // The window does not pause if events << DROPPED >= usual: from the event on with which it has
-    // as many as the upper bits of the usual number say, or one more, if the lower are not all 0
-    logic partly, any, more;
+    // The window is not quiet if events << DROPPED >= usual: from the event on with which it has as
+    // many as the upper bits of the usual number say, or one more, if the lower are not all 0. It
+    // does not pause if events << DROPPED + 1 >= usual.
+    logic partly, any, more, half_more;
     // of the clock before: no window ends within two clocks of an event
-    logic as_many, was_counted;
+    logic as_many, half_as_many, was_counted;
 
-    assign pauses = !any || !(more || (as_many && !partly));
+    assign quiet  = !any || !(more || (as_many && !partly));
+    assign pauses = !any || !(half_more || (half_as_many && !partly && !usual[DROPPED]));
 
     // usual + events * 2^EVENT_AT - usual / 64, rounded up, from the lowest bit on: the bit of the
     // quotient is still in the register, until new ones come (`has_upper`).
@@ -52,16 +55,19 @@ module vpr_activity #(
 
     always_ff @(posedge clk) begin
         if (window_end || load) begin
-            events <= '0;
-            any    <= 1'b0;
-            more   <= 1'b0;
+            events    <= '0;
+            any       <= 1'b0;
+            more      <= 1'b0;
+            half_more <= 1'b0;
         end else if (counted) begin
             if (events != '1) events <= events + 1'b1;
             any <= 1'b1;
         end
-        as_many     <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED]);
-        was_counted <= counted && !window_end && !load;
+        as_many      <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED]);
+        half_as_many <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED+1]);
+        was_counted  <= counted && !window_end && !load;
         if (as_many && was_counted) more <= 1'b1;
+        if (half_as_many && was_counted) half_more <= 1'b1;
         if (window_end) begin
             settled     <= 1'b0;
             ended       <= events;

@@ -111,7 +111,7 @@ module vpr_core #(
     logic                       busy;
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
-    logic                       counted, paused, settled, pending;
+    logic                       counted, quiet, paused, settled, pending;
     logic                       drain, draining;
     logic [SLOT_BITS-1:0]       drain_slot, drained_slot;
     logic [COUNT_BITS-1:0]      drained;
@@ -154,16 +154,20 @@ module vpr_core #(
 
     generate
         if (OWN_MEAN || FILTER) begin : g_pauses
-            logic pauses;
+            logic is_quiet, pauses;
             vpr_activity #(
                 .EVENTS_BITS(WINDOW_EVENTS_BITS), .ACTIVITY_BITS(ACTIVITY_BITS)
             ) activity (
                 .clk(clk), .load(rst), .start_activity(start_activity), .counted(counted),
-                .window_end(window_end), .settled(settled), .pauses(pauses)
+                .window_end(window_end), .settled(settled), .quiet(is_quiet), .pauses(pauses)
             );
-            always_ff @(posedge clk) if (window_end) paused <= pauses;
+            always_ff @(posedge clk) if (window_end) begin
+                quiet  <= is_quiet;
+                paused <= pauses;
+            end
         end else begin : g_no_pauses
             wire unused = &{1'b0, start_activity, counted};
+            assign quiet   = 1'b0;
             assign paused  = 1'b0;
             assign settled = 1'b1;
         end
@@ -217,7 +221,8 @@ module vpr_core #(
                 .TOTAL_BITS(DISTANCE_TOTAL_BITS), .RECIPROCAL_BITS(RECIPROCAL_BITS),
                 .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS)
             ) place_filter (
-                .clk(clk), .rst(rst), .start(compare), .paused(paused), .idle(filter_idle),
+                .clk(clk), .rst(rst), .start(compare), .quiet(quiet), .paused(paused),
+                .idle(filter_idle),
                 .distance_start(distance_start), .distance_valid(distance_valid),
                 .distance(distance), .sum_valid(sum_valid), .sum_last(sum_last), .place(place),
                 .sum(sum), .found(ends_search), .best_sum(best_sum)
@@ -249,7 +254,7 @@ module vpr_core #(
             );
             assign trust   = '0;
             assign trusted = 1'b1;
-            wire unused = &{1'b0, trust, trusted, ends_search};
+            wire unused = &{1'b0, trust, trusted, ends_search, quiet};
             assign m_match_tdata = {
                 accepted, ties, second_sum, second, has_second, best_sum, best, window
             };

@@ -28,6 +28,7 @@ module vpr_filter #(
     input  logic                     clk,
     input  logic                     rst,
     input  logic                     start,
+    input  logic                     quiet,
     input  logic                     paused,
     output logic                     idle,
     output logic                     distance_start,
@@ -200,7 +201,7 @@ module vpr_filter #(
         .RESTART(RESTART), .METRIC_BITS(METRIC_BITS)
     ) predictions (
         .clk(clk), .clear(state == IDLE || state == DIVIDE), .shift(shift),
-        .off(off), .metric(~former_inverse), .paused(paused), .placed(placed),
+        .off(off), .metric(~former_inverse), .quiet(quiet), .placed(placed),
         .least(least), .prediction(prediction)
     );
 

@@ -5,7 +5,7 @@
 //
 // `prediction` is registered at the third clock edge after the one that shifts, and one more for
 // each level of the tree of comparisons; it stays until the next. Before the first window
-// (`placed`) it is 0. In a pause, steps of 0 and 1 are free, and one of 2 costs 1.
+// (`placed`) it is 0. In a quiet window, steps of 0 and 1 are free, and one of 2 costs 1.
 module vpr_prediction #(
     parameter int            STEPS        = 1,
     parameter int            BACK         = 0,
@@ -19,15 +19,15 @@ module vpr_prediction #(
     input  logic                   shift,
     input  logic                   off,
     input  logic [METRIC_BITS-1:0] metric,
-    input  logic                   paused,
+    input  logic                   quiet,
     input  logic                   placed,
     input  logic [METRIC_BITS-1:0] least,
     output logic [METRIC_BITS-1:0] prediction
 );
-    localparam int PAUSE_STEPS = 3;
-    localparam logic [PAUSE_STEPS*10-1:0] PAUSE_PRICES = {10'd4, 10'd0, 10'd0};
+    localparam int QUIET_STEPS = 3;
+    localparam logic [QUIET_STEPS*10-1:0] QUIET_PRICES = {10'd4, 10'd0, 10'd0};
 
-    localparam int AHEAD   = STEPS > PAUSE_STEPS ? STEPS : PAUSE_STEPS;
+    localparam int AHEAD   = STEPS > QUIET_STEPS ? STEPS : QUIET_STEPS;
     localparam int ENTRIES = AHEAD + BACK;
     localparam int LEVELS  = $clog2(ENTRIES + 1);
     localparam int WIDE    = 1 << LEVELS;
@@ -73,16 +73,16 @@ module vpr_prediction #(
                 end else if (node < ENTRIES) begin : g_price
                     localparam int STEP = node - BACK;
                     localparam bit MOVES = STEP < 0 ? 1'b1 : STEP < STEPS;
-                    localparam bit STANDS = STEP < 0 ? 1'b0 : STEP < PAUSE_STEPS;
+                    localparam bit STANDS = STEP < 0 ? 1'b0 : STEP < QUIET_STEPS;
                     localparam logic [9:0] MOVING =
                         !MOVES ? RESTART : STEP < 0 ? BACK_PRICES[10*(STEP<0?-STEP-1:0)+:10]
                         : STEP_PRICES[10*(STEP<0?0:STEP)+:10];
                     localparam logic [9:0] STANDING =
-                        STANDS ? PAUSE_PRICES[10*(STANDS?STEP:0)+:10] : RESTART;
+                        STANDS ? QUIET_PRICES[10*(STANDS?STEP:0)+:10] : RESTART;
                     localparam logic [BITS-1:0] MOVED = BITS'(MOVING < RESTART ? MOVING : RESTART);
                     localparam logic [BITS-1:0] STOOD =
                         BITS'(STANDING < RESTART ? STANDING : RESTART);
-                    wire [BITS-1:0] price = paused ? STOOD : MOVED;
+                    wire [BITS-1:0] price = quiet ? STOOD : MOVED;
                     always_ff @(posedge clk)
                         found <= SUM_BITS'(entries[node*BITS+:BITS]) + SUM_BITS'(price);
                 end else begin : g_filler

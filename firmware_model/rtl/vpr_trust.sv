@@ -25,8 +25,8 @@ module vpr_trust #(
     localparam int FRACTION       = TRUST_BITS - METRIC_BITS;
     localparam int TRUST_SHIFT    = 2;
     localparam int STANDING_SHIFT = 4;
-    localparam int PAUSE_STEPS    = 3;
-    localparam int LAST           = (STEPS > PAUSE_STEPS ? STEPS : PAUSE_STEPS) - 1;
+    localparam int QUIET_STEPS    = 3;
+    localparam int LAST           = (STEPS > QUIET_STEPS ? STEPS : QUIET_STEPS) - 1;
     // steps to compare: wide enough for the longest as well
     localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 1;
     localparam logic [4:0] LONGEST = 5'(LAST + BACK);

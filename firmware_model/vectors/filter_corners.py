@@ -11,7 +11,7 @@ import numpy as np
 from firmware_model.design import Design
 from firmware_model.largest_values import ACTIVITY_BITS, EVENTS_TOP
 from firmware_model.memories import Memories
-from firmware_model.running import PAUSE_SHIFT, ActivityModel
+from firmware_model.running import PAUSE_SHIFT, QUIET_SHIFT, ActivityModel
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.drives import PAUSE, counts_at, drive
 from firmware_model.vectors.event_corners import adaptive_event_cases
@@ -102,14 +102,16 @@ def _pauses(design: Design) -> list[Case]:
     # metrics of eight places fill their room in the RAM
     eight = replace(forward, places=8)
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
-    at = _activity_at_threshold(forward, 6)
-    cases += [
-        drive("pause_at_threshold", forward, list(range(12)), None, at),
-        drive("busy_at_threshold", forward, list(range(12)), None, at - 1),
-    ]
-    # usual events whose lowest bits are not 0, but whose lowest bit is
-    by_two = _activity_at_threshold(forward, 6, above=2)
-    cases.append(drive("pause_by_two", forward, list(range(12)), None, by_two))
+    thresholds = {PAUSE_SHIFT: ("pause", "busy"), QUIET_SHIFT: ("quiet", "lively")}
+    for shift, (below, above) in thresholds.items():
+        at = _activity_at_threshold(forward, 6, shift)
+        # usual events whose lowest bits are not 0, but whose lowest bit is
+        by_two = _activity_at_threshold(forward, 6, shift, above=2)
+        cases += [
+            drive(f"{below}_at_threshold", forward, list(range(12)), None, at),
+            drive(f"{above}_at_threshold", forward, list(range(12)), None, at - 1),
+            drive(f"{below}_by_two", forward, list(range(12)), None, by_two),
+        ]
     # usual activity exactly at the threshold, and above it by the smallest step
     first = counts_at(forward, 0)[1] if design.window == "time" else total
     for name, usual in {"first_busy": first << 12, "first_pauses": (first << 12) + 1}.items():
@@ -121,22 +123,23 @@ def _pauses(design: Design) -> list[Case]:
     return cases
 
 
-def _activity_at_threshold(design: Design, window: int, above: int = 1) -> int:
-    """Find the lowest initial activity with which this window of a drive by all places pauses.
+def _activity_at_threshold(design: Design, window: int, shift: int, above: int = 1) -> int:
+    """Find the lowest initial activity with which a window of a drive by all places has too few.
 
-    The usual number of events is then `above` the one with which it would not, in 1/256 event.
+    Too few is less than ``1 / 2**shift`` of the usual number of events. That number is then `above`
+    the one with which the window has enough, in 1/256 event.
     """
     events = [counts_at(design, place)[1] for place in range(design.places)]
     if design.window == "count":
         events = [max(events)] * len(events)
 
-    def pauses(start: int) -> bool:
+    def has_too_few(start: int) -> bool:
         activity = ActivityModel(start)
         for number in events[:window]:
             activity.update(number)
-        return activity.usual >= (events[window] << (ACTIVITY_BITS + PAUSE_SHIFT)) + above
+        return activity.usual >= (events[window] << (ACTIVITY_BITS + shift)) + above
 
-    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
+    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=has_too_few)
 
 
 def _thresholds(design: Design) -> list[Case]:

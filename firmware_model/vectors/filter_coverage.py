@@ -14,8 +14,8 @@ from firmware_model.largest_values import (
     RECIPROCAL_BITS,
 )
 from firmware_model.machine import Machine
-from firmware_model.place_filter import PAUSE_STEPS, evidence, reciprocal_of_spread
-from firmware_model.running import PAUSE_SHIFT
+from firmware_model.place_filter import QUIET_STEPS, evidence, reciprocal_of_spread
+from firmware_model.running import PAUSE_SHIFT, QUIET_SHIFT
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 #: name of each corner, and what is counted as one occurrence of it
@@ -28,6 +28,10 @@ FILTER_CORNERS = {
     "pause_at_threshold": "a window that pauses, and would not if 1/256 event less were usual",
     "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
     "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
+    "quiet": "a window that is quiet but no pause, and not the first",
+    "quiet_at_threshold": "a window that is quiet, and would not be if 1/256 event less were usual",
+    "quiet_by_two": "a window that is quiet, and would not be if 2/256 event less were usual",
+    "lively_at_threshold": "a window that is not quiet, and would if 1/256 event more were usual",
     "spread_of_nothing": "a window with the same distance to all places",
     "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
     "that differ to places of two words",
@@ -83,11 +87,16 @@ class FilterCoverage:
         found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
         found["pause_by_two"] += counted > 0 and usual == threshold + 2
         found["busy_at_threshold"] += counted > 0 and usual == threshold
+        threshold = counted << (ACTIVITY_BITS + QUIET_SHIFT)
+        found["quiet"] += window.quiet and not (first or paused)
+        found["quiet_at_threshold"] += counted > 0 and usual == threshold + 1
+        found["quiet_by_two"] += counted > 0 and usual == threshold + 2
+        found["lively_at_threshold"] += counted > 0 and usual == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
         if not first and design.restart:
             limit = design.restart << FRACTION_BITS
-            found["restarted"] += limit in model.predictions(paused)
+            found["restarted"] += limit in model.predictions(window.quiet)
         if paused:
             return
         found["several_blocks"] += design.places > 32 and not design.keep_distances
@@ -101,7 +110,7 @@ class FilterCoverage:
             and max(distances) > least
             and design.words == 2
         )
-        for distance, predicted in zip(distances, model.predictions(False), strict=True):
+        for distance, predicted in zip(distances, model.predictions(window.quiet), strict=True):
             against = evidence(distance - least, scale)
             found["evidence_saturated"] += against == EVIDENCE_TOP and (
                 (distance - least) * scale >> 14 > EVIDENCE_TOP
@@ -120,7 +129,7 @@ class FilterCoverage:
         found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
         if last < 0:
             return
-        step, largest = match.place - last, max(len(design.steps), len(PAUSE_STEPS)) - 1
+        step, largest = match.place - last, max(len(design.steps), len(QUIET_STEPS)) - 1
         found["stood"] += step == 0
         found["stepped"] += step == 1
         found["largest_step"] += step == largest

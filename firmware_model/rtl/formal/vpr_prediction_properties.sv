@@ -18,7 +18,7 @@ module vpr_prediction_properties #(
     localparam LATENCY = 5;  // of a tree of three levels, from the clock behind the one that shifts
     localparam WIDE    = 12;
 
-    (* anyconst *) logic                   paused;
+    (* anyconst *) logic                   quiet;
     (* anyconst *) logic                   placed;
     (* anyconst *) logic [METRIC_BITS-1:0] least;
 
@@ -27,7 +27,7 @@ module vpr_prediction_properties #(
     logic [ENTRIES*BITS-1:0] entries;
 
     vpr_prediction predictions (
-        .clk(clk), .clear(clear), .shift(shift), .off(off), .metric(metric), .paused(paused),
+        .clk(clk), .clear(clear), .shift(shift), .off(off), .metric(metric), .quiet(quiet),
         .placed(placed), .least(least), .prediction(prediction), .entries(entries)
     );
 
@@ -74,7 +74,7 @@ module vpr_prediction_properties #(
         lesser(way(there[2], come_2, 0), way(there[3], come_3, 1)));
     wire [WIDE-1:0] standing = lesser(
         lesser(way(there[1], come_1, 0), way(there[2], come_2, 0)), way(there[3], come_3, 4));
-    wire [WIDE-1:0] cheapest = lesser(paused ? standing : moving, WIDE'(RESTART));
+    wire [WIDE-1:0] cheapest = lesser(quiet ? standing : moving, WIDE'(RESTART));
 
     logic [WIDE-1:0]    due_1, due_2, due_3, due_4, due_5;
     logic [LATENCY-1:0] follows = '0;
