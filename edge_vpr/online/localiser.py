@@ -73,10 +73,9 @@ class Localiser:
     ) -> None:
         if reference.settings.smooth:  # which needs later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
-        self.settings = reference.settings
+        self.settings = settings = reference.settings
         if every is None:
-            late = reference.settings.late
-            every = MatchSchedule.window(reference.settings) if late else MatchSchedule(events=1)
+            every = MatchSchedule.window(settings) if settings.late else MatchSchedule(events=1)
         self.every = every
         self._state = LocaliserState(reference, self.every, recent, check_every)
 

@@ -92,10 +92,9 @@ class LinkReader:
         self._retry, self._drop = retry, drop
         self._most, self._max_lag_s = buffer_bytes, max_lag_s
         self._chunks: deque[Chunk] = deque()
-        self._held = 0
+        self._held, self._ended = 0, False
         self._changed = threading.Condition()
         self._stopping = threading.Event()
-        self._ended = False
         self.error: Exception | None = None
         self.line_errors = 0
         self.lost_link = ""
@@ -121,16 +120,14 @@ class LinkReader:
         end = time.monotonic() + timeout
         self._left_s = math.inf
         chunk, left = None, timeout
-        while left >= 0 and not self._ended:
+        while chunk is None and left >= 0 and not self._ended:
             # first the reader, then the waiting bytes: the thread has stored all that it read
             if self._lent and not self._chunks:
                 chunk = self._read_directly(min(left, _WAIT_S))
             else:
                 chunk = self._read_by_thread(left)
-            if chunk is not None:
-                break
             left = end - time.monotonic()
-        else:
+        if chunk is None:
             chunk = self._read_by_thread(0)
         self._left_s = time.monotonic()
         return chunk
