@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.experiments import (
+    calibration,
     codes_frontier,
     drive_pairs,
     fixed_number,
@@ -182,6 +183,20 @@ def test_a_missing_log_is_an_error_before_any_work(downloads, tmp_path, capsys, 
     monkeypatch.setattr(rivals, "run", None)  # is not called
     assert main(["experiment", "rivals", "--data", str(tmp_path)]) == 1
     assert "no GPS log of sunset1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flag", ["--figure", "--report", "--table"])
+def test_a_missing_folder_for_the_results_is_an_error_before_any_work(
+    flag, tmp_path, capsys, monkeypatch
+):
+    def run(data, seeds, show, *figures, table=None):
+        raise AssertionError("it was run")
+
+    monkeypatch.setattr(calibration, "run", run)
+    there = tmp_path / "none" / "page.html"
+    assert main(["experiment", "calibration", flag, str(there)]) == 2
+    folder = there if flag == "--table" else there.parent
+    assert f"{folder} is not a folder: make it first" in capsys.readouterr().err
 
 
 def test_counts_of_a_few_locations_are_not_shifted(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from edge_vpr_tools.estimate.estimation import Question, estimate
 from edge_vpr_tools.estimate.pareto import draw
 from edge_vpr_tools.estimate.show import show
 from edge_vpr_tools.output.provenance import write_json
+from edge_vpr_tools.output.results import check_parent
 from edge_vpr_tools.output.tables import say
 from edge_vpr_tools.report.style import save
 
@@ -17,9 +18,12 @@ from edge_vpr_tools.report.style import save
 def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
     question = question_of(args)
+    figure = _figure(args, question)
+    for written in (figure, args.json and Path(args.json)):
+        if written is not None:
+            check_parent(written)
     found = estimate(question)
     show(found, with_sources=args.sources)
-    figure = _figure(args, question)
     if figure is not None and question.alone is not None and found.answers is not None:
         save(draw(found.answers.candidates[question.alone.name], question.alone), figure)
         say(f"drawn: {figure}")

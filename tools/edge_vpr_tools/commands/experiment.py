@@ -13,6 +13,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY
 from edge_vpr_tools.experiments.drive_pairs import check_logs
 from edge_vpr_tools.output.progress import status
+from edge_vpr_tools.output.results import check_parent
 from edge_vpr_tools.report.experiment_page import ExperimentPage
 from edge_vpr_tools.report.formats import read_formats
 
@@ -44,6 +45,9 @@ def run(args: argparse.Namespace) -> None:
         _check(name, module, args, data)
     if data is not None:
         check_logs(data)
+    for written in (args.figure, args.report, args.table and Path(args.table, "tables")):
+        if written is not None:
+            check_parent(Path(written))
     page = None if args.report is None else ExperimentPage(args.seeds)
     for name, module in modules.items():
         more: dict[str, Any] = {"baselines": args.baselines} if args.baselines else {}
