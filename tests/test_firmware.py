@@ -506,6 +506,7 @@ FILTER_MUTATIONS = {
     ),
     "trust follows too far": ("filter.h", "<= (d->back + last)", "<= (d->back + last + 1U)"),
     "quiet windows are lively": ("vpr.c", "events <= (below >> QUIET_BITS)", "s->paused"),
+    "quiet windows step back": ("filter.h", "s->quiet ? 0U : d->back", "d->back"),
     "pauses are windows": ("vpr.c", "events <= (below >> PAUSE_BITS)", "false"),
     "a window of few events is none that pauses": (
         "vpr.c",
