@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,15 @@ from firmware_model.emulator import OUT_WORDS, Emulator
 from firmware_model.host_program import run_host
 from firmware_model.image import Word, image, ram_bytes
 from firmware_model.instructions import FILTER, TABLE, Instructions, compiler, measure, table
-from firmware_model.vectors import Case, from_binary, in_order, records, standard_suites, to_binary
+from firmware_model.vectors import (
+    FILTER_CORNERS,
+    Case,
+    from_binary,
+    in_order,
+    records,
+    standard_suites,
+    to_binary,
+)
 from firmware_model.vectors.images import image_cases
 from firmware_model.vectors.random_designs import (
     random_adaptive_design,
@@ -573,6 +582,15 @@ def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     """The suite `corners` alone finds every one of these faults."""
     broken = mutated(list(MUTATIONS).index(name), *MUTATIONS[name])
     assert finds(broken, cases["corners"], expected), name
+
+
+def test_the_page_says_how_many_corners_and_faults_there_are():
+    """Of the filter, too."""
+    page = Path(__file__).parents[1] / "docs" / "firmware.md"
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    assert f"the {len(FILTER_CORNERS)} corners of the filter" in text
+    assert f"All {len(MUTATIONS)} of these fail the suite `corners`" in text
+    assert f"and {len(FILTER_MUTATIONS)} with faults of the filter" in text
 
 
 @pytest.mark.slow
