@@ -67,6 +67,10 @@ EQUAL = {
         "assign code = octaves >= HIGHEST ? '1 : octaves < LOWEST ? '0 : "
         "CODE_BITS'(octaves - LOWEST);",
     ): "HIGHEST - LOWEST is the code of all ones",
+    (
+        "vpr_activity.sv",
+        "assign {full, one_more} = {1'b0, events} - {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;",
+    ): "the operand is 0 whenever the sum is taken",
 }
 _CHANGES = tuple(
     (re.compile(old), new)
