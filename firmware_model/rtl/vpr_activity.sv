@@ -23,7 +23,7 @@ module vpr_activity #(
     localparam int DROPPED        = FRACTION + QUIET_SHIFT;
     localparam int STEPS          = ACTIVITY_BITS;
     localparam int STEP_BITS      = $clog2(STEPS + 1);
-    // an event is 256, and moves the usual number by 1/64 of that
+    // an event is 256, and moves the usual number by 1/64 of that, which is not its lowest bit
     localparam int EVENT_AT       = FRACTION - ACTIVITY_SHIFT;
 
     logic [EVENTS_BITS-1:0]   events;
@@ -79,7 +79,6 @@ module vpr_activity #(
             borrow      <= usual[ACTIVITY_SHIFT-1:0] != 0;
             carry       <= 1'b0;
             partly      <= 1'b0;
-            has_events  <= EVENT_AT == 0;
             has_upper   <= 1'b1;
             below_event <= 1'b1;
             came_below  <= 1'b0;
