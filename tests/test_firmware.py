@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,15 @@ from firmware_model.emulator import OUT_WORDS, Emulator
 from firmware_model.host_program import run_host
 from firmware_model.image import Word, image, ram_bytes
 from firmware_model.instructions import FILTER, TABLE, Instructions, compiler, measure, table
-from firmware_model.vectors import Case, from_binary, in_order, records, standard_suites, to_binary
+from firmware_model.vectors import (
+    FILTER_CORNERS,
+    Case,
+    from_binary,
+    in_order,
+    records,
+    standard_suites,
+    to_binary,
+)
 from firmware_model.vectors.images import image_cases
 from firmware_model.vectors.random_designs import (
     random_adaptive_design,
@@ -505,12 +514,13 @@ FILTER_MUTATIONS = {
         "follows ? s->trust : s->trust",
     ),
     "trust follows too far": ("filter.h", "<= (d->back + last)", "<= (d->back + last + 1U)"),
-    "quiet windows are lively": ("vpr.c", "has_too_few(s, events, QUIET_BITS)", "s->paused"),
-    "pauses are windows": ("vpr.c", "(events == 0U) || (events < least)", "least > 1U << 30"),
+    "quiet windows are lively": ("vpr.c", "events <= (below >> QUIET_BITS)", "s->paused"),
+    "quiet windows step back": ("filter.h", "s->quiet ? 0U : d->back", "d->back"),
+    "pauses are windows": ("vpr.c", "events <= (below >> PAUSE_BITS)", "false"),
     "a window of few events is none that pauses": (
         "vpr.c",
-        "(events < least)",
-        "(least > (1U << 30))",
+        "events <= (below >> PAUSE_BITS)",
+        "events == 0U",
     ),
     "means move in pauses": ("vpr.c", "        if (!s->paused) {\n", "        if (true) {\n"),
     "means move by one shift": ("vpr.c", "s->mean_windows >> (shift + 1U)", "0U"),
@@ -572,6 +582,15 @@ def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     """The suite `corners` alone finds every one of these faults."""
     broken = mutated(list(MUTATIONS).index(name), *MUTATIONS[name])
     assert finds(broken, cases["corners"], expected), name
+
+
+def test_the_page_says_how_many_corners_and_faults_there_are():
+    """Of the filter, too."""
+    page = Path(__file__).parents[1] / "docs" / "firmware.md"
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    assert f"the {len(FILTER_CORNERS)} corners of the filter" in text
+    assert f"All {len(MUTATIONS)} of these fail the suite `corners`" in text
+    assert f"and {len(FILTER_MUTATIONS)} with faults of the filter" in text
 
 
 @pytest.mark.slow

@@ -653,6 +653,23 @@ def test_a_mutant_changes_one_line_of_a_unit():
         assert not before.lstrip().startswith(("//", "localparam", "input", "output"))
 
 
+def test_mutants_are_chosen_by_their_source_or_their_line():
+    """In their order; a place without one is refused."""
+    every = mutants.all_mutants()
+    assert mutants.chosen(every, []) == every
+    of_source = mutants.chosen(every, ["vpr_activity.sv"])
+    assert of_source == [mutant for mutant in every if mutant.file == "vpr_activity.sv"]
+    line = of_source[0].line
+    of_line = mutants.chosen(every, ["vpr_core.sv", f"vpr_activity.sv:{line + 1}"])
+    assert set(of_line) == {
+        mutant
+        for mutant in every
+        if mutant.file == "vpr_core.sv" or mutant[:2] == ("vpr_activity.sv", line)
+    }
+    with pytest.raises(ToolError, match=r"no mutant is at 'vpr_core\.sv:1': give FILE or"):
+        mutants.chosen(every, ["vpr_core.sv:1"])
+
+
 def changed(file, old, new):
     """A mutant of the one line of a source that has `old`."""
     text = (sources.FOLDER / file).read_text(encoding="ascii").split("\n")

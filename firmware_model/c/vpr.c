@@ -427,21 +427,15 @@ static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
     }
 }
 
-/* Whether a window has less than 1 / 2^bits of the usual number of events, which has 8 of these bits
- * as fraction. */
-static bool has_too_few(const vpr_state_t *s, uint32_t events, uint32_t bits)
-{
-    const uint32_t least = (s->usual + ((1U << bits) - 1U)) >> bits;
-    return (events == 0U) || (events < least);
-}
-
-/* Whether the open window is quiet, and whether it pauses; and the usual number of events with it. */
+/* Whether the open window is quiet, and whether it pauses; and the usual number of events with it.
+ * It has less than 1 / 2^n of that number if it has at most what is left of `below`, rounded down. */
 static void take_activity(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t counted = d->budget - s->left;
     const uint32_t events = (counted < EVENTS_TOP) ? counted : EVENTS_TOP;
-    s->quiet = has_too_few(s, events, QUIET_BITS);
-    s->paused = has_too_few(s, events, PAUSE_BITS);
+    const uint32_t below = (s->usual > 0U) ? (s->usual - 1U) : 0U; /* without events: both */
+    s->quiet = events <= (below >> QUIET_BITS);
+    s->paused = events <= (below >> PAUSE_BITS);
     s->usual = moved(s->usual, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
 }
 

@@ -30,6 +30,8 @@ from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import verify
 
+#: mutants of a run of all sources
+DRAWN = 60
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
 LIMIT = 30
@@ -55,7 +57,7 @@ EVERY_CLOCK = {
 #: cases that find most mutants come first
 FIRST = (
     "tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time",
-    "usually_more_events", "pause_at_threshold", "quiet_at_threshold", "spread_of_one",
+    "usually_more_events", "pause_at_threshold", "quiet_at_threshold", "quiet", "spread_of_one",
     "pauses_of_kept_distances", "random_2",
 )  # fmt: skip
 #: mutants that behave as the source does, and the reason
@@ -65,6 +67,14 @@ EQUAL = {
         "assign code = octaves >= HIGHEST ? '1 : octaves < LOWEST ? '0 : "
         "CODE_BITS'(octaves - LOWEST);",
     ): "HIGHEST - LOWEST is the code of all ones",
+    (
+        "vpr_activity.sv",
+        "assign {full, one_more} = {1'b0, events} - {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;",
+    ): "the operand is 0 whenever the sum is taken",
+    (
+        "vpr_core.sv",
+        "assign quiet   = 1'b1;",
+    ): "it is of designs without the filter, which reads it",
 }
 _CHANGES = tuple(
     (re.compile(old), new)
@@ -128,6 +138,31 @@ def all_mutants() -> list[Mutant]:
         for file in sources.UNITS
         for mutant in mutants(file, (sources.FOLDER / file).read_text(encoding="ascii"))
     ]
+
+
+def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
+    """Select the mutants of sources, or of lines of them; all if there are no places.
+
+    Parameters
+    ----------
+    every : sequence of Mutant
+    places : sequence of str
+        ``FILE`` or ``FILE:LINE``, with lines counted from 1.
+
+    Raises
+    ------
+    ToolError
+        If a place has no mutant.
+    """
+    named = {place: [m for m in every if place in _places(m)] for place in places}
+    for place, found in named.items():
+        if not found:
+            raise ToolError(f"no mutant is at {place!r}: give FILE or FILE:LINE of the core")
+    return [m for m in every if not places or not _places(m).isdisjoint(named)]
+
+
+def _places(mutant: Mutant) -> set[str]:
+    return {mutant.file, f"{mutant.file}:{mutant.line + 1}"}
 
 
 class Bench:
@@ -226,16 +261,27 @@ class Bench:
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command; return 1 if a mutant is not found, or a tool is missing."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--mutants", type=int, default=60, metavar="N", help="drawn of all")
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="PLACE",
+        help="run the mutants of these sources or lines (vpr_core.sv:100) alone",
+    )  # fmt: skip
+    parser.add_argument(
+        "--mutants", type=int, metavar="N",
+        help=f"run so many, drawn at random: {DRAWN} by default, or all of those of --only",
+    )  # fmt: skip
     parser.add_argument("--skip", type=int, default=0, metavar="N", help="go on behind the first N")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args(words)
     if not simulation.available():
         print("mutants need Icarus Verilog: run apt install iverilog", file=sys.stderr)
         return 1
-    every = all_mutants()
-    chosen = np.random.default_rng(args.seed).permutation(len(every))[: args.mutants]
-    drawn = sorted(chosen.tolist())[args.skip :]
+    try:
+        every = chosen(all_mutants(), args.only)
+    except ToolError as error:
+        parser.error(str(error))
+    count = args.mutants or (len(every) if args.only else DRAWN)
+    drawn = np.random.default_rng(args.seed).permutation(len(every))[:count]
+    drawn = sorted(drawn.tolist())[args.skip :]
     left = 0
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), args.seed)

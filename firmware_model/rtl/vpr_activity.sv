@@ -23,7 +23,7 @@ module vpr_activity #(
     localparam int DROPPED        = FRACTION + QUIET_SHIFT;
     localparam int STEPS          = ACTIVITY_BITS;
     localparam int STEP_BITS      = $clog2(STEPS + 1);
-    // an event is 256, and moves the usual number by 1/64 of that
+    // an event is 256, and moves the usual number by 1/64 of that, which is not its lowest bit
     localparam int EVENT_AT       = FRACTION - ACTIVITY_SHIFT;
 
     logic [EVENTS_BITS-1:0]   events;
@@ -40,29 +40,34 @@ module vpr_activity #(
     assign pauses = !any || !(half_more || (half_as_many && !partly && !usual[DROPPED]));
 
     // usual + events * 2^EVENT_AT - usual / 64, rounded up, from the lowest bit on: the bit of the
-    // quotient is still in the register, until new ones come (`has_upper`).
-    logic [STEP_BITS-1:0]   step;
-    logic [EVENTS_BITS-1:0] ended;  // events of the window that ended
-    logic                   borrow, carry;
+    // quotient is still in the register, until new ones come (`has_upper`). The events are shifted
+    // out (`has_events`), which leaves none for the next window.
+    logic [STEP_BITS-1:0] step;
+    logic                 borrow, carry;
 
     // which bits are at hand; registers, as comparing the step takes its time
-    logic has_ended, has_upper, below_event, came_below;
+    logic has_events, has_upper, below_event, came_below;
 
     wire upper      = has_upper && usual[ACTIVITY_SHIFT];
     wire difference = usual[0] ^ upper ^ borrow;
-    wire of_ended   = has_ended && ended[0];
-    wire next       = of_ended ^ difference ^ carry;
+    wire of_events  = has_events && events[0];
+    wire next       = of_events ^ difference ^ carry;
+
+    // not taken while events are shifted out: with the operand that is not 0 then, an FPGA has sum
+    // and selection of a bit in one cell
+    logic                   full;
+    logic [EVENTS_BITS-1:0] one_more;
+    assign {full, one_more} = {1'b0, events} + {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;
 
     always_ff @(posedge clk) begin
+        if (load) events <= '0;
+        else if (has_events || (counted && !full))
+            events <= has_events ? events >> 1 : one_more;
         if (window_end || load) begin
-            events    <= '0;
             any       <= 1'b0;
             more      <= 1'b0;
             half_more <= 1'b0;
-        end else if (counted) begin
-            if (events != '1) events <= events + 1'b1;
-            any <= 1'b1;
-        end
+        end else if (counted) any <= 1'b1;
         as_many      <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED]);
         half_as_many <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED+1]);
         was_counted  <= counted && !window_end && !load;
@@ -70,12 +75,10 @@ module vpr_activity #(
         if (half_as_many && was_counted) half_more <= 1'b1;
         if (window_end) begin
             settled     <= 1'b0;
-            ended       <= events;
             step        <= '0;
             borrow      <= usual[ACTIVITY_SHIFT-1:0] != 0;
             carry       <= 1'b0;
             partly      <= 1'b0;
-            has_ended   <= EVENT_AT == 0;
             has_upper   <= 1'b1;
             below_event <= 1'b1;
             came_below  <= 1'b0;
@@ -83,20 +86,21 @@ module vpr_activity #(
             step    <= step + 1'b1;
             settled <= step == STEP_BITS'(STEPS - 1);
             borrow  <= (!usual[0] && (upper || borrow)) || (upper && borrow);
-            carry   <= (of_ended && (difference || carry)) || (difference && carry);
-            if (has_ended) ended <= ended >> 1;
+            carry   <= (of_events && (difference || carry)) || (difference && carry);
             usual   <= {next, usual[ACTIVITY_BITS-1:1]};
             // the bit that came with the clock before
             came_below <= below_event;
             if (came_below && usual[ACTIVITY_BITS-1]) partly <= 1'b1;
-            if (step == STEP_BITS'(EVENT_AT - 1)) has_ended <= 1'b1;
+            if (step == STEP_BITS'(EVENT_AT - 1)) has_events <= 1'b1;
+            if (step == STEP_BITS'(STEPS - 1)) has_events <= 1'b0;
             if (step == STEP_BITS'(ACTIVITY_BITS - ACTIVITY_SHIFT - 1)) has_upper <= 1'b0;
             if (step == STEP_BITS'(DROPPED - 1)) below_event <= 1'b0;
         end
         if (load) begin
-            usual   <= start_activity;
-            partly  <= start_activity[DROPPED-1:0] != 0;
-            settled <= 1'b1;
+            usual      <= start_activity;
+            partly     <= start_activity[DROPPED-1:0] != 0;
+            settled    <= 1'b1;
+            has_events <= 1'b0;
         end
     end
 endmodule

@@ -112,10 +112,24 @@ def _pauses(design: Design) -> list[Case]:
             drive(f"{above}_at_threshold", forward, list(range(12)), None, at - 1),
             drive(f"{below}_by_two", forward, list(range(12)), None, by_two),
         ]
+    above = 8 << ACTIVITY_BITS
+    at = _activity_at_threshold(forward, 6, PAUSE_SHIFT, above)
+    cases.append(drive("pause_by_eight_events", forward, list(range(12)), None, at))
+    # quiet windows of a map with all kinds of steps, which they do not make
+    every_way = replace(forward, steps=(1, 0, 2, 1, 1, 1), back=(1, 1))
+    at = total << (ACTIVITY_BITS + QUIET_SHIFT)
+    for name, kept in {"quiet": False, "quiet_of_kept_distances": True}.items():
+        of_map = replace(every_way, keep_distances=kept)
+        cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, 3 * at // 2))
     # usual activity exactly at the threshold, and above it by the smallest step
     first = counts_at(forward, 0)[1] if design.window == "time" else total
-    for name, usual in {"first_busy": first << 12, "first_pauses": (first << 12) + 1}.items():
-        cases.append(drive(name, forward, [0, 1, 2], None, min(usual, 0x7FFF_FF00)))
+    for bits, (below, enough) in {
+        PAUSE_SHIFT: ("first_pauses", "first_busy"),
+        QUIET_SHIFT: ("first_quiet", "first_lively"),
+    }.items():
+        at = first << (ACTIVITY_BITS + bits)
+        for name, usual in {enough: at, below: at + 1}.items():
+            cases.append(drive(name, forward, [0, 1, 2], None, min(usual, 0x7FFF_FF00)))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))

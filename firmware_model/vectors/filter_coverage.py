@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
+from itertools import product
 
 from firmware_model.comparator import MatchResult
 from firmware_model.descriptor import WindowResult
@@ -27,8 +29,14 @@ FILTER_CORNERS = {
     "long_pause": "a window that pauses behind one that pauses",
     "pause_at_threshold": "a window that pauses, and would not if 1/256 event less were usual",
     "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
+    "pause_by_eight_events": "a window that pauses, and would not if 8 events less were usual",
     "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
     "quiet": "a window that is quiet but no pause, and not the first",
+    "first_window_quiet": "a first window that is quiet but no pause",
+    "quiet_of_steps_back": "a window that is quiet but no pause, with a place that a step back "
+    "would lead to for less",
+    "quiet_of_long_steps": "a window that is quiet but no pause, with a place that a step of more "
+    "than two places would lead to for less",
     "quiet_at_threshold": "a window that is quiet, and would not be if 1/256 event less were usual",
     "quiet_by_two": "a window that is quiet, and would not be if 2/256 event less were usual",
     "lively_at_threshold": "a window that is not quiet, and would if 1/256 event more were usual",
@@ -86,9 +94,14 @@ class FilterCoverage:
         threshold = counted << (ACTIVITY_BITS + PAUSE_SHIFT)
         found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
         found["pause_by_two"] += counted > 0 and usual == threshold + 2
+        found["pause_by_eight_events"] += counted > 0 and (
+            usual == threshold + (8 << ACTIVITY_BITS)
+        )
         found["busy_at_threshold"] += counted > 0 and usual == threshold
         threshold = counted << (ACTIVITY_BITS + QUIET_SHIFT)
-        found["quiet"] += window.quiet and not (first or paused)
+        found["first_window_quiet"] += first and window.quiet and not paused
+        if window.quiet and not (first or paused):
+            self._see_quiet()
         found["quiet_at_threshold"] += counted > 0 and usual == threshold + 1
         found["quiet_by_two"] += counted > 0 and usual == threshold + 2
         found["lively_at_threshold"] += counted > 0 and usual == threshold
@@ -116,6 +129,27 @@ class FilterCoverage:
                 (distance - least) * scale >> 14 > EVIDENCE_TOP
             )
             found["metric_saturated"] += predicted + against > METRIC_TOP
+
+    def _see_quiet(self) -> None:
+        """Count the corners of a window that is quiet but no pause, and not the first."""
+        design, model = self.machine.design, self.machine.place_filter
+        least, quiet = min(model.metrics), model.predictions(True)
+
+        def cheaper(moves: Iterable[tuple[int, int]]) -> bool:
+            """Return whether a place can be reached for less by one of these steps and prices."""
+            ways = product(moves, enumerate(model.metrics))
+            return any(
+                metric - least + (price << FRACTION_BITS) < quiet[origin + step]
+                for (step, price), (origin, metric) in ways
+                if 0 <= origin + step < design.places
+            )
+
+        self.found["quiet"] += 1
+        self.found["quiet_of_steps_back"] += cheaper(
+            (-number, price) for number, price in enumerate(design.back, 1)
+        )
+        longer = tuple(enumerate(design.steps))[len(QUIET_STEPS) :]
+        self.found["quiet_of_long_steps"] += cheaper(longer)
 
     def see_match(self, match: MatchResult) -> None:
         """Count the corners of a match."""
