@@ -342,10 +342,12 @@ def place_filter(
     jumps: Sequence[tuple[int, int]] = (),
     along: Sequence[int] = (),
     travelled: Sequence[int | None] = (),
+    quiet_part: int = 1,
 ) -> list[tuple[list[int], int, int, int]]:
     """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
 
-    It goes on from `begin`: metrics, scale (0: none yet), place and trust of a window before.
+    Evidence of a quiet window counts 1 / `quiet_part`. It goes on from `begin`: metrics, scale (0:
+    none yet), place and trust of a window before.
     """
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
@@ -370,6 +372,7 @@ def place_filter(
         own = 65536 // spread
         scaled = scale or own  # by the spread of the window before, up to 2**16
         evidence = [0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d]
+        evidence = [e // quiet_part if quiet else e for e in evidence]
         metric = [min(p + e, 1023) for p, e in zip(predicted, evidence, strict=True)]
         scale = scale if pause else own
         activity += (256 * min(events[j], 2**23 - 1) - activity) // 64
@@ -399,22 +402,27 @@ def smoothed_filter(
     jumps: Sequence[tuple[int, int]],
     along: Sequence[int],
     travelled: Sequence[int | None],
+    quiet_part: int = 4,
 ) -> tuple[list[list[int]], list[set[tuple[int, int]]]]:
     """Forward metric of each window plus the price of the cheapest way on from each place.
 
-    And the pairs of places that may follow each other up to each window.
+    And the pairs of places that may follow each other up to each window. Evidence of a quiet window
+    counts 1 / `quiet_part`.
     """
     k, scale, evidence, ways = len(distances[0]), None, [], []
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
     given, usual = (forward, back, restart, 0, activity, None, jumps, along, travelled), activity
-    metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
+    metrics = [metric for metric, *_ in place_filter(distances, events, *given, quiet_part)]
     for d, count, way in zip(distances, events, travelled, strict=True):
         own = 65536 // max(sum(abs(x - sum(d) // k) for x in d) // k, 1)
         quiet = count == 0 or 8 * 256 * count < usual
         pause = count == 0 or 16 * 256 * count < usual
         scaled = own if scale is None else scale
-        evidence.append([0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d])
+        part = quiet_part if quiet else 1
+        evidence.append(
+            [0 if pause else min((x - min(d)) * scaled // 2**14, 255) // part for x in d]
+        )
         scale = scale if pause else own
         usual += (256 * min(count, 2**23 - 1) - usual) // 64
         steps = {0: 0, 1: 0, 2: 4} if quiet else prices

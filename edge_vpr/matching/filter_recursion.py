@@ -89,6 +89,7 @@ def advance_windows(
     predicted: Predictions,
     steps: StepTable,
     exclusion: int,
+    quiet_shift: int,
     distances: npt.NDArray[np.integer],
     events: npt.NDArray[np.int64],
     rows: WindowRows,
@@ -102,7 +103,8 @@ def advance_windows(
     predicted : Predictions
         Of the first window. Those after it are predicted by steps.
     steps : StepTable
-    exclusion : int
+    exclusion, quiet_shift : int
+        Of `PlaceFilter`.
     distances : ndarray of int, shape (n, K)
     events : ndarray of int64, shape (n,)
         At the selected pixels in each window.
@@ -125,6 +127,8 @@ def advance_windows(
             own = reciprocal_of_spread(distances[i])
             evidence_of(distances[i], now.reciprocal if now.reciprocal != 0 else own, evidence)
             now.reciprocal = own
+            if quiet:
+                evidence >>= np.uint8(quiet_shift)
         for k in range(metric.size):
             metric[k] = min(prediction[k] + np.int32(evidence[k]), METRIC_TOP)
         now.usual = usual_after(now.usual, events[i])

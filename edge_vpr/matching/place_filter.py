@@ -59,6 +59,8 @@ class PlaceFilter:
     activity : int
         Events that a window of the reference has at the selected pixels on average, in units of
         1/256 event; 0 if only windows without events are quiet.
+    quiet_shift : int
+        Evidence of a quiet window is divided by ``2**quiet_shift``, rounded down.
     jumps, along_mm : ndarray, optional
         Of the map, see `Moves`.
 
@@ -88,11 +90,12 @@ class PlaceFilter:
         exclusion: int = 3,
         activity: int = 0,
         *,
+        quiet_shift: int = 0,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
     ) -> None:
         self.moves = Moves(places, prices, jumps, along_mm)
-        self.exclusion = exclusion
+        self.exclusion, self.quiet_shift = exclusion, quiet_shift
         self.activity = Activity(activity)
         self.metric = np.zeros(places, dtype=np.int32)
         self.prediction = np.zeros(places, dtype=np.int32)
@@ -190,6 +193,8 @@ class PlaceFilter:
         numbers = np.zeros(1, dtype=NUMBERS).view(np.recarray)
         numbers[0] = (self.reciprocal, self.activity.usual, self.place, self.trust)
         predicted = Predictions(self.prediction, self.quiet, self.follows)
-        steps = self.moves.by_step
-        advance_windows(numbers, predicted, steps, self.exclusion, distances, events, rows)
+        advance_windows(
+            numbers, predicted, self.moves.by_step, self.exclusion, self.quiet_shift, distances,
+            events, rows,
+        )  # fmt: skip
         return rows, numbers
