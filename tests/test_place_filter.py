@@ -272,9 +272,11 @@ def test_prices_that_do_not_fit_are_refused(prices):
         StepPrices(**prices)
 
 
-def test_distances_must_be_one_a_place():
+def test_distances_must_be_one_a_place_and_whole():
     with pytest.raises(UsageError, match="3 distances to 4 places"):
         PlaceFilter(4, StepPrices()).advance(np.zeros(3, dtype=np.int64), 1)
+    with pytest.raises(UsageError, match="distances are float64: give whole numbers"):
+        PlaceFilter(3, StepPrices()).advance(np.array([0.1, 0.5, 0.2]), 1)
     with pytest.raises(UsageError, match="map of 0 places"):
         PlaceFilter(0, StepPrices())
 

@@ -116,6 +116,11 @@ class PlaceFilter:
             Of the window to every place.
         events : int
             At the selected pixels in the window.
+
+        Raises
+        ------
+        UsageError
+            If there is not one distance of each place, or they are not integers.
         """
         rows, _ = self._rows(distances[np.newaxis], np.array([events], dtype=np.int64))
         return FilterMatch(*rows.columns[0].tolist())
@@ -189,6 +194,14 @@ class PlaceFilter:
             raise UsageError(
                 f"{distances.shape[1]} distances to {len(self)} places: give one of each place"
             )
+        if distances.dtype.kind not in "iu":
+            raise UsageError(
+                f"distances are {distances.dtype}: give whole numbers, for example multiplied by "
+                "1,000 and rounded"
+            )
+        # the kernel is compiled for two kinds of distances: those of recorded drives, and any other
+        exact = np.int32 if distances.dtype == np.int32 else np.int64
+        distances = np.ascontiguousarray(distances, dtype=exact)
         rows = WindowRows.empty(*distances.shape)
         numbers = np.zeros(1, dtype=NUMBERS).view(np.recarray)
         numbers[0] = (self.reciprocal, self.activity.usual, self.place, self.trust)
