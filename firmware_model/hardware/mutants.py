@@ -69,12 +69,12 @@ EQUAL = {
     ): "HIGHEST - LOWEST is the code of all ones",
     (
         "vpr_activity.sv",
-        "assign {full, one_more} = {1'b0, events} - {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;",
+        "assign {wraps, one_more} = {1'b0, events} - {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;",
     ): "the operand is 0 whenever the sum is taken",
     (
         "vpr_core.sv",
         "assign quiet   = 1'b1;",
-    ): "it is of designs without the filter, which reads it",
+    ): "only the filter reads it",
 }
 _CHANGES = tuple(
     (re.compile(old), new)
