@@ -791,8 +791,13 @@ endmodule
 def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates(tmp_path):
     """At 63, in a unit of 6 bits, by one event too many up to nearly eight times as many."""
     rng = np.random.default_rng(5)
-    for start in (0, 1, 63 << 8, 5 << 11, (5 << 11) + 1, 3 << 12):
+    # the first window is at a threshold, or one below it, or between both
+    for start, first in (
+        (0, 1), (1, 0), (2 << 11, 2), ((2 << 11) + 1, 2), (2 << 12, 2), ((2 << 12) + 1, 2),
+        ((2 << 12) + (1 << 11), 2), (63 << 8, 500),
+    ):  # fmt: skip
         events = rng.choice([0, 1, 2, 3, 4, 5, 6, 7, 40, 62, 63, 64, 65, 127, 128, 300, 500], 120)
+        events[0] = first
         numbers = "\n".join(f"{n:x}" for n in events)
         (tmp_path / "events.mem").write_text(numbers, encoding="ascii")
         text = ACTIVITY_BENCH.replace("WINDOWS", str(len(events))).replace("START", str(start))
