@@ -69,8 +69,12 @@ EQUAL = {
     ): "HIGHEST - LOWEST is the code of all ones",
     (
         "vpr_activity.sv",
-        "assign {wraps, one_more} = {1'b0, events} - {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;",
+        "{wrapped, events} - {1'b0, {EVENTS_BITS{has_events}}} + (EVENTS_BITS + 1)'(counted);",
     ): "the operand is 0 whenever the sum is taken",
+    (
+        "vpr_activity.sv",
+        "{wrapped, events} + {1'b0, {EVENTS_BITS{has_events}}} + (EVENTS_BITS - 1)'(counted);",
+    ): "either width holds the one bit",
     (
         "vpr_core.sv",
         "assign quiet   = 1'b1;",
