@@ -34,6 +34,7 @@ from firmware_model.hardware import (
 )
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.hardware.simulation import Conditions
+from firmware_model.running import ActivityModel
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -748,6 +749,75 @@ def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
     assert bench.found_by(None) is None
     first = changed("vpr_activity.sv", "step == STEP_BITS'(DROPPED - 1)", "step == 0")
     assert bench.found_by(first) == "filter/pause_by_two"
+
+
+#: a line for each window: whether it is quiet, whether it pauses, and the usual number behind it
+ACTIVITY_BENCH = """
+module bench;
+    logic clk = 0, load = 1, counted = 0, window_end = 0;
+    logic settled, quiet, pauses;
+    logic [8:0] events[WINDOWS];
+    vpr_activity #(.EVENTS_BITS(6), .ACTIVITY_BITS(14)) activity (
+        .clk(clk), .load(load), .start_activity(14'd START), .counted(counted),
+        .window_end(window_end), .settled(settled), .quiet(quiet), .pauses(pauses)
+    );
+    always #1 clk = !clk;
+    initial begin
+        $readmemh("events.mem", events);
+        @(negedge clk) load = 0;
+        for (int window = 0; window < WINDOWS; window++) begin
+            for (int event_ = 0; event_ < events[window]; event_++) begin
+                counted = 1;
+                @(negedge clk) if ($urandom % 4 == 0) begin
+                    counted = 0;
+                    @(negedge clk);
+                end
+            end
+            counted = 0;
+            repeat (2) @(negedge clk);
+            $write("%0d %0d ", quiet, pauses);
+            window_end = 1;
+            @(negedge clk) window_end = 0;
+            while (!settled) @(negedge clk);
+            $display("%0d", activity.usual);
+        end
+        $finish;
+    end
+endmodule
+"""
+
+
+@needs_iverilog
+def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates(tmp_path):
+    """At 63, in a unit of 6 bits, by one event too many up to nearly eight times as many."""
+    rng = np.random.default_rng(5)
+    # the first window is at a threshold, or one below it, or between both
+    for start, first in (
+        (0, 1), (1, 0), (2 << 11, 2), ((2 << 11) + 1, 2), (2 << 12, 2), ((2 << 12) + 1, 2),
+        ((2 << 12) + (1 << 11), 2), (63 << 8, 500),
+    ):  # fmt: skip
+        events = rng.choice([0, 1, 2, 3, 4, 5, 6, 7, 40, 62, 63, 64, 65, 127, 128, 300, 500], 120)
+        events[0] = first
+        numbers = "\n".join(f"{n:x}" for n in events)
+        (tmp_path / "events.mem").write_text(numbers, encoding="ascii")
+        text = ACTIVITY_BENCH.replace("WINDOWS", str(len(events))).replace("START", str(start))
+        (tmp_path / "bench.sv").write_text(text, encoding="ascii")
+        unit = sources.FOLDER / "vpr_activity.sv"
+        for command in (
+            ["iverilog", "-g2012", "-s", "bench", "-o", "bench.vvp", "bench.sv", str(unit)],
+            ["vvp", "-n", "bench.vvp"],
+        ):
+            done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        model, expected = ActivityModel(start), []
+        for counted in events.tolist():
+            number = min(counted, 63)
+            seen = model.is_quiet(number), model.pauses(number)
+            model.update(number)
+            expected.append([*map(int, seen), model.usual])
+        returned_lines = [line for line in done.stdout.splitlines() if line[:1].isdigit()]
+        assert [[int(word) for word in line.split()] for line in returned_lines] == expected
+        kinds = {(quiet, pauses) for quiet, pauses, _ in expected}
+        assert kinds >= {(0, 0), (1, 1)}
 
 
 @needs_iverilog

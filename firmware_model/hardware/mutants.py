@@ -62,20 +62,14 @@ FIRST = (
 )  # fmt: skip
 #: mutants that behave as the source does, and the reason
 EQUAL = {
-    (
-        "vpr_own_mean.sv",
-        "assign code = octaves >= HIGHEST ? '1 : octaves < LOWEST ? '0 : "
-        "CODE_BITS'(octaves - LOWEST);",
-    ): "HIGHEST - LOWEST is the code of all ones",
-    (
-        "vpr_activity.sv",
-        "assign {full, one_more} = {1'b0, events} - {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;",
-    ): "the operand is 0 whenever the sum is taken",
-    (
-        "vpr_core.sv",
-        "assign quiet   = 1'b1;",
-    ): "it is of designs without the filter, which reads it",
-}
+    ("vpr_own_mean.sv", "assign code = octaves >= HIGHEST ? '1 : octaves < LOWEST ? '0 : "
+     "CODE_BITS'(octaves - LOWEST);"): "HIGHEST - LOWEST is the code of all ones",
+    ("vpr_activity.sv", "{wrapped, events} - {1'b0, {EVENTS_BITS{has_events}}} + "
+     "(EVENTS_BITS + 1)'(counted);"): "the operand is 0 whenever the sum is taken",
+    ("vpr_activity.sv", "{wrapped, events} + {1'b0, {EVENTS_BITS{has_events}}} + "
+     "(EVENTS_BITS - 1)'(counted);"): "either width holds the one bit",
+    ("vpr_core.sv", "assign quiet   = 1'b1;"): "only the filter reads it",
+}  # fmt: skip
 _CHANGES = tuple(
     (re.compile(old), new)
     for old, new in (

@@ -21,6 +21,7 @@ module vpr_activity #(
     localparam int QUIET_SHIFT    = 3;  // a pause: one more
     localparam int ACTIVITY_SHIFT = 6;
     localparam int DROPPED        = FRACTION + QUIET_SHIFT;
+    localparam int UPPER_BITS     = ACTIVITY_BITS - DROPPED;
     localparam int STEPS          = ACTIVITY_BITS;
     localparam int STEP_BITS      = $clog2(STEPS + 1);
     // an event is 256, and moves the usual number by 1/64 of that, which is not its lowest bit
@@ -31,7 +32,7 @@ module vpr_activity #(
 
     // The window is not quiet if events << DROPPED >= usual: from the event on with which it has as
     // many as the upper bits of the usual number say, or one more, if the lower are not all 0. It
-    // does not pause if events << DROPPED + 1 >= usual.
+    // does not pause if events << DROPPED + 1 >= usual. Higher bits of the events are 0 until then.
     logic partly, any, more, half_more;
     // of the clock before: no window ends within two clocks of an event
     logic as_many, half_as_many, was_counted;
@@ -41,35 +42,36 @@ module vpr_activity #(
 
     // usual + events * 2^EVENT_AT - usual / 64, rounded up, from the lowest bit on: the bit of the
     // quotient is still in the register, until new ones come (`has_upper`). The events are shifted
-    // out (`has_events`), which leaves none for the next window.
+    // out (`has_events`), which leaves none for the next window; the last of their bits comes with
+    // the last of the quotient. If they have wrapped (`full`), all their bits are taken as 1.
     logic [STEP_BITS-1:0] step;
-    logic                 borrow, carry;
+    logic                 borrow, carry, wrapped, full;
 
     // which bits are at hand; registers, as comparing the step takes its time
     logic has_events, has_upper, below_event, came_below;
 
     wire upper      = has_upper && usual[ACTIVITY_SHIFT];
     wire difference = usual[0] ^ upper ^ borrow;
-    wire of_events  = has_events && events[0];
+    wire of_events  = has_events && (events[0] || (full && has_upper));
     wire next       = of_events ^ difference ^ carry;
 
     // not taken while events are shifted out: with the operand that is not 0 then, an FPGA has sum
     // and selection of a bit in one cell
-    logic                   full;
-    logic [EVENTS_BITS-1:0] one_more;
-    assign {full, one_more} = {1'b0, events} + {1'b0, {EVENTS_BITS{has_events}}} + 1'b1;
+    wire [EVENTS_BITS:0] one_more =
+        {wrapped, events} + {1'b0, {EVENTS_BITS{has_events}}} + (EVENTS_BITS + 1)'(counted);
 
     always_ff @(posedge clk) begin
-        if (load) events <= '0;
-        else if (has_events || (counted && !full))
-            events <= has_events ? events >> 1 : one_more;
+        if (load) {wrapped, events} <= '0;
+        else {wrapped, events} <= has_events ? {1'b0, events >> 1} : one_more;
+        if (load || (has_events && !has_upper)) full <= 1'b0;
+        else if (wrapped) full <= 1'b1;
         if (window_end || load) begin
             any       <= 1'b0;
             more      <= 1'b0;
             half_more <= 1'b0;
         end else if (counted) any <= 1'b1;
-        as_many      <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED]);
-        half_as_many <= events == EVENTS_BITS'(usual[ACTIVITY_BITS-1:DROPPED+1]);
+        as_many      <= events[UPPER_BITS-1:0] == usual[ACTIVITY_BITS-1:DROPPED];
+        half_as_many <= events[UPPER_BITS-2:0] == usual[ACTIVITY_BITS-1:DROPPED+1];
         was_counted  <= counted && !window_end && !load;
         if (as_many && was_counted) more <= 1'b1;
         if (half_as_many && was_counted) half_more <= 1'b1;
