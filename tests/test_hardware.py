@@ -765,6 +765,12 @@ module bench;
     always #1 clk = !clk;
     initial begin
         $readmemh("events.mem", events);
+        // a reset while the usual number moves
+        @(negedge clk) load = 0;
+        window_end = 1;
+        @(negedge clk) window_end = 0;
+        repeat (5) @(negedge clk);
+        load = 1;
         @(negedge clk) load = 0;
         for (int window = 0; window < WINDOWS; window++) begin
             for (int event_ = 0; event_ < events[window]; event_++) begin
