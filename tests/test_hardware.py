@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -764,6 +765,12 @@ module bench;
     always #1 clk = !clk;
     initial begin
         $readmemh("events.mem", events);
+        // a reset while the usual number moves
+        @(negedge clk) load = 0;
+        window_end = 1;
+        @(negedge clk) window_end = 0;
+        repeat (5) @(negedge clk);
+        load = 1;
         @(negedge clk) load = 0;
         for (int window = 0; window < WINDOWS; window++) begin
             for (int event_ = 0; event_ < events[window]; event_++) begin
@@ -787,17 +794,30 @@ endmodule
 """
 
 
+def usual_after(usual, events):
+    """The usual number behind a window of so many events."""
+    model = ActivityModel(usual)
+    model.update(events)
+    return model.usual
+
+
 @needs_iverilog
 def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates(tmp_path):
     """At 63, in a unit of 6 bits, by one event too many up to nearly eight times as many."""
     rng = np.random.default_rng(5)
     # the first window is at a threshold, or one below it, or between both
-    for start, first in (
-        (0, 1), (1, 0), (2 << 11, 2), ((2 << 11) + 1, 2), (2 << 12, 2), ((2 << 12) + 1, 2),
-        ((2 << 12) + (1 << 11), 2), (63 << 8, 500),
-    ):  # fmt: skip
+    cases = [
+        (0, [1]), (1, [0]), (2 << 11, [2]), ((2 << 11) + 1, [2]), (2 << 12, [2]),
+        ((2 << 12) + 1, [2]), ((2 << 12) + (1 << 11), [2]), (63 << 8, [500]),
+    ]  # fmt: skip
+    # or the second one is, behind one with an event that moves the usual number there
+    for usual, second in ((3 << 11, 3), (4 << 11, 4), (4 << 11, 2), (6 << 11, 3)):
+        start = bisect_left(range(1 << 14), usual, key=lambda n: usual_after(n, 1))
+        assert usual_after(start, 1) == usual
+        cases.append((start, [1, second]))
+    for start, first in cases:
         events = rng.choice([0, 1, 2, 3, 4, 5, 6, 7, 40, 62, 63, 64, 65, 127, 128, 300, 500], 120)
-        events[0] = first
+        events[: len(first)] = first
         numbers = "\n".join(f"{n:x}" for n in events)
         (tmp_path / "events.mem").write_text(numbers, encoding="ascii")
         text = ACTIVITY_BENCH.replace("WINDOWS", str(len(events))).replace("START", str(start))
