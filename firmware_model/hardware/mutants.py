@@ -274,8 +274,8 @@ def main(words: Sequence[str] | None = None) -> int:
     except ToolError as error:
         parser.error(str(error))
     count = args.mutants or (len(every) if args.only else DRAWN)
-    drawn = np.random.default_rng(args.seed).permutation(len(every))[:count]
-    drawn = sorted(drawn.tolist())[args.skip :]
+    order = np.random.default_rng(args.seed).permutation(len(every))
+    drawn = sorted(order[:count].tolist())[args.skip :]
     left = 0
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), args.seed)

@@ -98,7 +98,7 @@ def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
     method = UNBOUNDED
     if define == "PATIENCE" and "FILTER" in parameters:
         name, method = f"in the first {CLOCKS} clocks, {name}", BOUNDED
-    elif define == "MATCH" and "KEEP_DISTANCES" in parameters:
+    elif define == "MATCH" and "FILTER" in parameters:
         method = SIMPLIFIED
     return Claim(name, "vpr_core_properties", UNITS, define, parameters, True, method)
 

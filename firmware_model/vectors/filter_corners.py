@@ -102,42 +102,49 @@ def _pauses(design: Design) -> list[Case]:
     # metrics of eight places fill their room in the RAM
     eight = replace(forward, places=8)
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
-    thresholds = {PAUSE_SHIFT: ("pause", "busy"), QUIET_SHIFT: ("quiet", "lively")}
-    for shift, (below, above) in thresholds.items():
-        at = _activity_at_threshold(forward, 6, shift)
-        # usual events whose lowest bits are not 0, but whose lowest bit is
-        by_two = _activity_at_threshold(forward, 6, shift, above=2)
-        cases += [
-            drive(f"{below}_at_threshold", forward, list(range(12)), None, at),
-            drive(f"{above}_at_threshold", forward, list(range(12)), None, at - 1),
-            drive(f"{below}_by_two", forward, list(range(12)), None, by_two),
-        ]
-    above = 8 << ACTIVITY_BITS
-    at = _activity_at_threshold(forward, 6, PAUSE_SHIFT, above)
-    cases.append(drive("pause_by_eight_events", forward, list(range(12)), None, at))
     # quiet windows of a map with all kinds of steps, which they do not make
     every_way = replace(forward, steps=(1, 0, 2, 1, 1, 1), back=(1, 1))
-    at = total << (ACTIVITY_BITS + QUIET_SHIFT)
-    for name, kept in {"quiet": False, "quiet_of_kept_distances": True}.items():
-        of_map = replace(every_way, keep_distances=kept)
-        cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, 3 * at // 2))
-    # usual activity exactly at the threshold, and above it by the smallest step
-    first = counts_at(forward, 0)[1] if design.window == "time" else total
-    for bits, (below, enough) in {
-        PAUSE_SHIFT: ("first_pauses", "first_busy"),
-        QUIET_SHIFT: ("first_quiet", "first_lively"),
-    }.items():
-        at = first << (ACTIVITY_BITS + bits)
-        for name, usual in {enough: at, below: at + 1}.items():
-            cases.append(drive(name, forward, [0, 1, 2], None, min(usual, 0x7FFF_FF00)))
+    usual = 3 * (total << (ACTIVITY_BITS + QUIET_SHIFT)) // 2
+    for name, keeps in {"quiet": False, "quiet_of_kept_distances": True}.items():
+        of_map = replace(every_way, keep_distances=keeps)
+        cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, usual))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))
         cases.append(drive("pauses_of_kept_distances", kept, route))
-    return cases
+    return cases + _limits(forward)
 
 
-def _activity_at_threshold(design: Design, window: int, shift: int, above: int = 1) -> int:
+def _limits(design: Design) -> list[Case]:
+    """Make the cases with windows that have just enough events, and just too few."""
+    cases, every = [], list(range(design.places))
+    for shift, too_few, enough in (
+        (PAUSE_SHIFT, "pause", "busy"),
+        (QUIET_SHIFT, "quiet", "lively"),
+    ):
+        at = _activity_at_limit(design, 6, shift)
+        # usual events whose lowest bits are not 0, but whose lowest bit is
+        by_two = _activity_at_limit(design, 6, shift, above=2)
+        cases += [
+            drive(f"{too_few}_at_threshold", design, every, None, at),
+            drive(f"{enough}_at_threshold", design, every, None, at - 1),
+            drive(f"{too_few}_by_two", design, every, None, by_two),
+        ]
+        # the first window, whose usual number is the initial one
+        first = counts_at(design, 0)[1]
+        if design.window == "count":
+            first = max(counts_at(design, place)[1] for place in every)
+        at = min(first << (ACTIVITY_BITS + shift), 0x7FFF_FEFF)
+        named = "pauses" if too_few == "pause" else too_few
+        cases += [
+            drive(f"first_{enough}", design, every[:3], None, at),
+            drive(f"first_{named}", design, every[:3], None, at + 1),
+        ]
+    by_eight = _activity_at_limit(design, 6, PAUSE_SHIFT, above=8 << ACTIVITY_BITS)
+    return [*cases, drive("pause_by_eight_events", design, every, None, by_eight)]
+
+
+def _activity_at_limit(design: Design, window: int, shift: int, above: int = 1) -> int:
     """Find the lowest initial activity with which a window of a drive by all places has too few.
 
     Too few is less than ``1 / 2**shift`` of the usual number of events. That number is then `above`
