@@ -21,6 +21,7 @@ from typing import Literal
 from firmware_model.build import HOST, SOURCES, build
 from firmware_model.design import Design
 from firmware_model.errors import ToolError
+from firmware_model.mutant_places import mutants_at
 from firmware_model.mutation import Mutant, mutants
 from firmware_model.vectors.bundle import bundle
 from firmware_model.vectors.corners import corner_cases
@@ -159,32 +160,8 @@ def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Sur
 
 
 def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:
-    """Select mutants by line or function.
-
-    Parameters
-    ----------
-    every : iterable of Mutant
-    places : sequence of str
-        ``FILE:LINE``, or the name of a function; none selects all mutants.
-
-    Returns
-    -------
-    list of Mutant
-        In their order.
-
-    Raises
-    ------
-    ToolError
-        If a place has no mutant.
-    """
-    every = list(every)
-    named = {place: [m for m in every if place in _places(m)] for place in places}
-    for place, found in named.items():
-        if not found:
-            raise ToolError(
-                f"no mutant is at {place!r}: give FILE:LINE or a function of the firmware"
-            )
-    return [m for m in every if not places or not _places(m).isdisjoint(named)]
+    """Select mutants by ``FILE:LINE`` or function, see `mutants_at`."""
+    return mutants_at(every, places, _places, "FILE:LINE or a function of the firmware")
 
 
 def _places(mutant: Mutant) -> set[str]:

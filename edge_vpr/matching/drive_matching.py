@@ -15,7 +15,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.sequence import check_length, sequence_sums
 from edge_vpr.matching.sequence_matches import BestSequences, sequence_matches
-from edge_vpr.matching.smoothing import QUIET_SHIFT
+from edge_vpr.matching.smoothing import QUIET_EVIDENCE_SHIFT
 from edge_vpr.matching.step_prices import StepPrices
 from edge_vpr.odometry import Odometry
 from edge_vpr.settings import Settings
@@ -114,8 +114,8 @@ def filter_of(
     """
     return PlaceFilter(
         len(places), StepPrices.of(settings), settings.exclusion,
-        mean_activity(places.activity), quiet_shift=QUIET_SHIFT if settings.smooth else 0,
-        jumps=jumps, along_mm=along_mm,
+        mean_activity(places.activity),
+        quiet_shift=QUIET_EVIDENCE_SHIFT if settings.smooth else 0, jumps=jumps, along_mm=along_mm,
     )  # fmt: skip
 
 

@@ -89,7 +89,7 @@ class Moves:
         return predict(metric, steps.prices, steps.first, steps.restart, steps.jumps)
 
     def if_quiet(self, metric: Metrics) -> Metrics:
-        """Return the price of each place after a window without motion, shape (K,)."""
+        """Return the price of each place after a quiet window, shape (K,)."""
         steps = self.by_step
         return predict(metric, steps.quiet, 0, steps.restart, steps.jumps)
 

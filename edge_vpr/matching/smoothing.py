@@ -22,9 +22,9 @@ from edge_vpr.matching.step_prices import Metrics
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None
-#: If the whole drive decides, evidence of a quiet window counts a quarter, ``1 / 2**QUIET_SHIFT``:
-#: a robot that hardly moves sees the same view again, while the windows around tell more.
-QUIET_SHIFT = 2
+#: If the whole drive decides, evidence of a quiet window counts a quarter, ``1 / 2**shift``: a
+#: robot that hardly moves sees the same view again, while the windows around tell more.
+QUIET_EVIDENCE_SHIFT = 2
 
 
 class Onward:

@@ -26,6 +26,7 @@ from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation, sources
 from firmware_model.hardware.simulation import Conditions
+from firmware_model.mutant_places import mutants_at
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import verify
@@ -135,24 +136,8 @@ def all_mutants() -> list[Mutant]:
 
 
 def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
-    """Select the mutants of sources, or of lines of them; all if there are no places.
-
-    Parameters
-    ----------
-    every : sequence of Mutant
-    places : sequence of str
-        ``FILE`` or ``FILE:LINE``, with lines counted from 1.
-
-    Raises
-    ------
-    ToolError
-        If a place has no mutant.
-    """
-    named = {place: [m for m in every if place in _places(m)] for place in places}
-    for place, found in named.items():
-        if not found:
-            raise ToolError(f"no mutant is at {place!r}: give FILE or FILE:LINE of the core")
-    return [m for m in every if not places or not _places(m).isdisjoint(named)]
+    """Select mutants by ``FILE`` or ``FILE:LINE``, with lines counted from 1, see `mutants_at`."""
+    return mutants_at(every, places, _places, "FILE or FILE:LINE of the core")
 
 
 def _places(mutant: Mutant) -> set[str]:
