@@ -65,13 +65,6 @@ def test_a_stage_imports_only_the_stages_before_it():
                 assert target in allowed, f"{path.relative_to(ROOT)} imports edge_vpr.{target}"
 
 
-def test_no_module_is_longer_than_300_lines():
-    rooms = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
-    long = {str(path): len(path.read_text(encoding="utf-8").splitlines()) for path in rooms}
-    assert len(long) > 400
-    assert not {name: lines for name, lines in long.items() if lines > 300}
-
-
 def test_no_circle_of_imports():
     """What a module imports, also in a function or for its types alone, never leads back to it.
 
