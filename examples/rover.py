@@ -8,10 +8,9 @@ import time
 from collections.abc import Callable
 
 from edge_vpr import MatchSchedule, ReferenceMap
-from edge_vpr.stream.link_reader import LinkReader
-from edge_vpr.stream.links import open_link
-from edge_vpr.stream.live import LiveLocaliser
-from edge_vpr.stream.protocols import open_decoder
+from edge_vpr.live.links import LinkReader, open_link
+from edge_vpr.live.protocols import open_decoder
+from edge_vpr.live.session import LiveLocaliser
 
 FAST, SLOW, BLIND_S = 1.0, 0.2, 0.5  # m/s; after so long without a good match it is slow
 

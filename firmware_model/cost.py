@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from firmware_model.design import Design
-from firmware_model.widths import formats_of, widths_of
+from firmware_model.model.design import Design, formats_of, widths_of
 
 
 class Memory(NamedTuple):

@@ -6,11 +6,9 @@ import struct
 from collections.abc import Sequence
 from enum import IntEnum
 
-from firmware_model.design import Design
 from firmware_model.errors import DesignError
-from firmware_model.largest_values import FRACTION_BITS
-from firmware_model.memories import Memories
-from firmware_model.widths import formats_of
+from firmware_model.model.design import FRACTION_BITS, Design, formats_of
+from firmware_model.model.memories import Memories
 
 MAGIC, VERSION = 0x49525056, 2
 HEADER_WORDS = 36

@@ -14,37 +14,34 @@ from pathlib import Path
 
 import numpy as np
 from archive_oracle import check_layout, check_loaded_map, check_loaded_state
-from edge_vpr_tools.energy.conditions import Conditions
-from edge_vpr_tools.energy.meter_trace import read_csv
-from edge_vpr_tools.energy.profile_record import SCHEMA, Profile
-from edge_vpr_tools.energy.show import check_shown
 from edge_vpr_tools.estimate import targets
-from edge_vpr_tools.estimate.calibration import calibrated
-from edge_vpr_tools.estimate.candidates import evaluation_of
+from edge_vpr_tools.estimate.estimation import calibrated
+from edge_vpr_tools.estimate.search import evaluation_of
+from edge_vpr_tools.profile.conditions import Conditions
+from edge_vpr_tools.profile.profiling import read_csv
+from edge_vpr_tools.profile.record import SCHEMA, Profile
+from edge_vpr_tools.profile.show import check_shown
 from streams import descriptors, random_events
 
 from edge_vpr.archive import read_members
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, printable
-from edge_vpr.evaluation.jump_files import load_jumps
-from edge_vpr.evaluation.odometry_files import load_odometry
-from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.evaluation.truth_from_alignment import load_alignment
-from edge_vpr.evaluation.truth_from_matrix import load_matrix
+from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
+from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
 from edge_vpr.events import Sensor
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.live.protocols.aer import read_layout
+from edge_vpr.live.protocols.layout import Layout
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings
-from edge_vpr.stream.protocols.aer import read_layout
-from edge_vpr.stream.protocols.layout import Layout
-from firmware_model.design import Design
 from firmware_model.errors import DesignError
+from firmware_model.model.design import Design
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))

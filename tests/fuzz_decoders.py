@@ -41,7 +41,7 @@ def guided(words: list[str]) -> None:
     """Let atheris choose."""
     import atheris
 
-    with atheris.instrument_imports(include=["edge_vpr.stream", "edge_vpr.recordings.evt"]):
+    with atheris.instrument_imports(include=["edge_vpr.live", "edge_vpr.recordings.prophesee"]):
         from hostile_streams import PAIRS, one_input
 
     class Choices:

@@ -12,14 +12,14 @@ from functools import cache
 import numpy as np
 from streams import random_events
 
-from edge_vpr.descriptors.descriptors import Descriptors
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.session import LiveLocaliser
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
-from edge_vpr.stream.live import LiveLocaliser
-from edge_vpr.stream.protocols import open_decoder, open_encoder
 
 #: what the host is told, and a device that may speak it
 PAIRS = (

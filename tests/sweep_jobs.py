@@ -37,7 +37,7 @@ def slow_trial(trial):
     """Take a while, so that the worker can be killed meanwhile."""
     import time
 
-    from edge_vpr_tools.sweep.trial import run_trial
+    from edge_vpr_tools.research.sweep.plan import run_trial
 
     time.sleep(0.3)
     return run_trial(trial)

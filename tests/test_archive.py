@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from edge_vpr import archive
-from edge_vpr.archive import read_archive, replacing, write_archive
+from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import make_events
+from edge_vpr.files import replacing
 
 
 def test_what_was_written_is_read(tmp_path):

@@ -8,11 +8,16 @@ import sys
 import naive
 import numpy as np
 import pytest
+from edge_vpr_tools.research.baselines import (
+    baseline_names,
+    compare,
+    match_distances,
+    open_baseline,
+)
 from streams import descriptors
 
-from edge_vpr.baselines import baseline_names, compare, match_distances, open_baseline
 from edge_vpr.errors import MissingExtraError, UsageError
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.settings import PRESETS
 
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 3}, "test")
@@ -50,7 +55,7 @@ def test_a_baseline_of_another_package_is_found(tmp_path, monkeypatch):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
-        "[edge_vpr.baselines]\nmine = edge_vpr.baselines.dense:all_pixels\n"
+        "[edge_vpr.baselines]\nmine = edge_vpr_tools.research.baselines.dense:all_pixels\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     assert baseline_names()[-1] == "mine"

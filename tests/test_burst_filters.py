@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from edge_vpr_tools.experiments.burst_filters import FILTERS, Flashed, matched
+from edge_vpr_tools.research.experiments.burst_filters import FILTERS, Flashed, matched
 from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.pipeline import cleaned, map_traverse
 from edge_vpr.settings import Settings
 

@@ -11,9 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
-from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US, BurstFilter
-from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
-from edge_vpr.descriptors.hot_pixels import find_hot_pixels, load_hot_pixels
+from edge_vpr.descriptors.cleaning import (
+    BURST_SHARE,
+    BURST_SLOT_US,
+    BurstFilter,
+    CausalBurstFilter,
+    find_hot_pixels,
+    load_hot_pixels,
+)
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 

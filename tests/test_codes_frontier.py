@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from edge_vpr_tools.experiments import codes_frontier
-from edge_vpr_tools.experiments.codes_frontier import BITS, CODES, RAW, draw, score
-from edge_vpr_tools.experiments.drive_pairs import pairs, without_pairs
+from edge_vpr_tools.research.experiments import codes_frontier
+from edge_vpr_tools.research.experiments.codes_frontier import BITS, CODES, RAW, draw, score
+from edge_vpr_tools.research.experiments.drives import pairs, without_pairs
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS

@@ -15,10 +15,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
-from edge_vpr_tools.arguments.completions import tree
-from edge_vpr_tools.arguments.parser import takes_value
-from edge_vpr_tools.output import compiling, messages, tables
-from edge_vpr_tools.verbs import EXAMPLES, GROUPS, VERBS, find_verb, module_name
+from edge_vpr_tools import console as compiling
+from edge_vpr_tools import console as messages
+from edge_vpr_tools import console as tables
+from edge_vpr_tools.cli import EXAMPLES, GROUPS, VERBS, find_verb, module_name, takes_value, tree
 from streams import random_events
 
 import edge_vpr
@@ -26,9 +26,9 @@ from edge_vpr import errors
 from edge_vpr.archive import kind_of
 from edge_vpr.errors import MissingExtraError, did_you_mean
 from edge_vpr.events import Sensor, make_events
+from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
-from edge_vpr.stream.protocols import open_encoder
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]

@@ -9,16 +9,22 @@ from importlib import import_module
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY, event_speed, rivals
 from edge_vpr_tools.report.style import figure, save
+from edge_vpr_tools.research.experiments import (
+    EXPERIMENTS,
+    SOURCES,
+    STREETS_ONLY,
+    event_speed,
+    rivals,
+)
 from streams import random_events
 
 from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.events import Sensor, join_events
+from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.stream.protocols import open_encoder
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
@@ -248,7 +254,7 @@ def test_an_experiment_without_its_data(capsys, tmp_path):
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
     folder = getattr(
-        import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}"), "FOLDER", None
+        import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}"), "FOLDER", None
     )
     arguments = ("experiment", name, "--data", tmp_path)
     if folder is not None:
@@ -256,7 +262,9 @@ def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
     elif name in STREETS_ONLY:
         others = f"or compare recorded drives by {STREETS_ONLY[name]}"
         refused(capsys, *arguments, code=2, says=others)
-    elif hasattr(import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}"), "check_data"):
+    elif hasattr(
+        import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}"), "check_data"
+    ):
         refused(capsys, *arguments, code=2, says="https://zenodo.org/records/10494919")
     arguments = ("experiment", name, "--data", tmp_path / "none")
     refused(capsys, *arguments, code=2, says="none is not a folder: name the one that holds")
@@ -302,7 +310,7 @@ def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monke
     def interrupt(*unused):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("edge_vpr_tools.runs.match_folder.write_csv", interrupt)
+    monkeypatch.setattr("edge_vpr_tools.runs.matching.write_csv", interrupt)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     code, lines = call(capsys, *arguments)
     assert code == 130
@@ -318,7 +326,7 @@ def test_a_user_without_a_home_is_told_where_compiled_code_can_go(
     def fail(*unused):
         raise RuntimeError("cannot cache function '_below': no locator available for file 'a.py'")
 
-    monkeypatch.setattr("edge_vpr_tools.runs.match_folder.write_csv", fail)
+    monkeypatch.setattr("edge_vpr_tools.runs.matching.write_csv", fail)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(
         capsys, *arguments, code=1, says="set NUMBA_CACHE_DIR to a folder that can be written to"
@@ -331,7 +339,7 @@ def test_a_fault_of_ours_is_one_line_and_debug_shows_the_trace(
     def fail(*unused):
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("edge_vpr_tools.runs.match_folder.write_csv", fail)
+    monkeypatch.setattr("edge_vpr_tools.runs.matching.write_csv", fail)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says="internal error, ZeroDivisionError: oh")
     _, lines = call(capsys, "--debug", *arguments)

@@ -9,7 +9,12 @@ import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.experiments.detours import Case, carried_off, with_detour, without_places
+from edge_vpr_tools.research.experiments.calibration import (
+    Case,
+    carried_off,
+    with_detour,
+    without_places,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors, random_events
@@ -19,14 +24,13 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.rejection import auroc, judge_rejection
+from edge_vpr.evaluation.metrics import auroc, judge_rejection
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PRESETS, Settings
-from edge_vpr.settings.table import MOST_DELAY
+from edge_vpr.settings import MOST_DELAY, PRESETS, Settings
 
 SENSOR = Sensor(16, 12)
 outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
-from edge_vpr.descriptors.counter_kernels import _BLOCK
-from edge_vpr.descriptors.counters import (
+from edge_vpr.descriptors.counting import (
+    _BLOCK,
     count_events,
     count_frame,
     count_until,

@@ -10,10 +10,7 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-from edge_vpr.datasets.catalogue import (
+from edge_vpr_tools.research.datasets import (
     BRISBANE_TRAVERSES,
     QCR_LANDMARKS_M,
     QCR_TRAVERSES,
@@ -21,12 +18,15 @@ from edge_vpr.datasets.catalogue import (
     BrisbaneTraverse,
     QCRTraverse,
 )
-from edge_vpr.datasets.count_pixels import CountPixels
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_vpr.descriptors.counting import CountPixels
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.errors import EventError, GroundTruthError, RecordingError, UsageError
+from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.tracks import great_circle
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 
 SMALL = Sensor(6, 5)
@@ -122,7 +122,7 @@ def test_missing_fields_and_time_out_of_order_are_errors():
 
 def test_counting_needs_no_tonic():
     code = (
-        "import sys, edge_vpr.datasets.count_pixels, edge_vpr.datasets.catalogue; "
+        "import sys, edge_vpr.descriptors.counting, edge_vpr_tools.research.datasets; "
         "sys.exit('tonic' in sys.modules)"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
@@ -246,7 +246,7 @@ def test_the_complete_log_begins_with_the_recording(shared_data, tmp_path):
 @pytest.fixture
 def datasets():
     pytest.importorskip("tonic", reason=needs_tonic)
-    from edge_vpr.datasets import tonic_datasets as datasets
+    from edge_vpr_tools.research import tonic_datasets as datasets
 
     return datasets
 
@@ -445,7 +445,7 @@ def test_without_tonic_the_error_names_the_extra():
     code = (
         "import sys; sys.modules['tonic'] = None\n"
         "from edge_vpr.errors import MissingExtraError\n"
-        "try:\n    import edge_vpr.datasets.tonic_datasets\n"
+        "try:\n    import edge_vpr_tools.research.tonic_datasets\n"
         "except MissingExtraError as error:\n    sys.exit(str(error))"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from numba import njit
 
 from edge_vpr.errors import UsageError
-from edge_vpr.matching import sad_kernel as sad
-from edge_vpr.matching.distances import ReferenceIndex, distance_matrix
-from edge_vpr.matching.nearest import best_match, best_matches
+from edge_vpr.matching import distances as sad
+from edge_vpr.matching.distances import ReferenceIndex, best_match, best_matches, distance_matrix
 
 SEEDS = st.integers(0, 2**32)
 # the ends of each width, and steps over them

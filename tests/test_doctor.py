@@ -9,10 +9,11 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from edge_vpr_tools import doctor as kernels
+from edge_vpr_tools import doctor as machine
+from edge_vpr_tools import doctor as packages
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.doctor import kernels, machine, packages
-from edge_vpr_tools.doctor.finding import Finding
-from edge_vpr_tools.doctor.report import as_text
+from edge_vpr_tools.doctor import Finding, as_text
 from packaging.requirements import Requirement
 from serial.tools import list_ports
 
@@ -281,7 +282,7 @@ _SIGNATURES = """
 import gc, sys
 from numba.core.dispatcher import Dispatcher
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.doctor.kernels import compile_kernels
+from edge_vpr_tools.doctor import compile_kernels
 
 def signatures():
     return {
@@ -298,7 +299,7 @@ compile_kernels()
 assert main(["-q", "map", drives[0], "-o", folder + "/map.npz", "--tau", "250ms"]) == 0
 with open(folder + "/sent.bin", "wb") as sent:
     from edge_vpr.recordings import open_recording
-    from edge_vpr.stream.protocols import open_encoder
+    from edge_vpr.live.protocols import open_encoder
     recording = open_recording(drives[1])
     encoder = open_encoder("evpr", recording.sensor)
     sent.write(encoder.start())

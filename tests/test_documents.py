@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main, parser_of
-from edge_vpr_tools.verbs import find_verb
+from edge_vpr_tools.cli import find_verb, main, parser_of
 from streams import random_events
 
 from edge_vpr.events import Sensor

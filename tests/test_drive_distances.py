@@ -13,9 +13,8 @@ from streams import descriptors, random_events
 from edge_vpr import Matches, ReferenceMap, map_traverse, match_traverse
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.matching import drive_distances as module
-from edge_vpr.matching.drive_distances import drive_distances
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching import drive as module
+from edge_vpr.matching.drive import drive_distances, match_descriptors
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.settings import Settings
 

@@ -12,29 +12,42 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from designs import random_stream, wrapped
-from edge_vpr_tools.arguments import estimate_arguments
-from edge_vpr_tools.arguments.estimate_request import design_and_mission
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.estimate import accuracy, candidates, counts, emulation, pareto, targets
-from edge_vpr_tools.estimate.fit import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
+from edge_vpr_tools.commands import estimate as estimate_arguments
+from edge_vpr_tools.commands.estimate import design_and_mission
+from edge_vpr_tools.estimate import (
+    accuracy,
+    emulation,
+    targets,
+)
+from edge_vpr_tools.estimate import (
+    model as counts,
+)
+from edge_vpr_tools.estimate import (
+    search as candidates,
+)
+from edge_vpr_tools.estimate import (
+    search as pareto,
+)
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
-from edge_vpr_tools.estimate.wording import busy
+from edge_vpr_tools.estimate.search import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
+from edge_vpr_tools.estimate.targets import busy
 from naive import sad
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, EventResult, Machine, WindowResult
-from firmware_model.build import EMULATED, build
-from firmware_model.comparator import ComparatorModel, SearchModel
 from firmware_model.cost import memories
-from firmware_model.descriptor import DescriptorModel
-from firmware_model.emulator import Emulator
+from firmware_model.emulation.build import EMULATED, build
+from firmware_model.emulation.emulator import Emulator
+from firmware_model.emulation.instructions import DESIGN, FILTER, TABLE
 from firmware_model.image import image
-from firmware_model.instructions import DESIGN, FILTER, TABLE
-from firmware_model.memories import Lookup
-from firmware_model.vectors.random_designs import (
+from firmware_model.model.comparator import ComparatorModel, SearchModel
+from firmware_model.model.descriptor import DescriptorModel
+from firmware_model.model.memories import Lookup
+from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
     random_memories,
@@ -186,7 +199,7 @@ def same(tallies, work, names):
 @pytest.mark.parametrize("seed", range(25))
 def test_counts_are_those_of_a_metered_oracle(seed, monkeypatch):
     """Every event, window's end and complete match of a random device and a random stream."""
-    monkeypatch.setattr("firmware_model.machine.SearchModel", MeteredSearch)
+    monkeypatch.setattr("firmware_model.model.machine.SearchModel", MeteredSearch)
     rng = np.random.default_rng(seed)
     design = random_design(rng)
     memories = random_memories(rng, design)
@@ -616,9 +629,9 @@ def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_pat
 
 def test_the_rovers_question_is_one_command(tmp_path, capsys, monkeypatch):
     """Without any results: designs are tried on the spot, and each target is answered."""
-    from edge_vpr_tools.experiments.simulated import truth_of_pair
+    from edge_vpr_tools.research.experiments.simulated import truth_of_pair
 
-    from edge_vpr.simulate import simulate_pair
+    from edge_vpr.simulation import simulate_pair
 
     def street():
         pair = [one.keep() for one in simulate_pair(0, "tiny", length_m=120.0)]

@@ -15,18 +15,18 @@ import h5py
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
-from edge_vpr_tools.energy import profiling
-from edge_vpr_tools.energy.speed import Against, SparseAgainstAll, Timing
+from edge_vpr_tools.cli import GENERAL_FLAGS, VERBS, find_verb
 from edge_vpr_tools.estimate import accuracy
-from edge_vpr_tools.experiments import codes_frontier
-from edge_vpr_tools.verbs import GENERAL_FLAGS, VERBS, find_verb
+from edge_vpr_tools.profile import profiling
+from edge_vpr_tools.profile.speed import Against, SparseAgainstAll, Timing
+from edge_vpr_tools.research.experiments import codes_frontier
 from streams import random_events
 
 from edge_vpr.events import Sensor
+from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulate import simulate_pair
-from edge_vpr.stream.protocols import open_encoder
+from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
 
 SENSOR = Sensor(16, 12)
@@ -368,9 +368,9 @@ def test_a_run_needs_those_before_it_that_write_what_it_reads():
 
 def test_published_windows_are_not_wrapped_by_a_progress_bar(folder):
     """A wrapper has no `windows` of its own, so that Python 3.12 does not take it for such."""
-    from edge_vpr_tools.output.progress import tracked
+    from edge_vpr_tools.progress import tracked
 
-    from edge_vpr.descriptors.precounted import PublishedWindows
+    from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.recordings import parse_period
 
     windows = PublishedWindows(folder / "frames.npz", period=parse_period("1/10"))

@@ -18,14 +18,13 @@ from hypothesis import strategies as st
 from test_stream_protocols import plain_evpr
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.stream.protocols import open_decoder
-from edge_vpr.stream.protocols.evpr_encoder import EvprEncoder
-from edge_vpr.stream.protocols.evpr_frames import HEADER
-from edge_vpr.stream.timestamp_filter import VOUCHED_SILENCE_US
-from firmware_model.build import EMULATED, HOST, SOURCES, WARNINGS, build
-from firmware_model.emulator import Emulator
-from firmware_model.evpr_instructions import TABLE, measure
-from firmware_model.instructions import compiler, table
+from edge_vpr.live.clock import VOUCHED_SILENCE_US
+from edge_vpr.live.protocols import open_decoder
+from edge_vpr.live.protocols.evpr import HEADER, EvprEncoder
+from firmware_model.emulation.build import EMULATED, HOST, SOURCES, WARNINGS, build
+from firmware_model.emulation.emulator import Emulator
+from firmware_model.emulation.evpr_instructions import TABLE, measure
+from firmware_model.emulation.instructions import compiler, table
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")

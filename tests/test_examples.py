@@ -17,17 +17,17 @@ import numpy as np
 import pytest
 from designs import random_stream
 
-from edge_vpr.evaluation.place_positions import with_positions
+from edge_vpr.evaluation.tracks import with_positions
+from edge_vpr.live.protocols import open_encoder
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.settings import resolve_settings
-from edge_vpr.simulate import simulate_pair
-from edge_vpr.stream.protocols import open_encoder
+from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
-from firmware_model.comparator import MatchResult
 from firmware_model.image import image
+from firmware_model.model.comparator import MatchResult
 from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.formats import case_header
-from firmware_model.vectors.random_designs import random_memories
+from firmware_model.vectors.random_cases import random_memories
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 M4 = EXAMPLES / "firmware-m4"

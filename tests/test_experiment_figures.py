@@ -11,26 +11,28 @@ from importlib import import_module
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.experiments import (
+from edge_vpr_tools.report.figures import reliability_diagram
+from edge_vpr_tools.report.style import dot_plot
+from edge_vpr_tools.research.baselines.baseline import fastest
+from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
     brisbane,
     burst_filters,
     calibration,
-    calibration_streets,
     event_speed,
     simulated,
     speck_walks,
 )
-from edge_vpr_tools.experiments.trial import Variant
-from edge_vpr_tools.report.dot_plot import dot_plot
-from edge_vpr_tools.report.figures import reliability_diagram
+from edge_vpr_tools.research.experiments import (
+    calibration as calibration_streets,
+)
+from edge_vpr_tools.research.experiments.trial import Variant
 from test_datasets import write_log
 
-from edge_vpr.baselines.comparing import fastest
 from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, SMOOTHED
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulate import CAMERAS, simulate_pair
+from edge_vpr.simulation import CAMERAS, simulate_pair
 
 FEW = {"pixels": 10, "sigma": 1.0}
 STREET = partial(simulate_pair, sensor="tiny", length_m=30.0)
@@ -66,7 +68,7 @@ def drawn_by(module, monkeypatch):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_has_a_figure(name):
-    module = import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}")
+    module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
     kinds = [parameter.kind for parameter in inspect.signature(module.run).parameters.values()]
     assert inspect.Parameter.VAR_POSITIONAL in kinds
     assert inspect.signature(module.draw).return_annotation == "Figure"
@@ -232,6 +234,8 @@ def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
 
 def test_the_time_of_the_quickest_of_three_is_taken(monkeypatch):
     ticks = iter([0.0, 5.0, 10.0, 12.0, 20.0, 29.0])
-    monkeypatch.setattr("edge_vpr.baselines.comparing.time.perf_counter", lambda: next(ticks))
+    monkeypatch.setattr(
+        "edge_vpr_tools.research.baselines.baseline.time.perf_counter", lambda: next(ticks)
+    )
     done = []
     assert fastest(lambda: done.append(1) or len(done)) == (3, 2.0)

@@ -12,11 +12,17 @@ import pytest
 from designs import random_stream, wrapped
 
 from firmware_model import Design, DesignError, Event, Memories, ToolError
-from firmware_model.build import EMULATED, HOST, SOURCES, build
-from firmware_model.emulator import OUT_WORDS, Emulator
-from firmware_model.host_program import run_host
+from firmware_model.emulation.build import EMULATED, HOST, SOURCES, build, run_host
+from firmware_model.emulation.emulator import OUT_WORDS, Emulator
+from firmware_model.emulation.instructions import (
+    FILTER,
+    TABLE,
+    Instructions,
+    compiler,
+    measure,
+    table,
+)
 from firmware_model.image import Word, image, ram_bytes
-from firmware_model.instructions import FILTER, TABLE, Instructions, compiler, measure, table
 from firmware_model.vectors import (
     FILTER_CORNERS,
     Case,
@@ -27,7 +33,7 @@ from firmware_model.vectors import (
     to_binary,
 )
 from firmware_model.vectors.images import image_cases
-from firmware_model.vectors.random_designs import (
+from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
     random_memories,

@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 from designs import random_stream, wrapped
 
-from edge_vpr.descriptors.descriptor_stream import DescriptorStream
-from edge_vpr.descriptors.own_mean import encode_running
-from edge_vpr.descriptors.pauses import Activity
+from edge_vpr.descriptors.codes import encode_running
+from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import FixedCount, FixedTime
+from edge_vpr.descriptors.windows import Activity, FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.distances import distance_matrix
-from edge_vpr.matching.nearest import best_matches
+from edge_vpr.matching.distances import best_matches, distance_matrix
 from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.sequence import sequence_sums
-from edge_vpr.matching.step_prices import StepPrices
+from edge_vpr.matching.sequences import sequence_sums
+from edge_vpr.matching.transitions import StepPrices
 from firmware_model import (
     Design,
     DesignError,
@@ -34,13 +32,13 @@ from firmware_model import (
     cost,
     trace,
 )
-from firmware_model.running import ActivityModel
-from firmware_model.vectors.random_designs import (
+from firmware_model.model.descriptor import ActivityModel
+from firmware_model.model.design import formats_of
+from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
     random_memories,
 )
-from firmware_model.widths import formats_of
 from fixedpoint.codes import CounterCode, PixelCodes
 from fixedpoint.own_mean import OwnMeanCode
 

@@ -11,15 +11,13 @@ from streams import random_events
 from test_filter_run import map_of as filtered_map
 from test_localiser import PIXELS, SENSOR, map_of
 
-from edge_vpr.boxed import Box
-from edge_vpr.compiling import entry, kernel
-from edge_vpr.descriptors.causal_bursts import CausalBurstFilter
+from edge_vpr.compiling import Box, entry, kernel
+from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.stream.following import JUMP_US, MOST_TICKS
-from edge_vpr.stream.live import LiveLocaliser
-from edge_vpr.stream.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.session import LiveLocaliser
+from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Localiser
+from edge_vpr.online.state import MatchSchedule
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)

@@ -5,15 +5,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import recording_files as files
-from edge_vpr_tools.experiments import counted_pairs, drive_pairs, frame_drives, frames
-from edge_vpr_tools.experiments.simulated import SIMULATED
+from edge_vpr_tools.research.datasets import published_pairs
+from edge_vpr_tools.research.experiments import (
+    drives as counted_pairs,
+)
+from edge_vpr_tools.research.experiments import (
+    drives as drive_pairs,
+)
+from edge_vpr_tools.research.experiments import (
+    frames,
+)
+from edge_vpr_tools.research.experiments import (
+    frames as frame_drives,
+)
+from edge_vpr_tools.research.experiments.simulated import SIMULATED
 from test_datasets import brisbane, write_bag, write_log, write_parquet
 from test_intensity import IMAGE, ros_image
 from test_intensity import write_bag as write_messages
 
-from edge_vpr.datasets.published_drives import published_pairs
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.settings import PRESETS
 
 SECOND = 1_000_000
@@ -68,7 +79,7 @@ def small_pair():
 
 
 def truth_of(places_us, queries_us):
-    from edge_vpr.evaluation.truth_from_alignment import from_alignment
+    from edge_vpr.evaluation.ground_truth import from_alignment
 
     ends = np.array([[0.0, 0.0], [100.0, 100.0]])
     return from_alignment(ends, queries_us / SECOND, places_us / SECOND, 1.0, "s")

@@ -9,9 +9,9 @@ import sys
 import pytest
 
 from firmware_model import ToolError
-from firmware_model import build as builds
-from firmware_model.build import SOURCES, build_sanitized
-from firmware_model.fuzz_images import Fuzzer, FuzzResult, undamaged
+from firmware_model.emulation import build as builds
+from firmware_model.emulation.build import SOURCES, build_sanitized
+from firmware_model.verification.fuzz_images import Fuzzer, FuzzResult, undamaged
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def fuzzer(tmp_path_factory) -> Fuzzer:
 
 @pytest.mark.slow
 def test_damaged_images_are_refused_or_run_to_the_plain_result(fuzzer):
-    """A bounded run of what `python -m firmware_model.fuzz_images` does at length."""
+    """A bounded run of what `python -m firmware_model.verification.fuzz_images` does at length."""
     done = fuzzer.run(8000)
     assert done.images == 8000 and done.opened < 4000
     # enough of them open for the comparison to say something
@@ -79,6 +79,6 @@ def test_undamaged_images_are_those_of_their_seed():
 @pytest.mark.slow
 def test_the_command_says_what_it_found(fuzzer):
     """One line with the figures."""
-    command = [sys.executable, "-m", "firmware_model.fuzz_images", "--images", "1_000"]
+    command = [sys.executable, "-m", "firmware_model.verification.fuzz_images", "--images", "1_000"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.startswith("1,000 damaged images, ") and "no fault" in done.stdout

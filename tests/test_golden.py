@@ -17,13 +17,13 @@ from edge_vpr_tools.cli import main
 from streams import random_events
 
 from edge_vpr.events import Sensor
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.pipeline import describe_query
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, VectorError
-from firmware_model.build import EMULATED, SOURCES, build
-from firmware_model.emulator import Emulator
+from firmware_model.emulation.build import EMULATED, SOURCES, build
+from firmware_model.emulation.emulator import Emulator
 from firmware_model.vectors import (
     CORNERS,
     FILTER_CORNERS,
@@ -39,7 +39,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
-from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.corners import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)

@@ -14,12 +14,23 @@ from hypothesis import strategies as st
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation import ground_truth
-from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.track_files import load_nmea, load_track
-from edge_vpr.evaluation.tracks import EARTH_RADIUS_M, Track, great_circle, interpolate
-from edge_vpr.evaluation.truth_from_alignment import Alignment, from_alignment, load_alignment
-from edge_vpr.evaluation.truth_from_matrix import from_matrix, load_matrix
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.evaluation.ground_truth import (
+    Alignment,
+    GroundTruth,
+    from_alignment,
+    from_matrix,
+    from_tracks,
+    load_alignment,
+    load_matrix,
+)
+from edge_vpr.evaluation.tracks import (
+    EARTH_RADIUS_M,
+    Track,
+    great_circle,
+    interpolate,
+    load_nmea,
+    load_track,
+)
 
 SECOND = 1_000_000
 

@@ -16,26 +16,25 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
-from firmware_model.descriptor import Event
 from firmware_model.hardware import (
-    boards,
     formal,
-    mutants,
-    netlist,
-    proof,
     registers,
-    replay,
     report,
     simulation,
     sources,
-    stream_proof,
     unit_cells,
-    unit_proof,
     waves,
+)
+from firmware_model.hardware import (
+    parameters as boards,
+)
+from firmware_model.hardware import (
+    report as netlist,
 )
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.hardware.simulation import Conditions
-from firmware_model.running import ActivityModel
+from firmware_model.model.descriptor import ActivityModel, Event
+from firmware_model.model.design import formats_of
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -44,9 +43,16 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
-from firmware_model.vectors.random_cases import random_cases
-from firmware_model.vectors.random_designs import random_adaptive_design, random_design
-from firmware_model.widths import formats_of
+from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
+from firmware_model.verification import (
+    hardware_mutants as mutants,
+)
+from firmware_model.verification import (
+    proof,
+    replay,
+    stream_proof,
+    unit_proof,
+)
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
 DESIGN = Design(

@@ -10,7 +10,7 @@ import pytest
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import open_recording
-from edge_vpr.recordings.hdf5_chunks import lzf_size
+from edge_vpr.recordings.hdf5 import lzf_size
 
 h5py = pytest.importorskip("h5py")
 

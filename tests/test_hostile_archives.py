@@ -11,20 +11,19 @@ import fuzz_archives
 import numpy as np
 import pytest
 from archive_mutants import PIXELS, SENSOR, map_of
-from edge_vpr_tools.energy.show import compare
+from edge_vpr_tools.profile.show import compare
 from streams import random_events
 
 from edge_vpr.archive import MEMORY_BYTES, read_archive, write_archive
-from edge_vpr.descriptors.descriptors import Descriptors
-from edge_vpr.descriptors.hot_pixels import load_hot_pixels
+from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import FixedCount, FixedTime
+from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime
 from edge_vpr.errors import LONGEST_MESSAGE, EventError, MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.state_checks import check_extent
+from edge_vpr.online.state import check_extent
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, resolve_settings
 from fixedpoint.codes import PixelCodes

@@ -7,7 +7,7 @@ import pytest
 from hostile_streams import PAIRS, SENSOR, Seeded, one_input
 
 from edge_vpr.errors import UsageError
-from edge_vpr.stream.protocols import PROTOCOLS, open_decoder
+from edge_vpr.live.protocols import PROTOCOLS, open_decoder
 
 
 def test_every_protocol_is_fed_hostile_streams():

@@ -8,14 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
 
-from edge_vpr.descriptors import informative_pixels as module
-from edge_vpr.descriptors.informative_pixels import NOISE, informative_pixels, shortlist
-from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors import pixels as module
+from edge_vpr.descriptors.pixels import NOISE, PixelMap, informative_pixels, shortlist
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulate import simulate_pair
+from edge_vpr.simulation import simulate_pair
 from fixedpoint.own_mean import OwnMeanCode
 
 
@@ -104,5 +103,5 @@ def test_a_map_has_them_and_needs_no_seed(monkeypatch):
     assert len(found.pixel_map) == 25
     assert not found.hot[found.pixel_map.y, found.pixel_map.x].any()
     # where the images of all windows do not fit a temporary file, events are read again
-    monkeypatch.setattr("edge_vpr.descriptors.saliency.SaliencyPass.descriptors", lambda *_: None)
+    monkeypatch.setattr("edge_vpr.descriptors.pixels.SaliencyPass.descriptors", lambda *_: None)
     assert map_traverse(recording, chosen).pixel_map == found.pixel_map

@@ -11,15 +11,20 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import recording_files as files
+from edge_vpr_tools.research.intensity import frames_at, open_intensity
+from edge_vpr_tools.research.intensity.frames import (
+    MEAN_GREY,
+    IntensityFrame,
+    exposed,
+    simulated_images,
+    to_grey,
+)
 from PIL import Image
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.intensity import frames_at, open_intensity
-from edge_vpr.intensity.exposure import MEAN_GREY, exposed, simulated_images
-from edge_vpr.intensity.frames import IntensityFrame, to_grey
 from edge_vpr.recordings import open_recording
-from edge_vpr.simulate import CAMERAS, QUERY, SimulatedRecording, World
+from edge_vpr.simulation import CAMERAS, QUERY, SimulatedRecording, World
 
 rng = np.random.default_rng(0)
 GREY = rng.integers(0, 256, (3, 4, 6), dtype=np.uint8)
@@ -193,7 +198,7 @@ def test_frames_of_aedat2_are_reset_less_signal_in_any_order_of_readout(
     assert images == [difference(reads).tolist() for reads in values]
     # 2 x 16,384 reads from 100 ms on: their mean time is between the two in the middle
     assert [time - (1 << 32) for time in times] == [100_000 * i + 16_383 for i in (1, 2, 3)]
-    monkeypatch.setattr("edge_vpr.intensity.aedat2_frames.CHUNK_EVENTS", 1_000)
+    monkeypatch.setattr("edge_vpr_tools.research.intensity.aedat.CHUNK_EVENTS", 1_000)
     assert times_and_images(open_intensity(path)) == (times, images)
 
 

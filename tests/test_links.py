@@ -17,13 +17,20 @@ import pytest
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.stream import network_links
-from edge_vpr.stream.bridge import Bridge
-from edge_vpr.stream.link import Link, LinkClosed, LinkError
-from edge_vpr.stream.link_reader import Chunk, LinkReader
-from edge_vpr.stream.links import open_device_link, open_link
-from edge_vpr.stream.protocols import open_encoder
-from edge_vpr.stream.serial_links import SerialLink, UrlLink
+from edge_vpr.live import links as network_links
+from edge_vpr.live.bridge import Bridge
+from edge_vpr.live.links import (
+    Chunk,
+    Link,
+    LinkClosed,
+    LinkError,
+    LinkReader,
+    SerialLink,
+    UrlLink,
+    open_device_link,
+    open_link,
+)
+from edge_vpr.live.protocols import open_encoder
 
 
 class Script(Link):

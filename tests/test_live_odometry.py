@@ -14,20 +14,19 @@ import pytest
 from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
-from edge_vpr.evaluation.odometry_files import load_odometry
+from edge_vpr.evaluation.tracks import load_odometry
 from edge_vpr.events import Sensor
-from edge_vpr.odometry import Odometry
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.odometry_feed import OdometryFeed
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.live.bridge import Bridge
+from edge_vpr.live.links import open_device_link
+from edge_vpr.live.odometer import OdometerLine
+from edge_vpr.live.protocols import open_encoder
+from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.pipeline import cleaned, map_traverse
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
-from edge_vpr.stream.bridge import Bridge
-from edge_vpr.stream.links import open_device_link
-from edge_vpr.stream.odometer_line import OdometerLine
-from edge_vpr.stream.protocols import open_encoder
 
 SENSOR = Sensor(64, 48)
 

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.output.live_view import View
+from edge_vpr_tools.live_view import View
 from streams import Drive, random_events
 from terminals import Terminal
 
 from edge_vpr.events import Sensor
+from edge_vpr.live.links import open_device_link
+from edge_vpr.live.protocols import open_encoder
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.settings import Settings
-from edge_vpr.stream.links import open_device_link
-from edge_vpr.stream.protocols import open_encoder
 
 pytestmark = pytest.mark.alone
 
@@ -170,7 +170,7 @@ def test_what_a_device_is_called_reaches_no_terminal_raw(capsys, monkeypatch):
 def test_a_notice_is_text_and_no_mark_up(monkeypatch):
     import io
 
-    from edge_vpr_tools.output.live_panel import Panel
+    from edge_vpr_tools.live_view import Panel
     from rich.console import Console
 
     shown = io.StringIO()

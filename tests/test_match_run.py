@@ -15,16 +15,15 @@ from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
 from test_localiser import CODED, PIXELS, SENSOR, feed, map_of
 
-from edge_vpr.boxed import Box
+from edge_vpr.compiling import Box
 from edge_vpr.confidence import Confidence, Judge
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
-from edge_vpr.matching.runner_up import margin_to_second, ratio_to_second
-from edge_vpr.online.followed import FEW, MATCHES_AT_ONCE
-from edge_vpr.online.kernel import follow_few
+from edge_vpr.matching.matches import margin_to_second, ratio_to_second
+from edge_vpr.online.kernels import write_codes
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.online.state_kernels import write_codes
+from edge_vpr.online.matcher import follow_few
+from edge_vpr.online.state import FEW, MATCHES_AT_ONCE, MatchSchedule
 from fixedpoint.own_mean import OwnMeanCode
 
 TABLE = Confidence(

@@ -16,10 +16,9 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.matching import drive_matching
-from edge_vpr.matching.drive_matching import match_descriptors
-from edge_vpr.matching.matches import CANDIDATES, Matches
-from edge_vpr.matching.matches_csv import write_csv
+from edge_vpr.matching import drive as drive_matching
+from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.matching.matches import CANDIDATES, Matches, write_csv
 from edge_vpr.settings import Settings
 
 

@@ -12,7 +12,7 @@ from streams import descriptors
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate, precision_recall
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.settings import Settings
 
 DENOMINATORS = ("rejected-correct", "all-with-place")

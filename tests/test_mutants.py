@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from firmware_model.build import SOURCES
-from firmware_model.mutants import Bench, all_mutants, chosen, main, proofs, survey
-from firmware_model.mutation import DELETED, mutants
+from firmware_model.emulation.build import SOURCES
+from firmware_model.verification.mutants import (
+    DELETED,
+    Bench,
+    all_mutants,
+    chosen,
+    main,
+    mutants,
+    proofs,
+    survey,
+)
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 
@@ -95,7 +103,7 @@ def bench(tmp_path_factory) -> Bench:
 
 @pytest.mark.slow
 def test_a_sample_of_the_mutants_is_found_or_proved_to_be_equal(bench):
-    """One in eighty; `python -m firmware_model.mutants` takes all."""
+    """One in eighty; `python -m firmware_model.verification.mutants` takes all."""
     result = survey(bench, all_mutants()[7::80], proofs())
     assert result.unproved == []
     assert result.found > 4

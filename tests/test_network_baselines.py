@@ -9,12 +9,17 @@ import zipfile
 
 import numpy as np
 import pytest
+from edge_vpr_tools.research.baselines import Ensemble, Member, compare, open_baseline
+from edge_vpr_tools.research.baselines.dense import all_pixels, mean_cells, patch_normalised
+from edge_vpr_tools.research.baselines.networks import (
+    Lens,
+    LensWeights,
+    grid_pixels,
+    load_lens,
+    read_state_dict,
+)
 from test_baselines import SETTINGS, places_of
 
-from edge_vpr.baselines import Ensemble, Member, compare, open_baseline
-from edge_vpr.baselines.dense import all_pixels, mean_cells, patch_normalised
-from edge_vpr.baselines.lens import Lens, LensWeights, grid_pixels, load_lens
-from edge_vpr.baselines.state_dict import read_state_dict
 from edge_vpr.errors import MissingExtraError, UsageError, WeightsError
 
 # --- weights of PyTorch ---------------------------------------------------------------------------

@@ -12,18 +12,14 @@ from streams import descriptors
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
 from edge_vpr.errors import GroundTruthError, MapError, UsageError
-from edge_vpr.evaluation.jump_files import load_jumps
-from edge_vpr.evaluation.odometry_files import load_odometry
-from edge_vpr.evaluation.tracks import Track
-from edge_vpr.matching.drive_matching import match_descriptors
-from edge_vpr.matching.moves import Moves
-from edge_vpr.matching.step_prices import StepPrices
-from edge_vpr.odometry import Odometry
+from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry
+from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.matching.transitions import Moves, StepPrices
 from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Route
+from edge_vpr.route import Odometry, Route
 from edge_vpr.settings import Settings
-from edge_vpr.simulate.odometer import wheel_odometry
+from edge_vpr.simulation.drive import wheel_odometry
 from firmware_model.errors import DesignError
 
 

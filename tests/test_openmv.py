@@ -10,30 +10,27 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from edge_vpr_tools.device.serial_ports import KNOWN, guess
+from edge_vpr_tools.commands.ports import KNOWN, guess
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import Drive, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.stream.bridge import Bridge, LineFaults
-from edge_vpr.stream.link_reader import LinkReader
-from edge_vpr.stream.links import open_device_link, open_link
-from edge_vpr.stream.protocols import open_decoder, open_encoder
-from edge_vpr.stream.protocols.openmv_camera import Camera
-from edge_vpr.stream.protocols.openmv_checksums import crc
-from edge_vpr.stream.protocols.openmv_device import CameraEncoder
-from edge_vpr.stream.protocols.openmv_host import PATIENCE_S
-from edge_vpr.stream.protocols.openmv_packets import (
+from edge_vpr.live.bridge import Bridge, LineFaults
+from edge_vpr.live.links import LinkReader, open_device_link, open_link
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols.openmv import PATIENCE_S, PERIOD_US, open_maker
+from edge_vpr.live.protocols.openmv_camera import Camera, CameraEncoder
+from edge_vpr.live.protocols.openmv_packets import (
     HEADER,
     MAX_PACKET,
     Flag,
     Opcode,
     Packet,
+    crc,
     pack,
 )
-from edge_vpr.stream.protocols.openmv_records import PERIOD_US, open_maker
 
 SENSOR = Sensor(320, 320)
 CHANNELS = [

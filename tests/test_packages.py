@@ -117,7 +117,7 @@ def test_what_the_command_needs_is_what_the_wheel_asks_for(environment):
     ours = {*PACKAGES.values(), "fixedpoint"}
     code = (
         "import sys, importlib, edge_vpr_tools.cli as cli\n"
-        "from edge_vpr_tools.verbs import VERBS\n"
+        "from edge_vpr_tools.cli import VERBS\n"
         "for verb in VERBS:\n"
         "    importlib.import_module('edge_vpr_tools.commands.' + verb.replace(' ', '_'))\n"
         "from sys import modules\n"

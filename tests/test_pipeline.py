@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import Drive, as_tuples, random_events
 
-from edge_vpr.descriptors.bursts import BURST_SHARE, BURST_SLOT_US
-from edge_vpr.descriptors.hot_pixels import HOT_FACTOR
-from edge_vpr.descriptors.saliency import SaliencyPass
+from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
+from edge_vpr.descriptors.pixels import SaliencyPass
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr.descriptors.pauses import find_pauses, is_quiet, mean_activity
+from edge_vpr.descriptors.windows import find_pauses, is_quiet, mean_activity
 from edge_vpr.errors import UsageError
-from edge_vpr.matching import filtered_drive
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching import drive as filtered_drive
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.step_prices import METRIC_TOP, StepPrices
-from edge_vpr.odometry import MOST_MM, Odometry
+from edge_vpr.matching.transitions import METRIC_TOP, StepPrices
+from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 
 prices = st.builds(

@@ -18,21 +18,30 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.energy import profiling
-from edge_vpr_tools.energy.conditions import Conditions, void_because
-from edge_vpr_tools.energy.energy_record import NotMeasured
-from edge_vpr_tools.energy.intervals import interval, interval_of_times, paired_energy
-from edge_vpr_tools.energy.measurement import Plan, analyse, measure, take_turns
-from edge_vpr_tools.energy.meter_trace import align, read_csv
-from edge_vpr_tools.energy.profile_record import Profile
-from edge_vpr_tools.energy.sampling import Sampler, Trace, Window
-from edge_vpr_tools.energy.sensors import pmic
-from edge_vpr_tools.energy.sensors.hwmon import CHIPS, with_shunt
-from edge_vpr_tools.energy.sensors.search import find_sensors
-from edge_vpr_tools.energy.sensors.sensor import About, Sensor, SensorError
-from edge_vpr_tools.estimate.calibration import calibrated
-from edge_vpr_tools.output.interrupt import terminated_as_interrupted
-from edge_vpr_tools.output.json_records import from_json, to_json
+from edge_vpr_tools.console import terminated_as_interrupted
+from edge_vpr_tools.estimate.estimation import calibrated
+from edge_vpr_tools.profile import profiling
+from edge_vpr_tools.profile.conditions import Conditions, void_because
+from edge_vpr_tools.profile.measurement import (
+    NotMeasured,
+    Plan,
+    Sampler,
+    Trace,
+    Window,
+    analyse,
+    interval,
+    interval_of_times,
+    measure,
+    paired_energy,
+    take_turns,
+)
+from edge_vpr_tools.profile.profiling import align, read_csv
+from edge_vpr_tools.profile.record import Profile
+from edge_vpr_tools.profile.sensors import pmic
+from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
+from edge_vpr_tools.profile.sensors.search import find_sensors
+from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
+from edge_vpr_tools.results import from_json, to_json
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError

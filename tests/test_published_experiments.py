@@ -7,10 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.experiments import (
+from edge_vpr_tools.research.experiments import (
     calibration,
     codes_frontier,
-    drive_pairs,
     fixed_number,
     mount_shift,
     rivals,
@@ -18,11 +17,14 @@ from edge_vpr_tools.experiments import (
     trust,
     window_length,
 )
+from edge_vpr_tools.research.experiments import (
+    drives as drive_pairs,
+)
 from test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulate import simulate_pair
+from edge_vpr.simulation import simulate_pair
 
 SECOND = 1_000_000
 PAIR = "Brisbane, sunset2 against sunset1"

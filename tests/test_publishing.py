@@ -12,22 +12,27 @@ import time
 
 import numpy as np
 import pytest
+from edge_vpr_tools import publish as line_server
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.publishing import line_server
-from edge_vpr_tools.publishing.line_server import LineServer, parse_address
-from edge_vpr_tools.publishing.match_rows import MatchRows
-from edge_vpr_tools.publishing.mqtt import MqttPublisher, open_mqtt, parse_url
+from edge_vpr_tools.publish import (
+    LineServer,
+    MatchRows,
+    MqttPublisher,
+    open_mqtt,
+    parse_address,
+    parse_url,
+)
 from streams import Drive, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.online.localiser import MATCH_DTYPE
+from edge_vpr.live.links import LinkError
+from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.session import LiveResult
+from edge_vpr.online.state import MATCH_DTYPE
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
-from edge_vpr.stream.link import LinkError
-from edge_vpr.stream.live import LiveResult
-from edge_vpr.stream.protocols import open_encoder
 
 SENSOR = Sensor(16, 12)
 

@@ -7,25 +7,27 @@ from fractions import Fraction
 import naive
 import numpy as np
 import pytest
-from edge_vpr_tools.experiments import (
+from edge_vpr_tools.research.experiments import (
     brisbane,
     calibration,
-    drive_pairs,
     speck_walks,
     trust,
 )
-from edge_vpr_tools.experiments.detours import without_places
-from edge_vpr_tools.experiments.trial import Kept, Variant, run_trial
+from edge_vpr_tools.research.experiments import (
+    drives as drive_pairs,
+)
+from edge_vpr_tools.research.experiments.calibration import without_places
+from edge_vpr_tools.research.experiments.trial import Kept, Variant, run_trial
 
 from edge_vpr.confidence import default_confidence
-from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import MapError
 from edge_vpr.evaluation.calibration import reliability
-from edge_vpr.evaluation.rejection import judge_rejection
-from edge_vpr.evaluation.track_files import load_nmea
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.evaluation.ground_truth import from_tracks
+from edge_vpr.evaluation.metrics import judge_rejection
+from edge_vpr.evaluation.tracks import load_nmea
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.pipeline import map_traverse, match_traverse
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS

@@ -20,10 +20,11 @@ import recording_files as files
 
 from edge_vpr.errors import EdgeVprError, RecordingError, printable
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
-from edge_vpr.recordings import frame_expansion, open_recording, write_recording
-from edge_vpr.recordings.decompression import DecompressionError, bzip2, expand
-from edge_vpr.recordings.guard import foreign_errors
-from edge_vpr.recordings.parquet_pages import read_column_chunks, read_pages
+from edge_vpr.recordings import frames as frame_expansion
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings.parquet import read_column_chunks, read_pages
+from edge_vpr.recordings.reading import DecompressionError, bzip2, expand
+from edge_vpr.recordings.recording import foreign_errors
 
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import decompression, open_recording, rosbag_expansion
-from edge_vpr.recordings.event_packet import Cursor, read_event_array, read_preamble
-from edge_vpr.recordings.libcaer_cmp import LibcaerCmpDecoder
+from edge_vpr.recordings import open_recording
+from edge_vpr.recordings import reading as decompression
+from edge_vpr.recordings import rosbag as rosbag_expansion
+from edge_vpr.recordings.rosbag import Cursor, LibcaerCmpDecoder, read_event_array, read_preamble
 
 rosbags = pytest.importorskip("rosbags")
 

@@ -14,9 +14,9 @@ from streams import Drive, random_events
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.pipeline import map_traverse, match_traverse, register
-from edge_vpr.pipeline.registration import SEQUENCE, estimate_shift, moved_map, reach_of
+from edge_vpr.pipeline import map_traverse, match_traverse
 from edge_vpr.recordings import write_recording
+from edge_vpr.registration import SEQUENCE, estimate_shift, moved_map, reach_of, register
 from edge_vpr.settings import Settings
 
 SENSOR = Sensor(32, 24)

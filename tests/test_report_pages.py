@@ -9,11 +9,8 @@ from typing import get_args
 import numpy as np
 import pytest
 from browser import open_browser, program
-from edge_vpr_tools.report.page import Page
-from edge_vpr_tools.report.run_section import add_run
-from edge_vpr_tools.report.scales import Scale, add_scale, along_route
-from edge_vpr_tools.report.style import drawn, figure
-from edge_vpr_tools.report.wording import MISSED
+from edge_vpr_tools.report.page import MISSED, Page, add_run
+from edge_vpr_tools.report.style import Scale, add_scale, along_route, drawn, figure
 
 from edge_vpr.evaluation.metrics import RecallDenominator
 from edge_vpr.route import Route

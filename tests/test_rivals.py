@@ -7,24 +7,25 @@ from functools import partial
 
 import numpy as np
 import pytest
-from edge_vpr_tools.experiments import (
+from edge_vpr_tools.research.baselines import baseline_names
+from edge_vpr_tools.research.experiments import (
     agreement,
-    counted_pairs,
     event_speed,
     mount_shift,
     pixel_number,
     rivals,
     window_length,
 )
-from edge_vpr_tools.experiments.drive_pairs import Pair
-from edge_vpr_tools.experiments.mount_shift import ShiftedWindows, shifted
+from edge_vpr_tools.research.experiments import (
+    drives as counted_pairs,
+)
+from edge_vpr_tools.research.experiments.drives import Pair
+from edge_vpr_tools.research.experiments.mount_shift import ShiftedWindows, shifted
 
-from edge_vpr.baselines import baseline_names
-from edge_vpr.evaluation.mean_curve import mean_precision
-from edge_vpr.evaluation.metrics import precision_recall
-from edge_vpr.evaluation.truth_from_alignment import from_alignment
+from edge_vpr.evaluation.ground_truth import from_alignment
+from edge_vpr.evaluation.metrics import mean_precision, precision_recall
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulate import CAMERAS, simulate_pair
+from edge_vpr.simulation import CAMERAS, simulate_pair
 
 TAU = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2, "sigma": 2.0, "pixels": 150}, "test")

@@ -102,7 +102,7 @@ def test_help_loads_neither_numpy_nor_numba_nor_matplotlib_nor_readers():
     code = (
         "import sys, contextlib, edge_vpr\n"
         "from edge_vpr_tools.cli import main\n"
-        "from edge_vpr_tools.verbs import VERBS\n"
+        "from edge_vpr_tools.cli import VERBS\n"
         "for verb in ('', *VERBS):\n"
         "    with contextlib.suppress(SystemExit): main([*verb.split(), '--help'])\n"
         f"print(sorted({slow} & set(sys.modules)))"
@@ -112,7 +112,7 @@ def test_help_loads_neither_numpy_nor_numba_nor_matplotlib_nor_readers():
 
 
 #: our modules that need an optional extra, and are imported where they are used
-EXTRAS = ("firmware_model.emulator", "firmware_model.instructions")
+EXTRAS = ("firmware_model.emulation.emulator", "firmware_model.emulation.instructions")
 
 
 def test_modules_import_our_modules_at_their_top():
@@ -142,7 +142,7 @@ def test_parsed_arguments_do_not_leave_the_commands():
             text = path.read_text(encoding="utf-8")
             assert "argparse.Namespace" not in text, path
             if path.name not in ("cli.py", "verbs.py"):
-                assert "edge_vpr_tools.arguments" not in text, path
+                assert "edge_vpr_tools.cli" not in text, path
                 assert "edge_vpr_tools.commands" not in text, path
 
 

@@ -14,11 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edge_vpr_tools.publishing.line_server import LineServer
-from edge_vpr_tools.publishing.match_rows import MatchRows
+from edge_vpr_tools.publish import LineServer, MatchRows
 
-from edge_vpr.online.localiser import MATCH_DTYPE
-from edge_vpr.stream.live import LiveResult
+from edge_vpr.live.session import LiveResult
+from edge_vpr.online.state import MATCH_DTYPE
 
 ADAPTER = Path(__file__).parents[1] / "tools/adapters/ros2"
 

@@ -14,8 +14,7 @@ from streams import descriptors, random_events
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import GroundTruthError, MapError
-from edge_vpr.evaluation.place_positions import with_positions
-from edge_vpr.evaluation.tracks import Track
+from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap

@@ -6,13 +6,10 @@ import json
 
 import numpy as np
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.output.json_records import to_json
-from edge_vpr_tools.runs.calibration import calibrate
-from edge_vpr_tools.runs.mapping import map_recording
-from edge_vpr_tools.runs.matching import match_recording
-from edge_vpr_tools.runs.online import localise, made_causal
-from edge_vpr_tools.runs.recording_summary import summarise
-from edge_vpr_tools.runs.schedule import parse_every
+from edge_vpr_tools.commands.info import summarise
+from edge_vpr_tools.results import to_json
+from edge_vpr_tools.runs.mapping import calibrate, map_recording
+from edge_vpr_tools.runs.matching import localise, made_causal, match_recording, parse_every
 from edge_vpr_tools.runs.truth_files import load_truth
 from test_commands import drive  # noqa: F401
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 import pytest
-from edge_vpr_tools.arguments.setting_flags import add_map_flags, map_settings
+from edge_vpr_tools.flags import add_map_flags, map_settings
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings, resolve_settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from edge_vpr_tools.arguments.settings_page import page
+from edge_vpr_tools.settings_page import page
 
 from edge_vpr.settings import SETTING_FIELDS, Settings
 
@@ -13,7 +13,7 @@ PAGE = Path(__file__).parents[1] / "docs/settings.md"
 
 
 def test_the_page_is_current():
-    """If not: python -m edge_vpr_tools.arguments.settings_page > docs/settings.md."""
+    """If not: python -m edge_vpr_tools.settings_page > docs/settings.md."""
     assert PAGE.read_text(encoding="utf-8") == page() + "\n"
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, check_events
-from edge_vpr.simulate import (
+from edge_vpr.simulation import (
     CAMERAS,
     QUERY,
     REFERENCE,
@@ -24,12 +24,18 @@ from edge_vpr.simulate import (
     World,
     simulate_pair,
 )
-from edge_vpr.simulate.drive import drive_motion, looks, shake
-from edge_vpr.simulate.lighting import illuminate
-from edge_vpr.simulate.surface import COLUMN_M, FAR_M, GROUND_ROW_M, NEAR_M, NEAR_ROW_M, Surface
-from edge_vpr.simulate.traffic import Mover, paint_traffic
-from edge_vpr.simulate.view import CAMERA_M, View, cut
-from edge_vpr.simulate.world import paint, park_cars
+from edge_vpr.simulation.drive import drive_motion, looks, shake
+from edge_vpr.simulation.view import CAMERA_M, Mover, View, cut, illuminate, paint_traffic
+from edge_vpr.simulation.world import (
+    COLUMN_M,
+    FAR_M,
+    GROUND_ROW_M,
+    NEAR_M,
+    NEAR_ROW_M,
+    Surface,
+    paint,
+    park_cars,
+)
 
 QUIET = Camera(noise_hz=0, hot_pixels=0, bursts_per_minute=0, contrast_spread=0)
 STILL_IMAGE = Drive(shake_px=0, traffic_per_km=0, parked_per_km=0)
@@ -108,7 +114,7 @@ def test_the_noise_of_a_camera_is_another_in_each_drive():
 def test_compiled_and_plain_python_make_the_same_events():
     program = (
         "import hashlib, numpy as np\n"
-        "from edge_vpr.simulate import *\n"
+        "from edge_vpr.simulation import *\n"
         "drive = SimulatedRecording(World(length_m=10), CAMERAS['tiny'], QUERY, seed=3)\n"
         "print(hashlib.sha256(np.concatenate(list(drive)).tobytes()).hexdigest())"
     )

@@ -9,12 +9,12 @@ import sys
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
-from edge_vpr_tools.arguments.simulate_arguments import SENSORS
+from edge_vpr_tools.commands.simulate import SENSORS
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import load_track
 from edge_vpr.recordings import open_recording
-from edge_vpr.simulate import CAMERAS, simulate_pair
+from edge_vpr.simulation import CAMERAS, simulate_pair
 
 
 def run(*arguments):
@@ -75,7 +75,7 @@ def test_the_sensors_offered_are_the_cameras_there_are():
 
 def test_asking_for_help_loads_no_compiler():
     program = (
-        "import sys, argparse, edge_vpr_tools.arguments.simulate_arguments as command\n"
+        "import sys, argparse, edge_vpr_tools.commands.simulate as command\n"
         "command.add_arguments(argparse.ArgumentParser())\n"
         "assert not {'numba', 'numpy', 'matplotlib'} & set(sys.modules)"
     )

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, check_events
-from edge_vpr.simulate import CAMERAS, Camera, PixelArray
-from edge_vpr.simulate.noise import Noise
+from edge_vpr.simulation import CAMERAS, Camera, PixelArray
+from edge_vpr.simulation.view import Noise
 
 LIGHT = st.floats(0.015625, 64.0, width=32)
 

@@ -13,15 +13,15 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 from browser import open_browser, program
-from edge_vpr_tools.verbs import VERBS
+from edge_vpr_tools.cli import VERBS
 
 import edge_vpr
 
 ROOT = Path(__file__).parents[1]
 #: packages whose exports the reference lists
 PACKAGES = (
-    "edge_vpr.recordings", "edge_vpr.pipeline", "edge_vpr.settings", "edge_vpr.simulate",
-    "edge_vpr.stream.protocols", "edge_vpr.baselines", "firmware_model", "firmware_model.vectors",
+    "edge_vpr.recordings", "edge_vpr.pipeline", "edge_vpr.settings", "edge_vpr.simulation",
+    "edge_vpr.live.protocols", "edge_vpr.baselines", "firmware_model", "firmware_model.vectors",
     "fixedpoint",
 )  # fmt: skip
 

@@ -25,19 +25,18 @@ from streams import Drive, random_events
 
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.matches import Matches
-from edge_vpr.matching.matches_csv import write_csv
-from edge_vpr.online.localiser import MATCH_DTYPE, Localiser
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.live.bridge import Bridge, LineFaults
+from edge_vpr.live.links import open_device_link
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.session import LiveLocaliser, LiveResult
+from edge_vpr.matching.matches import Matches, write_csv
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.state import MATCH_DTYPE, MatchSchedule
 from edge_vpr.pipeline import cleaned, map_traverse
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
-from edge_vpr.stream.bridge import Bridge, LineFaults
-from edge_vpr.stream.links import open_device_link
-from edge_vpr.stream.live import LiveLocaliser, LiveResult
-from edge_vpr.stream.protocols import open_decoder, open_encoder
 
 SENSOR = Sensor(64, 48)
 ROOT = Path(__file__).parents[1]
@@ -214,7 +213,7 @@ def test_a_run_is_saved_for_the_rerun_viewer(drive, tmp_path):
 
 def test_the_viewer_gets_each_picture_once_and_the_newest_match(drive):
     pytest.importorskip("rerun", reason="rerun-sdk, 160 MB, is an extra of its own")
-    from edge_vpr_tools.output.rerun_view import PICTURE_US, RerunView
+    from edge_vpr_tools.live_view import PICTURE_US, RerunView
 
     told = []
 
@@ -524,7 +523,7 @@ def test_faults_that_make_no_sense_are_refused(text):
 PROGRAM = """
 import sys
 from edge_vpr_tools import cli
-from edge_vpr_tools.output import live_view
+from edge_vpr_tools.console import live_view
 live_view._LINE_S = 0.1
 sys.exit(cli.main())
 """
@@ -930,11 +929,11 @@ def test_nothing_is_left_to_compile_when_the_bytes_come(drive, sent):
 import dataclasses, gc, sys
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.stream.live import LiveLocaliser
+from edge_vpr.live.session import LiveLocaliser
 from edge_vpr.events import make_events
-from edge_vpr.stream.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import open_decoder, open_encoder
 
 def compiled():
     kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
@@ -1005,8 +1004,8 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, capsys):
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
-    from edge_vpr_tools.output import live_view
-    from edge_vpr_tools.output.live_panel import Panel
+    from edge_vpr_tools import live_view
+    from edge_vpr_tools.live_view import Panel
     from rich.console import Console
 
     shown = []

@@ -21,18 +21,12 @@ from streams import random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
+from edge_vpr.live.protocols import PROTOCOLS, open_decoder, open_encoder, parse_protocol
+from edge_vpr.live.protocols.aer import read_layout
+from edge_vpr.live.protocols.evpr import HEADER, MAX_FRAME, MAX_STUFFED, stuff
+from edge_vpr.live.protocols.openmv_packets import crc
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.prophesee import read_header
-from edge_vpr.stream.protocols import (
-    PROTOCOLS,
-    open_decoder,
-    open_encoder,
-    parse_protocol,
-)
-from edge_vpr.stream.protocols.aer import read_layout
-from edge_vpr.stream.protocols.cobs import stuff
-from edge_vpr.stream.protocols.evpr_frames import HEADER, MAX_FRAME, MAX_STUFFED
-from edge_vpr.stream.protocols.openmv_checksums import crc
 
 SENSOR = Sensor(128, 128)
 #: more than any decoder may keep: the longest packet of all, which is OpenMV's

@@ -13,16 +13,19 @@ import numpy as np
 import pytest
 import sweep_jobs
 from edge_vpr_tools import cli
-from edge_vpr_tools.arguments import compare_arguments
-from edge_vpr_tools.sweep import comparison
-from edge_vpr_tools.sweep.comparison import draw, rows_of
-from edge_vpr_tools.sweep.comparison_files import write_comparison
-from edge_vpr_tools.sweep.plan import content_hash, read_plan
-from edge_vpr_tools.sweep.running import run_all
-from edge_vpr_tools.sweep.store import Store
-from edge_vpr_tools.sweep.sweeping import failures, run_sweep
-from edge_vpr_tools.sweep.trial import run_trial
-from edge_vpr_tools.sweep.workers import Workers, cluster, processes
+from edge_vpr_tools.commands import compare as compare_arguments
+from edge_vpr_tools.research.sweep import comparison
+from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
+from edge_vpr_tools.research.sweep.plan import content_hash, read_plan, run_trial
+from edge_vpr_tools.research.sweep.running import (
+    Workers,
+    cluster,
+    failures,
+    processes,
+    run_all,
+    run_sweep,
+)
+from edge_vpr_tools.research.sweep.store import Store
 from matplotlib.figure import Figure
 from streams import random_events
 
@@ -296,7 +299,7 @@ def test_a_cluster_keeps_failures_as_this_machine_does(scheduler):
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     pytest.importorskip("distributed", reason="Dask is an extra (dask)")
-    monkeypatch.setattr("edge_vpr_tools.sweep.workers._TIMEOUT_S", 0.5)
+    monkeypatch.setattr("edge_vpr_tools.research.sweep.running._TIMEOUT_S", 0.5)
     with (
         pytest.raises(UsageError, match="no Dask scheduler answers"),
         cluster("tcp://127.0.0.1:9"),

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import random_events
 
-from edge_vpr.descriptors.precounted import PublishedWindows
+from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import open_recording, write_recording
-from edge_vpr.recordings.time_crop import TimeCrop, seconds_us
+from edge_vpr.recordings.recording import TimeCrop, seconds_us
 
 SENSOR = Sensor(16, 12)
 

@@ -9,12 +9,8 @@ import pytest
 from archive_mutants import checksum
 
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation.text_files import read_text
-from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.evaluation.track_fit import overlap
-from edge_vpr.evaluation.tracks import Track
-from edge_vpr.evaluation.truth_from_matrix import load_matrix
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.evaluation.ground_truth import from_tracks, load_matrix, overlap
+from edge_vpr.evaluation.tracks import Track, load_track, read_text
 
 S = 1_000_000
 GPX = """<?xml version="1.0" encoding="{encoding}"?>
@@ -188,7 +184,7 @@ def test_times_that_no_clock_shows_are_refused(tmp_path):
 
 
 def test_a_file_too_long_to_be_a_log_is_refused_unread(tmp_path, monkeypatch):
-    monkeypatch.setattr("edge_vpr.evaluation.text_files.MAX_BYTES", 100)
+    monkeypatch.setattr("edge_vpr.evaluation.tracks.MAX_BYTES", 100)
     (tmp_path / "a.txt").write_text("x" * 101)
     with pytest.raises(GroundTruthError, match="has more than 100 bytes"):
         read_text(tmp_path / "a.txt")

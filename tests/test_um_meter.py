@@ -6,13 +6,12 @@ import threading
 import time
 
 import pytest
-from edge_vpr_tools.energy.sampling import Sampler
-from edge_vpr_tools.energy.sensors import um_meter
-from edge_vpr_tools.energy.sensors.sensor import SensorError
-from edge_vpr_tools.energy.sensors.um_meter import UmMeter, decode, from_head
+from edge_vpr_tools.profile.measurement import Sampler
+from edge_vpr_tools.profile.sensors import um_meter
+from edge_vpr_tools.profile.sensors.sensor import SensorError
+from edge_vpr_tools.profile.sensors.um_meter import UmMeter, decode, from_head
 
-from edge_vpr.stream.link import LinkError
-from edge_vpr.stream.serial_links import VirtualLink
+from edge_vpr.live.links import LinkError, VirtualLink
 
 UM24C, UM25C, UM34C = 0x0963, 0x09C9, 0x0D4C
 END = b"\xff\xf1"

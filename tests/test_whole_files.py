@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from edge_vpr import whole_files
+from edge_vpr import files as whole_files
 from edge_vpr.errors import UsageError
-from edge_vpr.whole_files import check_output, clear_dead_runs, replacing, replacing_folder
+from edge_vpr.files import check_output, clear_dead_runs, replacing, replacing_folder
 
 
 def write(path, text):
@@ -165,7 +165,7 @@ def test_without_exchange_the_next_run_puts_the_new_folder_in_place(tmp_path, mo
 
 HOLD = """
 import sys, time
-from edge_vpr.whole_files import replacing, replacing_folder
+from edge_vpr.files import replacing, replacing_folder
 with (replacing_folder if sys.argv[2] == "folder" else replacing)(sys.argv[1]) as temporary:
     print("ready", flush=True)
     time.sleep(60)

@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import as_tuples, cut_up, random_events
 
-from edge_vpr.descriptors.descriptor_stream import DescriptorStream
-from edge_vpr.descriptors.descriptors import collect, join
+from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import FixedCount, FixedTime
+from edge_vpr.descriptors.windows import FixedCount, FixedTime, collect, join
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 

@@ -1,17 +1,24 @@
-"""Selection of a few pixels by their saliency."""
+"""Selection of a few pixels: by the variance of their counts, or by their information."""
 
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.compiling import kernel
+from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.settings import STRATEGIES, Strategy
+from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
+
+# Selection of a few pixels by their saliency.
+
 
 #: strategies that use one number for each pixel; the other one uses all windows
 BY_SALIENCY = tuple(name for name in STRATEGIES if name != "information")
@@ -253,3 +260,251 @@ def _disc_complement(
     # and does not fail after 100 rejections as the released code does.
     outside = dy[:, None] ** 2 + dx[None, :] ** 2 > REJECTION_RADIUS**2
     return outside.astype(np.float64)
+
+
+# Saliency of each pixel: how much its count varies over the windows of a reference traverse.
+
+
+class SaliencyPass:
+    """Sums over the windows of a traverse, for all pixels; memory does not grow with the windows.
+
+    The image of each window is also written to a temporary file, from which the descriptors are
+    read when pixels have been selected. The recording is thus decoded only once.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    clip : int, optional
+        Largest count that mean and variance see (the released code: 10).
+    spool_bytes : int
+        Size up to which the temporary file may grow; above it `descriptors` returns None and the
+        recording must be read again.
+
+    Attributes
+    ----------
+    windows : int
+        Number of windows taken, K.
+    """
+
+    def __init__(
+        self, sensor: Sensor, *, clip: int | None = None, spool_bytes: int = 2 << 30
+    ) -> None:
+        self._sensor = sensor
+        self._clip = clip
+        self._events = np.zeros(sensor.pixels, dtype=np.int64)
+        self._sum = np.zeros(sensor.pixels, dtype=np.int64)
+        self._sum_of_squares = np.zeros(sensor.pixels, dtype=np.int64)
+        self._spooled: list[tuple[np.dtype[np.unsignedinteger], tuple[int, int, int]]] = []
+        self._room = spool_bytes
+        self.windows = 0
+        self._spool = tempfile.TemporaryFile(prefix="edge-vpr-")  # noqa: SIM115  # closed by close()
+
+    def __enter__(self) -> SaliencyPass:
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Delete the temporary file."""
+        self._spool.close()
+
+    def add(self, window: WindowCounts) -> None:
+        """Add one window, counted at every pixel of the sensor, row by row."""
+        self._events += window.counts
+        counts = window.counts if self._clip is None else np.minimum(window.counts, self._clip)
+        self._sum += counts
+        self._sum_of_squares += counts * counts
+        self.windows += 1
+        if self._room >= 0:
+            image = narrow(window.counts)
+            self._room -= image.nbytes
+            self._spooled.append((image.dtype, window[1:]))
+            self._spool.write(image.data)
+
+    @property
+    def totals(self) -> npt.NDArray[np.int64]:
+        """Events of each pixel over all windows, shape (height, width)."""
+        return self._events.reshape(self._sensor.height, self._sensor.width)
+
+    def mean(self) -> npt.NDArray[np.float64]:
+        """Mean count of each pixel, shape (height, width): the released code's saliency."""
+        return self._sum.reshape(self.totals.shape) / self._checked_windows()
+
+    def variance(self) -> npt.NDArray[np.float64]:
+        """Variance of each pixel's count over the windows (paper, eq. 3), shape (height, width).
+
+        The numerator ``K * sum(c^2) - sum(c)^2`` is exact in integers; one division rounds.
+        """
+        k = self._checked_windows()
+        if k * int(self._sum_of_squares.max()) < 2**53:
+            numerator = k * self._sum_of_squares - self._sum**2
+            return (numerator / (k * k)).reshape(self.totals.shape)
+        exact = [
+            (k * squares - total**2) / (k * k)
+            for squares, total in zip(
+                self._sum_of_squares.tolist(), self._sum.tolist(), strict=True
+            )
+        ]
+        return np.array(exact).reshape(self.totals.shape)
+
+    def descriptors(self, pixel_map: PixelMap) -> Descriptors | None:
+        """Return the counts of the selected pixels in every window.
+
+        Returns
+        -------
+        Descriptors or None
+            None if the temporary file would have grown too large.
+        """
+        if self._room < 0:
+            return None
+        flat = pixel_map.y.astype(np.int64) * self._sensor.width + pixel_map.x
+        self._spool.seek(0)
+        return collect(
+            (
+                WindowCounts(self._read_image(dtype)[flat].astype(np.int64), *span)
+                for dtype, span in self._spooled
+            ),
+            len(pixel_map),
+        )
+
+    def _read_image(self, dtype: np.dtype[np.unsignedinteger]) -> npt.NDArray[np.unsignedinteger]:
+        return np.frombuffer(self._spool.read(self._sensor.pixels * dtype.itemsize), dtype=dtype)
+
+    def _checked_windows(self) -> int:
+        if self.windows == 0:
+            raise UsageError(
+                "the traverse is shorter than one window: take a shorter window or a longer drive"
+            )
+        return self.windows
+
+
+# Selection of pixels one after another, each by the information that it adds about the place.
+#
+# The logarithms of the counts of a pixel are taken as a signal with noise of a fixed variance. The
+# information of a set S of pixels about the place is then ``log det(I + C_S / noise) / 2`` (the
+# capacity of a Gaussian channel), with the covariance C over the windows of the reference. The
+# greedy choice always takes the pixel with the largest variance that the pixels before it do not
+# explain (a Cholesky factorisation with pivots). Its information is at least 1 - 1/e of that of
+# the best set.
+
+
+#: variance of a logarithm between drives at the same place: half an octave squared
+NOISE = 1 << (2 * LEVEL_BITS - 1)
+#: largest numbers of pixels and of windows that are used; if there are more, a subset is taken
+MOST_PIXELS, MOST_WINDOWS = 1 << 14, 1 << 11
+
+
+def shortlist(saliency: npt.NDArray[np.float64], exclude: npt.NDArray[np.bool_]) -> PixelMap:
+    """Choose candidates: the most salient pixel of each cell of the sensor.
+
+    Parameters
+    ----------
+    saliency : ndarray of float64, shape (height, width)
+        Not negative.
+    exclude : ndarray of bool, shape (height, width)
+
+    Returns
+    -------
+    PixelMap
+        At most 16,384 pixels, of cells of 1 x 1 pixels or more. Pixels of saliency 0 are left out.
+    """
+    height, width = saliency.shape
+    side = max(1, math.isqrt(height * width // MOST_PIXELS))
+    while -(-height // side) * -(-width // side) > MOST_PIXELS:
+        side += 1
+    usable = np.where(exclude, 0.0, saliency)
+    rows, columns = -(-height // side), -(-width // side)
+    padded = np.zeros((rows * side, columns * side))
+    padded[:height, :width] = usable
+    cells = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
+    within = cells.argmax(axis=2)
+    row, column = np.nonzero(cells.max(axis=2) > 0)
+    down, right = np.divmod(within[row, column], side)
+    return PixelMap(
+        Sensor(width, height),
+        (column * side + right).astype(np.uint16),
+        (row * side + down).astype(np.uint16),
+    )
+
+
+def informative_pixels(
+    pixel_map: PixelMap, counts: npt.NDArray[np.unsignedinteger], pixels: int
+) -> PixelMap:
+    """Choose J pixels from a shortlist.
+
+    Parameters
+    ----------
+    pixel_map : PixelMap
+        P pixels.
+    counts : ndarray of uint, shape (n, P)
+        Their counts in the windows of the reference.
+    pixels : int
+        J.
+
+    Returns
+    -------
+    PixelMap
+        In the order chosen; of equals, the first of the shortlist.
+
+    Raises
+    ------
+    UsageError
+        If fewer than J pixels say anything.
+    """
+    some = counts[:: -(-len(counts) // MOST_WINDOWS)]
+    levels = np.ascontiguousarray(OwnMeanCode().level(some).T)
+    chosen = np.empty(min(pixels, len(pixel_map)), dtype=np.int64)
+    found = len(pixel_map)
+    if found >= pixels:
+        found = _choose(levels, float(NOISE), chosen)
+    if found < pixels:
+        raise UsageError(
+            f"{found} pixels vary and {pixels} were asked for: ask for fewer pixels or map a "
+            "longer traverse"
+        )
+    return PixelMap(pixel_map.sensor, pixel_map.x[chosen], pixel_map.y[chosen])
+
+
+@kernel
+def _choose(levels: npt.NDArray[np.int32], noise: float, chosen: npt.NDArray[np.int64]) -> int:
+    """Write the chosen pixels, and return how many pixels have a variance above 0.
+
+    Sums of products are exact integers, and all other sums have a fixed order, so that the choice
+    is the same on every machine.
+    """
+    pixels, windows = levels.shape
+    totals = np.zeros(pixels, dtype=np.int64)
+    rest = np.empty(pixels, dtype=np.float64)  # variance that the chosen pixels do not explain
+    for p in range(pixels):
+        for w in range(windows):
+            totals[p] += levels[p, w]
+        rest[p] = _covariance(levels[p], levels[p], totals[p], totals[p])
+    factors = np.zeros((pixels, chosen.size), dtype=np.float64)
+    for n in range(chosen.size):
+        best = 0
+        for p in range(1, pixels):
+            if rest[p] > rest[best]:
+                best = p
+        if not rest[best] > 0:
+            return n
+        chosen[n] = best
+        scale = math.sqrt(rest[best] + noise)
+        for p in range(pixels):
+            shared = _covariance(levels[p], levels[best], totals[p], totals[best])
+            for m in range(n):
+                shared -= factors[p, m] * factors[best, m]
+            factors[p, n] = shared / scale
+            rest[p] -= factors[p, n] * factors[p, n]
+        rest[best] = -1.0
+    return chosen.size
+
+
+@kernel
+def _covariance(
+    a: npt.NDArray[np.int32], b: npt.NDArray[np.int32], total_a: int, total_b: int
+) -> float:
+    products = np.int64(0)
+    for w in range(a.size):
+        products += np.int64(a[w]) * np.int64(b[w])
+    return float(a.size * products - total_a * total_b) / float(a.size * a.size)

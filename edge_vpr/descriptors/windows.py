@@ -1,15 +1,28 @@
-"""Windows: the spans of time, or of events, that descriptors are counted in."""
+"""Windows of fixed time or of a fixed number of events, and the descriptors counted in them."""
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import UsageError
-from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.archive import check_array, check_range
+from edge_vpr.compiling import kernel
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.events import TIME_LIMIT_US, Sensor
+from edge_vpr.recordings import Faults, read_count_frames
+from edge_vpr.recordings.frames import MOST_PIXELS, Counts
+from edge_vpr.recordings.recording import TimeCrop
+
+# Windows: the spans of time, or of events, that descriptors are counted in.
+
 
 #: more windows than this in one recording, or ticks in one jump of time, are taken as a fault: the
 #: clock has jumped, or the length of a window was given in a wrong unit
@@ -81,3 +94,338 @@ class WindowCounts(NamedTuple):
     start_us: int
     end_us: int
     events: int
+
+
+# Descriptors: the event counts of windows, or their codes, with times.
+
+
+#: dtypes of counts that can be matched: native byte order, at most 32 bits
+COUNT_DTYPES = (np.uint8, np.uint16, np.uint32)
+
+
+@dataclass(frozen=True)
+class Descriptors:
+    """Event counts at the selected pixels, or their codes, and times of n windows.
+
+    Attributes
+    ----------
+    counts : ndarray of unsigned int, shape (n, J) or with polarity (n, 2 J)
+        With polarity the J counts of ON events precede those of OFF events.
+    start_us, end_us : ndarray of int64, shape (n,)
+        A fixed-time window spans ``[start, end)``. A fixed-count window starts with its first event
+        at any pixel and ends with its N-th at a selected one.
+    events : ndarray of int64, shape (n,)
+        Events of the whole sensor in each window.
+    selected : ndarray of int64, shape (n,), optional
+        Events at the selected pixels, which codes do not tell.
+    """
+
+    counts: npt.NDArray[np.unsignedinteger]
+    start_us: npt.NDArray[np.int64]
+    end_us: npt.NDArray[np.int64]
+    events: npt.NDArray[np.int64]
+    selected: npt.NDArray[np.int64] | None = None
+
+    def __len__(self) -> int:
+        return len(self.start_us)
+
+    def __repr__(self) -> str:
+        return f"Descriptors({len(self)} windows of {self.counts.shape[-1]} counters)"
+
+    @property
+    def activity(self) -> npt.NDArray[np.int64]:
+        """Number of events at the selected pixels, shape (n,); by default the sum of the counts."""
+        return self.counts.sum(axis=1, dtype=np.int64) if self.selected is None else self.selected
+
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
+        names = ("counts", "start_us", "end_us", "events", "selected")
+        columns = {name: getattr(self, name) for name in names}
+        return {name: column for name, column in columns.items() if column is not None}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
+        """Build from named arrays, for example of a file; others are ignored.
+
+        Raises
+        ------
+        MapError
+            If one is missing, or they are not descriptors (`check_descriptors`).
+        """
+        missing = {"counts", "start_us", "end_us", "events"} - arrays.keys()
+        if missing:
+            raise MapError(f"descriptors lack {', '.join(sorted(missing))}: expected all four")
+        found = cls(
+            arrays["counts"],
+            arrays["start_us"],
+            arrays["end_us"],
+            arrays["events"],
+            arrays.get("selected"),
+        )
+        check_descriptors(found)
+        return found
+
+    def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> Descriptors:
+        """Return some windows, by a slice, indices in any order, or a mask of shape (n,)."""
+        return Descriptors(**{name: column[windows] for name, column in self.to_arrays().items()})
+
+    @property
+    def centre_us(self) -> npt.NDArray[np.int64]:
+        """Middle of each window, in microseconds, rounded down."""
+        return self.start_us + (self.end_us - self.start_us) // 2
+
+
+def check_descriptors(descriptors: Descriptors, counters: int | None = None) -> None:
+    """Check that all arrays have the documented dtypes and the same length.
+
+    Parameters
+    ----------
+    descriptors : Descriptors
+        At least one.
+    counters : int, optional
+        How many counts each must have.
+
+    Raises
+    ------
+    MapError
+        If a dtype or shape differs, a time is out of range, or a window ends before it starts.
+    """
+    check_array(descriptors.counts, "counts", COUNT_DTYPES, (None, counters))
+    n = len(descriptors.counts)
+    if not descriptors.counts.size:
+        raise MapError(
+            f"counts are of shape {descriptors.counts.shape}: expected one window or more, with "
+            "one count or more"
+        )
+    for name in ("start_us", "end_us", "events"):
+        check_array(getattr(descriptors, name), name, (np.int64,), (n,))
+    for name in ("start_us", "end_us"):
+        check_range(getattr(descriptors, name), name, -TIME_LIMIT_US, TIME_LIMIT_US)
+    check_range(descriptors.events, "events", 0, TIME_LIMIT_US)
+    if descriptors.selected is not None:
+        check_array(descriptors.selected, "selected", (np.int64,), (n,))
+        check_range(descriptors.selected, "selected", 0, TIME_LIMIT_US // n)
+    if (descriptors.end_us < descriptors.start_us).any():
+        raise MapError("a window ends before it starts: expected end_us of start_us or later")
+
+
+def narrow(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.unsignedinteger]:
+    """Convert counts to the narrowest unsigned dtype that holds the largest of them."""
+    largest = int(counts.max()) if counts.size else 0
+    for dtype in (np.uint8, np.uint16, np.uint32):
+        if largest <= np.iinfo(dtype).max:
+            return counts.astype(dtype)
+    return counts.astype(np.uint64)
+
+
+def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
+    """Collect windows of `counters` counts each as descriptors in the narrowest dtype."""
+    taken = list(windows)
+    counts = [narrow(window.counts) for window in taken]
+    spans = np.array([window[1:] for window in taken], dtype=np.int64).reshape(-1, 3)
+    stacked = np.stack(counts) if counts else np.zeros((0, counters), dtype=np.uint8)
+    return Descriptors(stacked, spans[:, 0], spans[:, 1], spans[:, 2])
+
+
+def join(parts: Sequence[Descriptors]) -> Descriptors:
+    """Join the descriptors of successive calls, in the narrowest common dtype.
+
+    Parameters
+    ----------
+    parts : sequence of Descriptors
+        At least one.
+    """
+    return Descriptors(
+        np.concatenate([part.counts for part in parts]),
+        np.concatenate([part.start_us for part in parts]),
+        np.concatenate([part.end_us for part in parts]),
+        np.concatenate([part.events for part in parts]),
+        np.concatenate([part.activity for part in parts]),
+    )
+
+
+# Quiet windows and pauses: so few events that the camera hardly moves, or stands still.
+
+
+#: a window with no event, or less than 1/8 of the usual number, is quiet: standing costs nothing
+QUIET_SHIFT = 3
+#: a window with no event, or less than 1/16 of the usual number, is a pause: it has no evidence
+PAUSE_SHIFT = 4
+#: the usual number moves by 1/64 of the difference in each window; it has 8 fraction bits
+ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
+#: largest number of events of a window; larger ones saturate, so that the usual number has 31 bits
+EVENTS_TOP = (1 << 23) - 1
+
+
+@kernel
+def is_quiet(events: int, usual: int) -> bool:
+    """Return whether a window of `events` selected events is quiet (`usual`: see `Activity`)."""
+    return events == 0 or events << (ACTIVITY_BITS + QUIET_SHIFT) < usual
+
+
+@kernel
+def is_pause(events: int, usual: int) -> bool:
+    """Return whether a window of `events` selected events is a pause, which is quiet too."""
+    return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < usual
+
+
+@kernel
+def usual_after(usual: int, events: int) -> int:
+    """Return the usual number of events after a window, in units of 1/256 event."""
+    # the shift rounds down, negative numbers too
+    return usual + (((min(events, EVENTS_TOP) << ACTIVITY_BITS) - usual) >> ACTIVITY_SHIFT)
+
+
+class Activity:
+    """Usual number of events in a window, as a running mean in integers.
+
+    Parameters
+    ----------
+    usual : int
+        Where it starts, in units of 1/256 event: `mean_activity` of the reference.
+    """
+
+    def __init__(self, usual: int) -> None:
+        self.usual = usual
+
+    def pauses(self, events: int) -> bool:
+        """Return whether a window with `events` selected events is a pause."""
+        return bool(is_pause(events, self.usual))
+
+    def update(self, events: int) -> None:
+        """Update the mean by the number of selected events of a finished window."""
+        self.usual = usual_after(self.usual, events)
+
+
+def mean_activity(events: npt.NDArray[np.integer]) -> int:
+    """Return the mean of the windows' selected events, in units of 1/256 event, rounded down.
+
+    It saturates as `Activity` does.
+
+    Parameters
+    ----------
+    events : ndarray of int, shape (n,)
+        n of at least 1.
+    """
+    return min((int(events.sum()) << ACTIVITY_BITS) // len(events), EVENTS_TOP << ACTIVITY_BITS)
+
+
+def find_pauses(events: npt.NDArray[np.integer], usual: int) -> npt.NDArray[np.bool_]:
+    """Return which windows of a drive are pauses.
+
+    Parameters
+    ----------
+    events : ndarray of int, shape (n,)
+        At the selected pixels.
+    usual : int
+        See `Activity`.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    activity, paused = Activity(usual), np.zeros(len(events), dtype=np.bool_)
+    for i, count in enumerate(events.tolist()):
+        paused[i] = activity.pauses(count)
+        activity.update(count)
+    return paused
+
+
+# Windows that were published as counts: each frame of counts is one window.
+
+
+T = TypeVar("T")
+
+
+class PublishedWindows:
+    """Source of windows from frames of counts, in place of a recording of events.
+
+    Parameters
+    ----------
+    path : path
+        Count frames, see `read_count_frames`.
+    period : Fraction, optional
+        Seconds a frame, if the file does not say.
+    sensor : Sensor, optional
+        If the file does not say.
+    crop : TimeCrop, optional
+        Only the frames that lie wholly in this part are read.
+
+    Attributes
+    ----------
+    sensor : Sensor
+    window_us : int
+        Length of a window in microseconds, rounded.
+    counted : ndarray of bool, shape (height, width)
+        Which pixels the frames count.
+    start_us : int
+        The first frame that is read, on the clock of the frames in microseconds.
+    faults : Faults
+        None: damaged frames are errors.
+
+    Raises
+    ------
+    UsageError
+        If the period, the sensor or the pixels are not known.
+    RecordingError
+        If the file cannot be read.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        period: Fraction | None = None,
+        sensor: Sensor | None = None,
+        crop: TimeCrop | None = None,
+    ) -> None:
+        frames = read_count_frames(path)
+        self._frames = frames
+        start, end = (0, None) if crop is None else crop.span(frames.start_us)
+        self._period_us = _known(
+            frames.period or period, path, "how long a frame lasts: pass --frame-period"
+        ) * Fraction(1_000_000)
+        self.window_us = max(1, round(self._period_us))
+        self._first = math.ceil(start / self._period_us)
+        self._last = frames.n_frames if end is None else math.floor(end / self._period_us)
+        if self._first >= min(self._last, frames.n_frames):
+            raise UsageError(
+                f"{path} has no whole frame in the part that --start and --end leave of its "
+                f"{float(frames.n_frames * self._period_us / 1_000_000):g} s: leave more"
+            )
+        self.start_us = frames.start_us + math.floor(self._first * self._period_us)
+        self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass --sensor WxH")
+        x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
+        y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")
+        if x.max() >= self.sensor.width or y.max() >= self.sensor.height:
+            raise UsageError(
+                f"{path} counts pixels up to column {x.max()} and row {y.max()}, off the "
+                f"{self.sensor} sensor: name the right sensor"
+            )
+        if self.sensor.pixels > MOST_PIXELS:
+            raise UsageError(
+                f"{path} is of a sensor of {self.sensor}, and windows take at most "
+                f"{MOST_PIXELS:,} pixels: name the right sensor"
+            )
+        self._flat = y.astype(np.int64) * self.sensor.width + x
+        self.counted = np.zeros((self.sensor.height, self.sensor.width), dtype=np.bool_)
+        self.counted[y, x] = True
+        self.faults = Faults()
+
+    def windows(self) -> Iterator[WindowCounts]:
+        """Yield one window for each frame, over all pixels, row by row."""
+        for k, row in enumerate(self._rows()):
+            counts = np.zeros(self.sensor.pixels, dtype=np.int64)
+            counts[self._flat] = row
+            start, end = (math.floor(i * self._period_us) for i in (k, k + 1))
+            yield WindowCounts(counts, start, end, int(counts.sum()))
+
+    def _rows(self) -> Iterator[Counts]:
+        rows = (row for block in self._frames.blocks() for row in block)
+        return itertools.islice(rows, self._first, self._last)
+
+
+def _known(value: T | None, path: str | Path, what: str) -> T:
+    if value is None:
+        raise UsageError(f"{path} does not say {what}")
+    return value

@@ -1,15 +1,24 @@
-"""Ground truth: which places are right for which query."""
+"""Ground truth: which places are correct for which query, from tracks, a matrix or an alignment."""
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation.tracks import Floats
+from edge_vpr.archive import read_members, read_npy
+from edge_vpr.errors import GroundTruthError, printable
+from edge_vpr.evaluation.tracks import Floats, Track, distances, interpolate, read_table
+
+# Ground truth: which places are right for which query.
+
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
@@ -127,3 +136,473 @@ def check_tolerance(tolerance: float) -> None:
     """Check that the tolerance is a finite number of 0 or more."""
     if not (np.isfinite(tolerance) and tolerance >= 0):
         raise GroundTruthError(f"tolerance {tolerance} is not a distance: give 0 or more")
+
+
+# Checks whether two tracks are of the same route, and belong to their drives.
+
+
+#: number of points of the query's track that are compared, evenly spread along it
+QUERY_POINTS = 200
+#: largest number of points of the reference's track; else two for each tolerance
+REFERENCE_POINTS = 2_000
+#: A note is given if a log and its drive have less than this share of their time in common: loggers
+#: usually start and stop within seconds of the camera. Chosen by judgement.
+LEAST_COMMON = 0.8
+#: Smallest differences for two notes, chosen by judgement: that swapped logs would fit better, and
+#: that the lengths of two drives with the same log differ.
+SWAPPED_BY = 0.05
+
+
+class Overlap(NamedTuple):
+    """Overlap of two tracks.
+
+    Attributes
+    ----------
+    share : float
+        Of the query's track, by its length, how much lies within the tolerance of the reference's.
+    nearest_m : float
+        Least distance between the two.
+    """
+
+    share: float
+    nearest_m: float
+
+
+def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
+    """Compare the paths of two tracks, without their times.
+
+    Parameters
+    ----------
+    reference, query : Track
+        Of one kind and dimension.
+    tolerance_m : float
+    """
+    places, spacing_m = _spread(reference, REFERENCE_POINTS, tolerance_m / 2)
+    queries, _ = _spread(query, QUERY_POINTS, 0.0)
+    nearest = distances(reference.kind, places, queries[:, None]).min(axis=1)
+    return Overlap(float((nearest <= tolerance_m + spacing_m / 2).mean()), float(nearest.min()))
+
+
+def notes(
+    reference: Track,
+    query: Track,
+    reference_us: npt.NDArray[np.float64],
+    query_us: npt.NDArray[np.float64],
+) -> tuple[str, ...]:
+    """Return notes on logs that probably do not belong to these drives.
+
+    Parameters
+    ----------
+    reference, query : Track
+    reference_us, query_us : ndarray of float64
+        Times of the windows' centres.
+
+    Returns
+    -------
+    tuple of str
+        Empty where nothing is.
+    """
+    given = (_common(reference, reference_us), _common(query, query_us))
+    swapped = (_common(query, reference_us), _common(reference, query_us))
+    found = []
+    ends = (float(reference_us.max()), float(query_us.max()))
+    if _same(reference, query) and min(ends) < (1 - SWAPPED_BY) * max(ends):
+        found.append("both logs are the same, of drives that are not as long: give one of each")
+    if sum(swapped) > sum(given) + 2 * SWAPPED_BY:
+        found.append(
+            "the two logs fit the drives better the other way round: the reference's comes first"
+        )
+    for name, track, times, common in zip(
+        ("reference", "query"), (reference, query), (reference_us, query_us), given, strict=True
+    ):
+        if common < LEAST_COMMON:
+            found.append(
+                f"the {name} log covers {track.time_us[0] / 1e6:.0f} to "
+                f"{track.time_us[-1] / 1e6:.0f} s and its drive lasts until "
+                f"{times.max() / 1e6:.0f} s: is it the log of this drive, and its clock right "
+                "(--offset)?"
+            )
+        total = sum(track.dropped.values())
+        if total * 10 > track.entries:
+            found.append(f"of the {name} log {track.describe_dropped()}")
+    return tuple(found)
+
+
+def _same(reference: Track, query: Track) -> bool:
+    """Return whether two tracks have the same points, whatever their clocks' offsets."""
+    return np.array_equal(reference.position, query.position) and np.array_equal(
+        np.diff(reference.time_us), np.diff(query.time_us)
+    )
+
+
+def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
+    """Return the common time of track and windows, divided by the time that they span together."""
+    first, last = float(track.time_us[0]), float(track.time_us[-1])
+    start, end = float(times_us.min()), float(times_us.max())
+    whole = max(last, end) - min(first, start)
+    return max(0.0, min(last, end) - max(first, start)) / whole if whole > 0 else 1.0
+
+
+def _spread(track: Track, most: int, least_m: float) -> tuple[Floats, float]:
+    """Return points evenly spread along a track, without those in gaps, and their spacing."""
+    points = track.position
+    steps = distances(track.kind, points[1:], points[:-1])
+    if track.max_gap_us is not None:
+        steps = np.where(np.diff(track.time_us) > track.max_gap_us, 0.0, steps)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    if not way[-1] > 0:
+        return points[:1], 0.0
+    n = most if least_m * most <= way[-1] else math.ceil(way[-1] / least_m) + 1
+    at = np.linspace(0.0, way[-1], n)
+    rising = np.flatnonzero(np.diff(way, prepend=-1.0) > 0)
+    if track.kind == "geographic":
+        points = np.column_stack([points[:, 0], np.unwrap(points[:, 1], period=360.0)])
+    found = [np.interp(at, way[rising], column[rising]) for column in points.T]
+    return np.column_stack(found), float(way[-1] / (n - 1))
+
+
+# Ground truth from the tracks of two drives.
+
+
+def from_tracks(
+    reference: Track,
+    query: Track,
+    reference_times_us: npt.ArrayLike,
+    query_times_us: npt.ArrayLike,
+    tolerance_m: float,
+) -> GroundTruth:
+    """Return the truth: places within `tolerance_m` of the query, by great circle or straight line.
+
+    Parameters
+    ----------
+    reference, query : Track
+        Of one kind and dimension.
+    reference_times_us : array_like, shape (K,)
+    query_times_us : array_like, shape (Q,)
+        Times of the windows' centres, in microseconds from each recording's start.
+    tolerance_m : float
+        In metres, inclusive.
+
+    Returns
+    -------
+    GroundTruth
+        A query is known where its track covers it. A place without a position is never right.
+
+    Raises
+    ------
+    GroundTruthError
+        If the tracks cannot be compared, do not cover the windows, or never meet.
+    """
+    check_tolerance(tolerance_m)
+    if reference.kind != query.kind or reference.position.shape[1] != query.position.shape[1]:
+        raise GroundTruthError(
+            f"the reference track is {_form(reference)} and the query track is {_form(query)}: "
+            "give two tracks of one kind"
+        )
+    places = _positions(reference, reference_times_us, "reference")
+    queries = _positions(query, query_times_us, "query")
+    correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
+    known = ~np.isnan(queries[:, 0])
+    placed = int((~np.isnan(places[:, 0])).sum())
+    ways = overlap(reference, query, tolerance_m)
+    doubts = notes(
+        reference, query, window_coordinates(reference_times_us, "reference"),
+        window_coordinates(query_times_us, "query"),
+    )  # fmt: skip
+    truth = described_truth(
+        correct,
+        known,
+        f"{reference.kind} tracks at {tolerance_m:g} m, "
+        f"{placed} of {len(places)} places with a position, "
+        f"{100 * ways.share:.0f} % of the query's track along the reference's",
+        doubts,
+    )
+    if not truth.has_place.any():
+        if ways.share == 0:
+            reason = (
+                f"the two tracks come no nearer than {ways.nearest_m:,.0f} m: check that both are "
+                "of this route, and the tolerance"
+            )
+        else:
+            reason = (
+                f"{100 * ways.share:.0f} % of the query's track runs along the reference's, at "
+                "other times: check their clocks (--offset) and their order"
+            )
+        raise GroundTruthError(
+            "; ".join([f"no query lies within {tolerance_m:g} m of any place: {reason}", *doubts])
+        )
+    return truth
+
+
+def _positions(track: Track, times_us: npt.ArrayLike, which: str) -> Floats:
+    times = window_coordinates(times_us, which)
+    positions = track.at(times)
+    if np.isnan(positions[:, 0]).all():
+        raise GroundTruthError(
+            f"the {which} track covers {track.time_us[0] / 1e6:g} to {track.time_us[-1] / 1e6:g} s "
+            f"in {track.time_us.size} points and no window of {times.min() / 1e6:g} to "
+            f"{times.max() / 1e6:g} s: check its clock, and allow longer gaps if the points are few"
+        )
+    return positions
+
+
+def _form(track: Track) -> str:
+    return f"{track.kind} with {track.position.shape[1]} coordinates"
+
+
+# Ground truth from pairs of moments at which two recordings show the same place.
+
+
+class Alignment(NamedTuple):
+    """Pairs of moments at which two recordings show the same place.
+
+    Attributes
+    ----------
+    pairs : ndarray of float64, shape (n, 2)
+        Coordinate in the query, coordinate in the reference; the first strictly increasing.
+    unit : {"frame", "s"}
+    """
+
+    pairs: Floats
+    unit: Literal["frame", "s"]
+
+    def coordinate(self, times_us: npt.ArrayLike, frame_period_us: float | None = None) -> Floats:
+        """Convert times in microseconds to coordinates of this alignment.
+
+        Parameters
+        ----------
+        times_us : array_like, shape (m,)
+        frame_period_us : float, optional
+            Needed where the unit is frames: frame i begins at ``i * frame_period_us``.
+
+        Returns
+        -------
+        ndarray of float64, shape (m,)
+
+        Raises
+        ------
+        GroundTruthError
+            If the frame period is needed and missing.
+        """
+        times = np.asarray(times_us, dtype=np.float64)
+        if self.unit == "s":
+            return times / 1e6
+        if frame_period_us is None or not frame_period_us > 0:
+            raise GroundTruthError(
+                f"the alignment is in frames and the frame period is {frame_period_us}: "
+                "state it in microseconds, greater than 0"
+            )
+        return times / frame_period_us
+
+
+def load_alignment(path: str | Path) -> Alignment:
+    """Read an alignment from a CSV file, its orientation and unit from the header.
+
+    Parameters
+    ----------
+    path : str or Path
+        The columns are ``query_frame`` and ``reference_frame``, or ``query_s`` and ``reference_s``
+        (``query_time_s`` likewise), in either order.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, or the header does not say which column is which.
+    """
+    header, table = read_table(path)
+    units: dict[str, Literal["frame", "s"]] = {
+        "frame": "frame", "frames": "frame", "s": "s", "time_s": "s"
+    }  # fmt: skip
+    columns: dict[str, int] = {}
+    found: set[Literal["frame", "s"]] = set()
+    for number, name in enumerate(header):
+        side, _, unit = name.partition("_")
+        if side in ("query", "reference") and unit in units:
+            columns[side] = number
+            found.add(units[unit])
+    if len(header) != 2 or len(columns) != 2 or len(found) != 1:
+        raise GroundTruthError(
+            f"{path} has the header {','.join(header)!r}: expected query_frame,reference_frame "
+            "or query_s,reference_s, in either order"
+        )
+    pairs = table[:, [columns["query"], columns["reference"]]]
+    try:
+        _check_pairs(pairs)
+    except GroundTruthError as error:
+        raise GroundTruthError(f"{path}: {error}") from None
+    return Alignment(pairs, found.pop())
+
+
+def from_alignment(
+    pairs: npt.ArrayLike,
+    query_coordinate: npt.ArrayLike,
+    reference_coordinate: npt.ArrayLike,
+    tolerance: float,
+    unit: str = "",
+) -> GroundTruth:
+    """Return the truth: places within `tolerance` of the aligned coordinate, linear between points.
+
+    Parameters
+    ----------
+    pairs : array_like, shape (n, 2)
+        Coordinate in the query, coordinate in the reference; the first strictly increasing.
+    query_coordinate : array_like, shape (Q,)
+    reference_coordinate : array_like, shape (K,)
+        Of the windows' centres, in the unit of `pairs` (see `Alignment.coordinate`).
+    tolerance : float
+        In the same unit, inclusive.
+    unit : str, optional
+        For the description.
+
+    Returns
+    -------
+    GroundTruth
+        A query is known between the first and the last of the points.
+
+    Raises
+    ------
+    GroundTruthError
+        If the points do not increase, or no query lies between them.
+    """
+    check_tolerance(tolerance)
+    points = np.asarray(pairs, dtype=np.float64)
+    _check_pairs(points)
+    queries = window_coordinates(query_coordinate, "query")
+    places = window_coordinates(reference_coordinate, "reference")
+    expected = interpolate(queries, points[:, 0], points[:, 1:])[:, 0]
+    known = ~np.isnan(expected)
+    if not known.any():
+        raise GroundTruthError(
+            f"the alignment covers query {points[0, 0]:g} to {points[-1, 0]:g} and the queries lie "
+            f"at {queries.min():g} to {queries.max():g}: check the unit and the frame period"
+        )
+    correct = within(places, expected, lambda a, b: np.abs(a - b), tolerance)
+    truth = described_truth(
+        correct, known, f"alignment of {len(points)} points at {tolerance:g} {unit}".rstrip()
+    )
+    if not truth.has_place.any():
+        raise GroundTruthError(
+            f"no place lies within {tolerance:g} of an aligned query (places at {places.min():g} "
+            f"to {places.max():g}, expected at {np.nanmin(expected):g} to "
+            f"{np.nanmax(expected):g}): check the columns, the unit and the tolerance"
+        )
+    return truth
+
+
+def _check_pairs(pairs: Floats) -> None:
+    if pairs.ndim != 2 or pairs.shape[1:] != (2,) or len(pairs) < 2:
+        raise GroundTruthError(
+            f"alignment has shape {pairs.shape}: give (n, 2), query and reference, n at least 2"
+        )
+    if not np.isfinite(pairs).all():
+        raise GroundTruthError("alignment holds a value that is not finite: leave that point out")
+    back = np.flatnonzero(np.diff(pairs[:, 0]) <= 0)
+    if back.size:
+        i = int(back[0])
+        raise GroundTruthError(
+            f"alignment point {i + 1} is at query {pairs[i + 1, 0]:g} after {pairs[i, 0]:g}: "
+            "sort the points and keep one a query coordinate"
+        )
+
+
+# Ground truth from a matrix of 0 and 1.
+
+
+def from_matrix(
+    matrix: npt.ArrayLike, places: int, queries: int, *, rows: Literal["reference", "query"]
+) -> GroundTruth:
+    """Return the truth that a matrix of 0 and 1 gives.
+
+    Parameters
+    ----------
+    matrix : array_like
+        Of 0 and 1, shape (K, Q) where `rows` is "reference" and (Q, K) where it is "query".
+    places, queries : int
+        K and Q.
+    rows : {"reference", "query"}
+        What a row stands for. Never guessed: a square matrix fits both ways.
+
+    Returns
+    -------
+    GroundTruth
+        All queries are known; one without any 1 has no place in the map.
+
+    Raises
+    ------
+    GroundTruthError
+        If the shape is another, a value is neither 0 nor 1, or all are 0.
+    """
+    if rows not in ("reference", "query"):
+        raise GroundTruthError(f"rows={rows!r} is unknown: pass rows=reference or rows=query")
+    array = np.asarray(matrix)
+    expected = (places, queries) if rows == "reference" else (queries, places)
+    if array.shape != expected:
+        other = "query" if rows == "reference" else "reference"
+        remedy = (
+            f"pass rows={other}"
+            if array.shape == expected[::-1]
+            else "use the windows that it was made for"
+        )
+        raise GroundTruthError(
+            f"ground-truth matrix has shape {array.shape}, expected {expected} for "
+            f"rows={rows}: {remedy}"
+        )
+    wrong = ~np.isin(array, (0, 1))
+    if wrong.any():
+        row, column = (int(i) for i in np.argwhere(wrong)[0])
+        raise GroundTruthError(
+            f"ground-truth matrix holds {array[row, column]} at row {row}, column {column}: "
+            "write 1 for the same place and 0 for another"
+        )
+    correct = array.astype(np.bool_)
+    if not correct.any():
+        raise GroundTruthError(
+            "ground-truth matrix is all zero, so that no match could be right: "
+            "check that it was filled before it was saved"
+        )
+    correct = np.ascontiguousarray(correct if rows == "reference" else correct.T)
+    return described_truth(correct, np.ones(queries, dtype=np.bool_), f"0/1 matrix, rows={rows}")
+
+
+def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
+    """Read a matrix from ``.npz`` (its only array, or ``gt``), ``.npy`` or ``.csv`` without header.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read or holds no matrix of numbers.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".npz", ".npy", ".csv"):
+        raise GroundTruthError(f"{path} is not a matrix: give a .npz, .npy or .csv file")
+    matrix: npt.NDArray[Any] | None
+    try:
+        if suffix == ".csv":
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a file without numbers is refused below
+                matrix = np.loadtxt(path, delimiter=",", ndmin=2)
+        elif suffix == ".npy":
+            matrix = read_npy(path)
+        else:
+            arrays = read_members(path)
+            matrix = arrays.get("gt", next(iter(arrays.values())) if len(arrays) == 1 else None)
+    except OSError as error:
+        raise GroundTruthError(
+            f"{path} cannot be read ({error.strerror or error}): check the path"
+        ) from error
+    except Exception as error:
+        # zipfile, NumPy's header parser and loadtxt each have errors of their own for such files
+        raise GroundTruthError(
+            f"{path} is not a matrix of numbers ({printable(error, 200)}): save it again"
+        ) from error
+    if matrix is None:
+        raise GroundTruthError(
+            f"{path} holds the arrays {', '.join(arrays) or 'none'}: "
+            "name the matrix gt, or save it alone"
+        )
+    if matrix.ndim != 2 or matrix.dtype.kind not in "biuf":
+        raise GroundTruthError(
+            f"{path} holds {matrix.dtype} of shape {matrix.shape}: save a matrix of 0 and 1"
+        )
+    return matrix

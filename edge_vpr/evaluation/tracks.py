@@ -1,18 +1,29 @@
-"""Tracks: positions of the camera over time, interpolated but never extrapolated."""
+"""Tracks: positions of the camera over time, and the files that hold them (NMEA, GPX, CSV)."""
 
 from __future__ import annotations
 
+import csv
 import datetime as dt
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
+from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import GroundTruthError
+from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.files import replacing
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import MOST_MM, Odometry, Route
+
+# Tracks: positions of the camera over time, interpolated but never extrapolated.
+
 
 Kind = Literal["geographic", "metric"]
 Floats = npt.NDArray[np.float64]
@@ -229,3 +240,545 @@ def distances(kind: Kind, a: Floats, b: Floats) -> Floats:
     if kind == "geographic":
         return great_circle(a, b)
     return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=-1)))
+
+
+# Reading of text files of ground truth, in any usual encoding.
+
+
+#: longest log: a day at ten fixes a second has 140 MB, all of which is read into memory
+MAX_BYTES = 256 << 20
+
+
+def read_text(path: Path) -> str:
+    """Read a text of UTF-8 or, as some loggers on Windows write, UTF-16.
+
+    Returns
+    -------
+    str
+        Bytes that are no text are U+FFFD, so that checksums and number parsers refuse them.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, or is too long to be a log.
+    """
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise GroundTruthError(
+            f"{path} cannot be read ({error.strerror}): check the path"
+        ) from error
+    if len(raw) > MAX_BYTES:
+        raise GroundTruthError(f"{path} has more than {MAX_BYTES} bytes: split it")
+    return raw.decode(_encoding(raw), errors="replace").removeprefix("\ufeff")
+
+
+def _encoding(raw: bytes) -> str:
+    # Every other byte of Latin text in UTF-16 is zero. The byte order mark is not used: it can be
+    # missing, and noise on a serial line can look like it.
+    for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        half = raw[first:1_000:2]
+        if half and half.count(0) > 0.9 * len(half):
+            return encoding
+    return "utf-8"
+
+
+# GPS logs in GPX, the exchange format of hand-held receivers and telephones.
+
+
+_MICROSECOND = dt.timedelta(microseconds=1)
+
+
+def load_gpx(path: str | Path, *, max_gap_us: int | None) -> Track:
+    """Read the track points of a GPX file (version 1.0 or 1.1, all segments in a row).
+
+    Time 0 is the first point with a time. Points without a time or with a faulty one, or without a
+    position, are left out and counted in `Track.dropped`; of points of one time the first is taken.
+
+    Parameters
+    ----------
+    path : path
+    max_gap_us : int, optional
+        Positions between points further apart than this are unknown.
+
+    Returns
+    -------
+    Track
+        Geographic, with `start_utc`.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, holds no track point with a time, or its time runs backwards.
+    """
+    path = Path(path)
+    dropped: Counter[str] = Counter()
+    fixes: dict[dt.datetime, tuple[float, float]] = {}
+    entries, last = 0, None
+    for point in _points(path):
+        entries += 1
+        time = _time(point)
+        if time is None:
+            dropped["no time"] += 1
+            continue
+        position = _position(point)
+        if position is None:
+            dropped["unreadable position"] += 1
+            continue
+        if last is not None and time < last:
+            raise GroundTruthError(
+                f"{path}: time runs backwards by {(last - time).total_seconds():g} s at track "
+                f"point {entries}: split the log there and use the part of this traverse"
+            )
+        last = time
+        fixes.setdefault(time, position)
+    if not fixes:
+        raise GroundTruthError(
+            f"{path} holds no track point with a time and a position ({entries} points): export "
+            "the recorded track, not a planned route"
+        )
+    start = next(iter(fixes))
+    return Track(
+        np.array([(time - start) // _MICROSECOND for time in fixes], dtype=np.int64),
+        np.array(list(fixes.values())),
+        "geographic",
+        max_gap_us,
+        start,
+        MappingProxyType(dict(dropped)),
+        entries,
+    )
+
+
+def _points(path: Path) -> list[ElementTree.Element]:
+    text = read_text(path)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        # nested entities can expand to gigabytes; GPX needs none
+        raise GroundTruthError(f"{path} declares XML entities: export it as plain GPX")
+    try:
+        # the text is decoded already, so that the declared encoding would be wrong
+        root = ElementTree.fromstring(text[text.find("?>") + 2 :] if "<?xml" in text else text)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise GroundTruthError(f"{path} is not a GPX file ({error}): export it again") from error
+    return [element for element in root.iter() if _name(element) == "trkpt"]
+
+
+def _name(element: ElementTree.Element) -> str:
+    """Return the name of an element without its namespace, which depends on the version."""
+    return element.tag.rpartition("}")[2]
+
+
+def _time(point: ElementTree.Element) -> dt.datetime | None:
+    for child in point:
+        if _name(child) == "time":
+            try:
+                time = dt.datetime.fromisoformat((child.text or "").strip())
+                zone = time.tzinfo or dt.UTC  # times in GPX are UTC, even without a Z
+                return time.replace(tzinfo=zone).astimezone(dt.UTC)
+            except (ValueError, OverflowError):
+                return None
+    return None
+
+
+def _position(point: ElementTree.Element) -> tuple[float, float] | None:
+    try:
+        latitude, longitude = float(point.get("lat", "")), float(point.get("lon", ""))
+    except ValueError:
+        return None
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        return None
+    return latitude, longitude
+
+
+# Track files: GPS logs (the RMC and GGA sentences of NMEA 0183, or GPX) and tables.
+
+
+#: Between two fixes further apart than this the position counts as unknown. A car at 50 km/h drives
+#: 70 m, the tolerance of Brisbane-Event-VPR, in 5 s; the logs of that data set have gaps of 4 s.
+MAX_GAP_S = 5.0
+
+
+def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
+    """Read a track from a GPS log (``.nmea``, ``.gpx``) or a table (``.csv``).
+
+    Parameters
+    ----------
+    path : str or Path
+        A table has the header ``time_s,x_m[,y_m[,z_m]]``, ``time_s,position_m`` or
+        ``time_s,latitude,longitude``; times in seconds from the recording's start.
+    max_gap_s : float, optional
+        Positions between points further apart are unknown; None for points set by hand.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read or is not of this form.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".nmea":
+        return load_nmea(path, max_gap_s=max_gap_s)
+    if path.suffix.lower() == ".gpx":
+        return load_gpx(path, max_gap_us=_microseconds(max_gap_s))
+    if path.suffix.lower() != ".csv":
+        raise GroundTruthError(f"{path} is not a track: give a .nmea or .gpx log or a .csv table")
+    header, table = read_table(path)
+    position = header[1:]
+    if header[0] != "time_s" or position not in (
+        ("position_m",),
+        ("latitude", "longitude"),
+        *(("x_m", "y_m", "z_m")[:d] for d in (1, 2, 3)),
+    ):
+        raise GroundTruthError(
+            f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
+            "time_s,position_m or time_s,latitude,longitude"
+        )
+    if np.abs(table[:, 0]).max() * 1e6 > TIME_LIMIT_US:
+        raise GroundTruthError(
+            f"{path} has times up to {np.abs(table[:, 0]).max():g} s: give seconds from the "
+            "recording's start"
+        )
+    try:
+        return Track(
+            np.round(table[:, 0] * 1e6).astype(np.int64),
+            table[:, 1:],
+            "geographic" if position == ("latitude", "longitude") else "metric",
+            _microseconds(max_gap_s),
+        )
+    except GroundTruthError as error:
+        raise GroundTruthError(f"{path}: {error}") from None
+
+
+def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
+    """Read the RMC and GGA sentences of a GPS log (NMEA 0183, any talker).
+
+    Time 0 is the first sentence of the log with a time, with or without a fix. If logger and camera
+    start together, this is the start of the recording. Sentences with a wrong or missing checksum,
+    or without a fix, are left out and counted in `Track.dropped`. RMC and GGA of one instant make
+    one point, the first. A log may pass midnight.
+
+    Parameters
+    ----------
+    path : str or Path
+    max_gap_s : float, optional
+        Positions between fixes further apart than this are unknown.
+
+    Returns
+    -------
+    Track
+        Geographic; `start_utc` is set where an RMC sentence states the date.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, holds no fix, or its time runs backwards.
+    """
+    path = Path(path)
+    dropped: Counter[str] = Counter()
+    zero = ordinal_of_day_0 = None
+    fixes: dict[int, tuple[float, float]] = {}
+    with_fix = last = 0
+    for number, fix in enumerate(_sentences(path, dropped), 1):
+        # take the day on which this time of day is nearest to the sentence before ...
+        since_last = (fix.time_of_day_us - last + _DAY_US // 2) % _DAY_US - _DAY_US // 2
+        time = last + since_last if zero is not None else fix.time_of_day_us
+        if fix.ordinal is not None:  # ... unless the sentence states its date
+            if ordinal_of_day_0 is None:
+                ordinal_of_day_0 = fix.ordinal - time // _DAY_US
+            time = (fix.ordinal - ordinal_of_day_0) * _DAY_US + fix.time_of_day_us
+        if zero is None:
+            zero = last = time
+        if fix.position is None:
+            dropped["no fix"] += 1
+            continue
+        if time < last:
+            raise GroundTruthError(
+                f"{path}: time runs backwards by {(last - time) / 1e6:g} s at RMC/GGA sentence "
+                f"{number}: split the log there and use the part of this traverse"
+            )
+        last = time
+        with_fix += 1
+        fixes.setdefault(time, fix.position)
+    if zero is None or not fixes:
+        raise _no_fix(path, dropped)
+    start = None
+    if ordinal_of_day_0 is not None:
+        day = dt.datetime.fromordinal(ordinal_of_day_0).replace(tzinfo=dt.UTC)
+        start = day + dt.timedelta(microseconds=zero)
+    return Track(
+        np.array(list(fixes), dtype=np.int64) - zero,
+        np.array(list(fixes.values())),
+        "geographic",
+        _microseconds(max_gap_s),
+        start,
+        MappingProxyType(dict(dropped)),
+        with_fix + sum(dropped.values()),
+    )
+
+
+def _no_fix(path: Path, dropped: Counter[str]) -> GroundTruthError:
+    """Return the error that says what the sentences lacked, and the remedy."""
+    tally = ", ".join(f"{count} with {why}" for why, count in dropped.items()) or "none at all"
+    remedy = "record again with the receiver under open sky, or give a .csv track"
+    most = max(dropped, key=lambda why: dropped[why], default="")
+    if most == "no checksum":
+        remedy = "let the logger write checksums, or give a .gpx or .csv track"
+    elif most in ("bad checksum", "unreadable field"):
+        remedy = "copy the log again, as it was edited or damaged, or give a .csv track"
+    return GroundTruthError(f"{path} holds no RMC or GGA sentence with a fix ({tally}): {remedy}")
+
+
+_DAY_US = 86_400_000_000
+_SENTENCE = re.compile(
+    r"\$(?P<body>[A-Z]{2}(?P<type>RMC|GGA),[^*$]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?"
+)
+_TIME = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d{1,6})\d*)?")
+_ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)")
+
+
+@dataclass(frozen=True)
+class _Fix:
+    time_of_day_us: int
+    ordinal: int | None  # proleptic day number of the date, if stated
+    position: tuple[float, float] | None  # None if the receiver had no fix
+
+
+def _sentences(path: Path, dropped: Counter[str]) -> Iterator[_Fix]:
+    """Yield the timed RMC and GGA sentences; count the faulty ones.
+
+    Written here because it needs only two types of sentence and an XOR. pynmea2 has had no release
+    since 2022 and would be a dependency of every installation.
+    """
+    text = read_text(path)
+    for match in _SENTENCE.finditer(text):
+        body, checksum = match["body"], 0
+        for byte in body.encode("ascii", errors="replace"):
+            checksum ^= byte
+        if match["sum"] is None or int(match["sum"], 16) != checksum:
+            dropped["no checksum" if match["sum"] is None else "bad checksum"] += 1
+            continue
+        try:
+            fix = _parse(match["type"], body.split(","))
+        except (ValueError, IndexError):
+            dropped["unreadable field"] += 1
+            continue
+        if fix is None:
+            dropped["no fix"] += 1
+        else:
+            yield fix
+
+
+def _parse(sentence: str, fields: list[str]) -> _Fix | None:
+    """Return the fields of a sentence; None if it has no time, as before the first fix."""
+    if not fields[1]:
+        return None
+    clock = _TIME.fullmatch(fields[1])
+    if clock is None:
+        raise ValueError
+    hour, minute, second = (int(part) for part in clock.groups()[:3])
+    if hour > 23 or minute > 59 or second > 60:  # 60: a leap second
+        raise ValueError
+    time = (hour * 3600 + minute * 60 + second) * 1_000_000 + int((clock[4] or "0").ljust(6, "0"))
+    first = 3 if sentence == "RMC" else 2  # the field of the latitude
+    ordinal = None
+    if sentence == "RMC":
+        valid = fields[2] == "A"
+        if fields[9]:
+            ordinal = dt.datetime.strptime(fields[9], "%d%m%y").toordinal()
+    else:
+        valid = fields[6] not in ("", "0")
+    if not valid:
+        return _Fix(time, ordinal, None)
+    latitude = _degrees(fields[first], fields[first + 1], "NS", 90.0)
+    longitude = _degrees(fields[first + 2], fields[first + 3], "EW", 180.0)
+    return _Fix(time, ordinal, (latitude, longitude))
+
+
+def _degrees(value: str, side: str, sides: str, limit: float) -> float:
+    """Convert ``2730.39720,S`` (degrees and minutes) to signed degrees."""
+    angle = _ANGLE.fullmatch(value)
+    if angle is None or side not in tuple(sides):
+        raise ValueError
+    degrees = int(angle[1]) + float(angle[2]) / 60.0
+    if float(angle[2]) >= 60.0 or degrees > limit:
+        raise ValueError
+    return degrees if side == sides[0] else -degrees
+
+
+def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
+    """Read a CSV file of numbers under one header line.
+
+    Returns
+    -------
+    header : tuple of str
+        Lower case, without surrounding blanks.
+    table : ndarray of float64, shape (n, columns)
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, a row has another length or a value is not a finite number.
+    """
+    path = Path(path)
+    try:
+        rows = csv.reader(read_text(path).splitlines(keepends=True))
+        lines = [row for row in rows if row and not row[0].startswith("#")]
+    except csv.Error:
+        raise GroundTruthError(f"{path} is not a text table: give a .csv file") from None
+    if len(lines) < 2:
+        raise GroundTruthError(f"{path} has no rows: give a header line and at least one row")
+    header = tuple(name.strip().lower() for name in lines[0])
+    table = np.empty((len(lines) - 1, len(header)))
+    for number, row in enumerate(lines[1:]):
+        try:
+            table[number] = [float(row[column]) for column in range(max(len(row), len(header)))]
+        except (ValueError, IndexError):
+            raise GroundTruthError(
+                f"{path}: row {number + 1} is {','.join(row)!r}, not {len(header)} numbers for "
+                f"{','.join(header)}: correct it"
+            ) from None
+    if not np.isfinite(table).all():
+        row_number = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0]) + 1
+        raise GroundTruthError(f"{path}: row {row_number} is not finite: leave the row out")
+    return header, table
+
+
+def _microseconds(seconds: float | None) -> int | None:
+    return None if seconds is None else round(seconds * 1e6)
+
+
+# The positions of a map's places, from the track of the reference drive.
+
+
+def with_positions(reference: ReferenceMap, track: Track) -> ReferenceMap:
+    """Give each place the position that the reference drive had in the middle of its window.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    track : Track
+        Of the reference drive; time 0 is the recording's start.
+
+    Raises
+    ------
+    GroundTruthError
+        If the track covers no place.
+    """
+    position = track.at(reference.places.centre_us)
+    known = np.flatnonzero(np.isfinite(position).all(axis=1))
+    if known.size == 0:
+        first, last = (float(t) / 1e6 for t in (track.time_us[0], track.time_us[-1]))
+        raise GroundTruthError(
+            f"the track runs from {first:.1f} to {last:.1f} s and covers no place of the map: "
+            "give the reference drive's own track, and set its clock right"
+        )
+    position[~np.isfinite(position).all(axis=1)] = np.nan
+    along = np.full(len(position), np.nan)
+    # distances are added between places, not between fixes: those would add the noise of the GPS
+    legs = distances(track.kind, position[known[:-1]], position[known[1:]])
+    along[known] = np.concatenate([[0.0], np.cumsum(legs)])
+    return replace(reference, route=Route(position, along, track.kind))
+
+
+# Odometry files: tables of time and distance, or of time and speed.
+
+
+def load_odometry(path: str | Path) -> Odometry:
+    """Read odometry from a ``.csv`` table.
+
+    Parameters
+    ----------
+    path : str or Path
+        With the header ``time_s,distance_m`` (the reading of an odometer, from any zero), or
+        ``time_s,speed_mps`` (below 0 backwards; between two rows the mean of both holds). Times in
+        seconds from the recording's start.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, is not of this form, or holds values out of range.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".csv":
+        raise GroundTruthError(f"{path} is not odometry: give a .csv table")
+    header, table = read_table(path)
+    speeds = header == ("time_s", "speed_mps")
+    if not speeds and header != ("time_s", "distance_m"):
+        raise GroundTruthError(
+            f"{path} has the header {','.join(header)!r}: expected time_s,distance_m or "
+            "time_s,speed_mps"
+        )
+    time_s, values = table.T
+    if speeds:
+        with np.errstate(all="ignore"):  # too large values are refused below
+            legs = (values[1:] + values[:-1]) / 2 * np.diff(time_s)
+            values = np.concatenate([[0.0], np.cumsum(legs)])
+    if not (np.abs(time_s) * 1e6 <= TIME_LIMIT_US).all():
+        raise GroundTruthError(
+            f"{path} has times up to {np.abs(time_s).max():g} s: give seconds from the recording's "
+            "start"
+        )
+    if not (np.abs(values) * 1e3 <= MOST_MM).all():
+        raise GroundTruthError(
+            f"{path} has ways up to {np.abs(values).max():g} m: expected at most {MOST_MM // 1000}"
+        )
+    try:
+        return Odometry(
+            np.rint(time_s * 1e6).astype(np.int64), np.rint(values * 1e3).astype(np.int64)
+        )
+    except UsageError as error:
+        raise GroundTruthError(f"{path}: {error}") from None
+
+
+def save_odometry(path: str | Path, odometry: Odometry) -> None:
+    """Write readings as a table for `load_odometry`, atomically.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``.csv`` file.
+    odometry : Odometry
+    """
+    rows = zip(odometry.time_us.tolist(), odometry.distance_mm.tolist(), strict=True)
+    with replacing(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        file.write("time_s,distance_m\n")
+        file.writelines(f"{t / 1e6:.6f},{mm / 1e3:.3f}\n" for t, mm in rows)
+
+
+# Jump files: tables of pairs of places between which one step can lead.
+
+
+def load_jumps(path: str | Path, places: int) -> npt.NDArray[np.int32]:
+    """Read jumps from a ``.csv`` table.
+
+    Parameters
+    ----------
+    path : str or Path
+        With the header ``from,to``: from the first place of a row, one step leads to the second.
+        For both directions, give two rows.
+    places : int
+        Number of places of the map, which are counted from 0.
+
+    Returns
+    -------
+    ndarray of int32, shape (n, 2)
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, is not of this form, or names a place that the map lacks.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".csv":
+        raise GroundTruthError(f"{path} is no list of jumps: give a .csv table")
+    header, table = read_table(path)
+    if header != ("from", "to"):
+        raise GroundTruthError(f"{path} has the header {','.join(header)!r}: expected from,to")
+    wrong = (table != np.floor(table)) | (table < 0) | (table >= places)
+    rows = np.flatnonzero(wrong.any(axis=1) | (table[:, 0] == table[:, 1]))
+    if rows.size:
+        begin, end = table[rows[0]].tolist()
+        raise GroundTruthError(
+            f"{path}: row {rows[0] + 1} is {begin:g},{end:g}: expected two places of the map, from "
+            f"0 to {places - 1}"
+        )
+    return table.astype(np.int32)

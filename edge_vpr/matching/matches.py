@@ -1,7 +1,8 @@
-"""The matches of a query traverse: best and second-best place of each query window."""
+"""The matches of a query traverse: best and second-best place of each window; as CSV and archive."""
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,16 +10,90 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import damaged, read_archive, write_archive
-from edge_vpr.array_checks import check_array, check_range, whole_number
+from edge_vpr.archive import (
+    check_array,
+    check_range,
+    damaged,
+    read_archive,
+    whole_number,
+    write_archive,
+)
 from edge_vpr.errors import MapError, MissingExtraError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.matching.candidates import CANDIDATES
-from edge_vpr.matching.runner_up import ratio_to_second
+from edge_vpr.files import replacing
+from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 if TYPE_CHECKING:
     import pandas
+
+
+# The nearest places of a query, for Recall@N.
+
+
+#: largest number of nearest places that are kept
+CANDIDATES = 25
+
+
+def nearest_places(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
+    """Return the nearest places of each query (column).
+
+    Parameters
+    ----------
+    sums : ndarray of int, shape (K, n)
+        Distances, or metrics of the place filter.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 25)
+        Nearest first (ties: lowest first); -1 where there are fewer places.
+    """
+    places = sums.shape[0]
+    # distance and place in one integer, which sorts by distance, then by place
+    rows = sums.T
+    narrow = rows.size > 0 and (int(rows.max()) + 1) * places <= np.iinfo(np.int32).max
+    dtype = np.int32 if narrow else np.int64  # NumPy partitions rows of 32-bit integers fastest
+    keys = np.multiply(rows, places, dtype=dtype, order="C")
+    keys += np.arange(places, dtype=dtype)
+    if places > CANDIDATES:
+        keys = np.partition(keys, CANDIDATES - 1, axis=1)[:, :CANDIDATES]
+    nearest = np.full((len(keys), CANDIDATES), -1, dtype=np.int64)
+    nearest[:, : keys.shape[1]] = np.sort(keys, axis=1) % places
+    return nearest
+
+
+# Ratio and margin of the best and the second-best place, from sums of distances.
+
+
+Sums = npt.NDArray[np.int64]
+
+
+def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
+    """Return the best divided by the second-best distance, from 0 (sure) to 1 (unsure).
+
+    Parameters
+    ----------
+    best, second : ndarray of int64, shape (n,)
+        Sums of distances; -1 where there is no second.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        1 where both are zero, NaN where there is no second.
+    """
+    ratio = np.full(best.shape, np.nan)
+    np.divide(best, second, out=ratio, where=second > 0)
+    ratio[second == 0] = 1.0
+    return ratio
+
+
+def margin_to_second(best: Sums, second: Sums) -> Sums:
+    """Return the second-best less the best sum of distances; 0 if there is no second (-1)."""
+    return np.where(second < 0, 0, second - best)
+
+
+# The matches of a query traverse: best and second-best place of each query window.
+
 
 KIND = "set of matches"
 
@@ -237,3 +312,59 @@ def check_matches(matches: Matches) -> None:
         raise MapError(f"query of {n} matches: expected one match or more, in order")
     if ((matches.second < 0) != (matches.second_sum < 0)).any():
         raise MapError("second and second_sum differ on where there is a second best place")
+
+
+# The table of matches as CSV, for people and spreadsheets.
+
+
+COLUMNS = (
+    *("query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust"),
+    *("probability", "lost"),
+)
+
+#: columns after the coordinates, for a map with positions
+ALONG = ("along_m", "along_from_m", "along_to_m")
+
+
+def write_csv(path: str | Path, matches: Matches, route: Route | None = None) -> None:
+    """Write matches as CSV, one line for each, atomically.
+
+    Parameters
+    ----------
+    path : path
+    matches : Matches
+        Fields are empty where there is no second, where the probability is not known, and of
+        ``lost`` where no precision is wanted.
+    route : Route, optional
+        Adds the coordinates of the matched place, metres along the route, and the interval of the
+        exclusion zone around it; empty where the position is not known.
+    """
+    located = None
+    if route is not None:
+        located = route.locate(matches.place, matches.settings.exclusion)
+    rejects = matches.settings.precision is not None
+    with replacing(path) as temporary, temporary.open("w", newline="") as file:
+        table = csv.writer(file)
+        where = () if route is None else (*route.coordinates, *ALONG)
+        table.writerow((*COLUMNS, *where))
+        for i in range(len(matches)):
+            row = [int(matches.query[i]), f"{matches.time_us[i] / 1e6:.6f}", int(matches.place[i])]
+            row.append(f"{matches.distance[i]:.6g}")
+            if matches.second[i] >= 0:
+                row += [int(matches.second[i]), f"{matches.second_distance[i]:.6g}"]
+                row.append(f"{matches.ratio[i]:.6f}")
+            else:
+                row += ["", "", ""]
+            row.append(int(matches.trust[i]))
+            known = not np.isnan(matches.probability[i])
+            row.append(f"{matches.probability[i]:.4f}" if known else "")
+            row.append(int(matches.lost[i]) if rejects else "")
+            if located is not None:
+                along = (located.along_m[i], located.from_m[i], located.to_m[i])
+                row += [_field(value, "{:.7f}") for value in located.position[i]]
+                row += [_field(value, "{:.2f}") for value in along]
+            table.writerow(row)
+
+
+def _field(value: float, form: str) -> str:
+    return "" if np.isnan(value) else form.format(value)

@@ -1,22 +1,359 @@
-"""The place filter: finds the place from the newest window and the possible moves before it.
-
-This is Viterbi's algorithm over the places of a route (the min-plus form of a discrete Bayes
-filter), in unsigned integers of fixed widths. Each place has one metric: the price of the cheapest
-way to be there now. Each window adds the price of a move from the place before, and evidence.
-"""
+"""The place filter: predicts from the places of the window before, updates with the distances."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.pauses import Activity
+from edge_vpr.compiling import kernel
+from edge_vpr.descriptors.windows import Activity, is_pause, is_quiet, usual_after
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.filter_recursion import NUMBERS, Predictions, WindowRows, advance_windows
-from edge_vpr.matching.moves import Moves
-from edge_vpr.matching.step_prices import Metrics, StepPrices
+from edge_vpr.matching.transitions import (
+    FRACTION_BITS,
+    METRIC_TOP,
+    Metrics,
+    Moves,
+    StepPrices,
+    StepTable,
+    leads_to,
+    predict,
+)
+
+# Integer arithmetic of one window of the place filter: spread, evidence, best places, trust.
+
+
+#: largest evidence: 8 bits
+EVIDENCE_TOP = (1 << 8) - 1
+#: fraction bits of the reciprocal of the spread
+RECIPROCAL_BITS = 16
+#: trust, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
+TRUST_SHIFT, TRUST_BITS = 2, 4
+#: while the place stays the same, trust falls by 1/16 in each window
+STANDING_SHIFT = 4
+
+
+@kernel
+def trust_after(kept: int, stands: bool, margin: int) -> int:
+    """Return the trust after a window, in units of 1/16 of a metric.
+
+    While the robot stands, it sees the same view again and learns nothing new. The trust then falls
+    by 1/16 in each window.
+
+    Parameters
+    ----------
+    kept : int
+        Trust of the window before; 0 where this match does not follow from that one.
+    stands : bool
+        Whether the place is that of the window before.
+    margin : int
+        Second metric less the least.
+    """
+    before = np.int64(kept)
+    raised = before + (((np.int64(margin) << TRUST_BITS) - before) >> TRUST_SHIFT)
+    if stands:
+        raised = min(raised, before - (before >> STANDING_SHIFT))
+    return int(raised)
+
+
+@kernel
+def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
+    """Return ``floor(2**16 / s)``, with s the mean absolute deviation of the distances.
+
+    Parameters
+    ----------
+    distances : ndarray of int, shape (K,)
+
+    Returns
+    -------
+    int
+        s is rounded down, as is the mean that it is taken from, and at least 1.
+    """
+    total = np.int64(0)
+    for distance in distances:
+        total += np.int64(distance)
+    mean = total // distances.size
+    spread = np.int64(0)
+    for distance in distances:
+        spread += abs(np.int64(distance) - mean)
+    return (1 << RECIPROCAL_BITS) // max(int(spread) // distances.size, 1)
+
+
+@kernel
+def evidence_of(
+    distances: npt.NDArray[np.integer], reciprocal: int, evidence: npt.NDArray[Any]
+) -> None:
+    """Write ``E = min((D - min D) / s, 255)``, in fraction bits.
+
+    Parameters
+    ----------
+    distances : ndarray of int, shape (K,)
+        What all of them have in common does not matter.
+    reciprocal : int
+        Of s, see `reciprocal_of_spread`; 0 of a spread above 2**16: nothing is evidence then.
+    evidence : ndarray of int, shape (K,)
+        Written to.
+    """
+    shift = RECIPROCAL_BITS - FRACTION_BITS
+    # a larger difference gives the largest evidence anyway, and this product fits into 32 bits
+    most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
+    least = np.int64(distances.min())
+    factor = np.int32(reciprocal)
+    for k in range(evidence.size):
+        difference = np.int32(min(np.int64(distances[k]) - least, most))
+        evidence[k] = min((difference * factor) >> shift, EVIDENCE_TOP)
+
+
+@kernel
+def add_evidence(
+    prediction: Metrics, distances: npt.NDArray[np.integer], reciprocal: int, metric: Metrics
+) -> None:
+    """Write ``min(P + E, 2**10 - 1)``, with E as `evidence_of` gives it.
+
+    Parameters
+    ----------
+    prediction : ndarray of int32, shape (K,)
+    distances : ndarray of int, shape (K,)
+    reciprocal : int
+    metric : ndarray of int32, shape (K,)
+        Written to.
+    """
+    evidence_of(distances, reciprocal, metric)
+    for k in range(metric.size):
+        metric[k] = min(prediction[k] + metric[k], METRIC_TOP)
+
+
+@kernel
+def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
+    """Return the place of the lowest metric, the best one outside its zone or -1, and ties."""
+    best, ties = _first_least(metric, 0, metric.size), -1
+    for k in range(metric.size):
+        ties += metric[k] == metric[best]
+    before = _first_least(metric, 0, best - exclusion)
+    second = _first_least(metric, best + exclusion + 1, metric.size)
+    if before >= 0 and (second < 0 or metric[before] <= metric[second]):
+        second = before
+    return best, second, ties
+
+
+@kernel
+def margin_of(metric: Metrics, place: int, second: int) -> int:
+    """Return the second-best less the best metric; the largest value if there is no second."""
+    if second < 0:
+        return METRIC_TOP
+    return int(metric[second]) - int(metric[place])
+
+
+@kernel
+def _first_least(metric: Metrics, begin: int, end: int) -> int:
+    """Return the first place of the lowest metric in a range; -1 if the range is empty."""
+    if begin >= end:
+        return -1
+    # two loops: the first compiles to vector instructions, the second ends early
+    least = metric[begin]
+    for k in range(begin, end):
+        least = min(least, metric[k])
+    k = begin
+    while metric[k] != least:
+        k += 1
+    return k
+
+
+# The place filter's recursion over many windows in one call, forwards and backwards.
+
+
+#: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
+NUMBERS = np.dtype(
+    [("reciprocal", np.int64), ("usual", np.int64), ("place", np.int64), ("trust", np.int64)]
+)
+
+
+class Predictions(NamedTuple):
+    """Predictions for the next window from the windows before; see `PlaceFilter`.
+
+    Attributes
+    ----------
+    moving, quiet : ndarray of int32, shape (K,)
+    follows : ndarray of bool, shape (K,)
+    """
+
+    moving: Metrics
+    quiet: Metrics
+    follows: npt.NDArray[np.bool_]
+
+
+class WindowRows(NamedTuple):
+    """Results of n windows, written by `advance_windows`.
+
+    Attributes
+    ----------
+    columns : ndarray of int64, shape (n, 6)
+        Of `FilterMatch`.
+    metrics : ndarray of int32, shape (n, K)
+        After each window.
+    evidence : ndarray of uint8, shape (n, K)
+        Which each window added.
+    quiet : ndarray of bool, shape (n,)
+        Which windows are quiet.
+    """
+
+    columns: npt.NDArray[np.int64]
+    metrics: Metrics
+    evidence: npt.NDArray[np.uint8]
+    quiet: npt.NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, windows: int, places: int) -> WindowRows:
+        """Return uninitialised rows."""
+        return cls(
+            np.empty((windows, 6), dtype=np.int64),
+            np.empty((windows, places), dtype=np.int32),
+            np.empty((windows, places), dtype=np.uint8),
+            np.empty(windows, dtype=np.bool_),
+        )
+
+    def part(self, first: int, last: int) -> WindowRows:
+        """Return the rows of the windows from `first` to before `last`, in the same memory."""
+        return WindowRows(
+            self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
+            self.quiet[first:last],
+        )  # fmt: skip
+
+    def take(self, others: WindowRows) -> None:
+        """Copy the rows of as many other windows."""
+        self.columns[:], self.metrics[:] = others.columns, others.metrics
+        self.evidence[:], self.quiet[:] = others.evidence, others.quiet
+
+
+@kernel
+def advance_windows(
+    numbers: Any,
+    predicted: Predictions,
+    steps: StepTable,
+    exclusion: int,
+    quiet_shift: int,
+    distances: npt.NDArray[np.integer],
+    events: npt.NDArray[np.int64],
+    rows: WindowRows,
+) -> None:
+    """Advance the filter by n finished windows, one after the other.
+
+    Parameters
+    ----------
+    numbers : ndarray of NUMBERS, shape (1,)
+        Before the first window; after the call, after the last.
+    predicted : Predictions
+        Of the first window. Those after it are predicted by steps.
+    steps : StepTable
+    exclusion, quiet_shift : int
+        Of `PlaceFilter`.
+    distances : ndarray of int, shape (n, K)
+    events : ndarray of int64, shape (n,)
+        At the selected pixels in each window.
+    rows : WindowRows
+        Written to.
+    """
+    now = numbers[0]
+    for i in range(len(distances)):
+        metric, evidence = rows.metrics[i], rows.evidence[i]
+        quiet = is_quiet(events[i], now.usual)
+        rows.quiet[i] = quiet
+        if i > 0:
+            prices, first = (steps.quiet, 0) if quiet else (steps.prices, steps.first)
+            prediction = predict(rows.metrics[i - 1], prices, first, steps.restart, steps.jumps)
+        else:
+            prediction = predicted.quiet if quiet else predicted.moving
+        if is_pause(events[i], now.usual):
+            evidence[:] = 0
+        else:
+            own = reciprocal_of_spread(distances[i])
+            evidence_of(distances[i], now.reciprocal if now.reciprocal != 0 else own, evidence)
+            now.reciprocal = own
+            if quiet:
+                evidence >>= np.uint8(quiet_shift)
+        for k in range(metric.size):
+            metric[k] = min(prediction[k] + np.int32(evidence[k]), METRIC_TOP)
+        now.usual = usual_after(now.usual, events[i])
+        place, second, ties = least_and_second(metric, exclusion)
+        if i > 0:
+            follows = leads_to(now.place, place, steps.first, steps.last, steps.jumps)
+        else:
+            follows = predicted.follows[place]
+        margin = write_match(metric, place, second, ties, rows.columns[i])
+        kept = int(now.trust) if follows else 0
+        now.trust = trust_after(kept, place == now.place, margin)
+        now.place = place
+        rows.columns[i, 5] = now.trust
+
+
+@kernel
+def write_match(
+    metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
+) -> int:
+    """Write a match without its trust, and return its margin.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+    place, second, ties : int
+        Of `least_and_second`.
+    row : ndarray of int64, shape (6,)
+        Of `FilterMatch`; written to.
+    """
+    row[0], row[1], row[2], row[3], row[4] = place, metric[place], second, -1, ties
+    if second >= 0:
+        row[3] = metric[second]
+    return margin_of(metric, place, second)
+
+
+@kernel
+def smooth_windows(
+    onward: Metrics,
+    turned: Metrics,
+    back: StepTable,
+    exclusion: int,
+    quiet: npt.NDArray[np.bool_],
+    evidence: npt.NDArray[np.uint8],
+    summed: Metrics,
+    columns: npt.NDArray[np.int64],
+) -> None:
+    """Add the prices of the rest of the drive to the metrics of n windows, from the last window.
+
+    Parameters
+    ----------
+    onward : ndarray of int32, shape (K,)
+        Price of going on from each place after the last of these windows; after the call, before
+        the first.
+    turned : ndarray of int32, shape (K,)
+        Written to: the price of going on from the first window, with its own evidence, last place
+        first.
+    back : StepTable
+        Of `Moves.reversed`.
+    exclusion : int
+    quiet, evidence
+        See `WindowRows`.
+    summed : ndarray of int32, shape (n, K)
+        Metrics; after the call, the price of the best path through each place.
+    columns : ndarray of int64, shape (n, 6)
+        Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
+    """
+    for i in range(len(summed) - 1, -1, -1):
+        summed[i] += onward
+        place, second, ties = least_and_second(summed[i], exclusion)
+        columns[i, 5] = write_match(summed[i], place, second, ties, columns[i]) << TRUST_BITS
+        for k in range(turned.size):
+            turned[k] = onward[turned.size - 1 - k] + evidence[i, turned.size - 1 - k]
+        prices, first = (back.quiet, 0) if quiet[i] else (back.prices, back.first)
+        onward[:] = predict(turned, prices, first, back.restart, back.jumps)[::-1]
+
+
+# The place filter: finds the place from the newest window and the possible moves before it.
+#
+# This is Viterbi's algorithm over the places of a route (the min-plus form of a discrete Bayes
+# filter), in unsigned integers of fixed widths. Each place has one metric: the price of the
+# cheapest way to be there now. Each window adds the price of a move from the place before, and
+# evidence.
 
 
 class FilterMatch(NamedTuple):

@@ -2,24 +2,260 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import damaged, read_archive, write_archive
+from edge_vpr.archive import Arrays, damaged, present, read_archive, write_archive
+from edge_vpr.compiling import Boxed, entry, kernel
+from edge_vpr.confidence import Confidence
+from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, FixedTime
 from edge_vpr.errors import EventError, UsageError
-from edge_vpr.events import TIME_LIMIT_US, Events
-from edge_vpr.matching.drive_matching import check_no_ways
-from edge_vpr.odometry import MOST_MM
-from edge_vpr.online.localiser_state import NO_MATCHES, LocaliserState
-from edge_vpr.online.match_records import MATCH_DTYPE
-from edge_vpr.online.match_run import MatchRun
-from edge_vpr.online.saved_map import searched_map
-from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.online.sequence_run import SequenceRun
+from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor
+from edge_vpr.matching.drive import check_no_ways
+from edge_vpr.online.kernels import selected_in_order
+from edge_vpr.online.matcher import (
+    DONE,
+    REFUSED,
+    DelayedRun,
+    Few,
+    FilterRun,
+    Found,
+    MatchRun,
+    SequenceRun,
+    follow_few,
+)
+from edge_vpr.online.state import (
+    FEW,
+    MATCH_DTYPE,
+    Followed,
+    FollowedWindows,
+    MatchSchedule,
+    check_extent,
+    check_filter_state,
+    check_state,
+)
+from edge_vpr.pipeline import window_of
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import MOST_MM, Odometry
+from edge_vpr.settings import Settings
+
+# The part of a map that a saved localiser needs.
+
+
+def map_arrays(reference: ReferenceMap) -> Arrays:
+    """Return the arrays of a map that `searched_map` needs, without the places, for an archive."""
+    arrays = present(
+        pixel_x=reference.pixel_map.x,
+        pixel_y=reference.pixel_map.y,
+        full_scale=reference.full_scale,
+        mean=reference.mean,
+        jumps=reference.jumps,
+    )
+    if reference.confidence is not None:
+        arrays |= reference.confidence.to_arrays()
+    if reference.settings.matching == "filter":
+        arrays |= present(activity=reference.places.activity, odometer_mm=reference.along_mm)
+    return arrays
+
+
+def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
+    """Build a map with only the parts that a localiser needs.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Of `map_arrays`, and ``places``.
+    meta : mapping
+        With ``sensor`` and ``settings``.
+    """
+    pixel_map = PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"])
+    sensor = pixel_map.sensor
+    no_times = np.zeros(len(arrays["places"]), dtype=np.int64)
+    figures = np.broadcast_to(np.float32(0), (sensor.height, sensor.width))
+    return ReferenceMap(
+        Settings.from_dict(meta["settings"]),
+        pixel_map,
+        Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
+        saliency=figures,
+        hot=np.broadcast_to(np.False_, figures.shape),
+        full_scale=arrays.get("full_scale"),
+        mean=arrays.get("mean"),
+        confidence=Confidence.from_arrays(arrays),
+        jumps=arrays.get("jumps"),
+        odometer_mm=arrays.get("odometer_mm"),
+    )
+
+
+# State of a localiser (time, windows, matching), and its form as an archive.
+
+
+NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
+_NO_SLOTS, _NO_TIMES = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64)
+
+
+class LocaliserState:
+    """State of a localiser that changes with the stream.
+
+    Parameters
+    ----------
+    reference, every, recent, check_every
+        See `edge_vpr.online.localiser.Localiser`.
+
+    Attributes
+    ----------
+    run : FilterRun or SequenceRun
+    windows : FollowedWindows
+    """
+
+    def __init__(
+        self, reference: ReferenceMap, every: MatchSchedule, recent: int, check_every: int
+    ) -> None:
+        settings = reference.settings
+        self._settings, self._every = settings, every
+        self._recent = recent
+        self._check_every = check_every
+        self._reference = reference
+        self._table = reference.pixel_map.table()
+        self._window = window_of(settings)
+        self._length = settings.windows_per_match
+        reference.check()
+        places, counters = reference.places.counts.shape
+        check_extent(places, counters, self._length, recent, self._window)
+        if reference.own_mean_code is not None and settings.matching != "filter":
+            raise UsageError(
+                "own-mean codes follow the mean of a drive, which sequences after every event do "
+                "not: set matching to filter, or counter_scaling to shared when the map is made"
+            )
+        if settings.matching == "filter" and recent:
+            raise UsageError(
+                f"{recent} recent places are left out by sequences only: set matching to sequence"
+            )
+        self.windows = FollowedWindows(reference, self._window)
+        self.run: FilterRun | SequenceRun
+        if settings.matching == "filter":
+            run = DelayedRun if settings.late else FilterRun
+            self.run = run(reference, self.windows, every)
+        else:
+            check_no_ways(reference.jumps, odometry=False)
+            self.run = SequenceRun(reference, self.windows, every, recent)
+        self.run.prepare()
+
+    @property
+    def now(self) -> int:
+        """T: all earlier events have been processed."""
+        return self.run.now_us
+
+    def seen_and_whole(self) -> tuple[int, int]:
+        """Return how much of the windows before the first match is complete, and their length."""
+        windows = self._length + self._settings.late
+        if isinstance(self._window, FixedTime):
+            return self.now, windows * self._window.tau_us
+        return int(self.windows.s.bound[0]), windows * self._window.events
+
+    def resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
+        """Restore the state from the result of `to_archive`.
+
+        Raises
+        ------
+        MapError
+            If it is not a state that a localiser can come to.
+        """
+        clock = check_state(
+            arrays,
+            meta,
+            counters=self.windows.places.shape[1],
+            length=self._length,
+            ends=len(self.windows.places) - self._length + 1,
+            window=self._window,
+            every=self._every,
+            filtered=self._settings.matching == "filter",
+        )
+        if self._settings.matching == "filter":
+            check_filter_state(
+                arrays, len(self.windows.places), self._window, self._every, clock.floor_us
+            )
+        self.run.resume(arrays)
+        self.windows.resume(arrays)
+        self.run.prepare()
+        self.run.now_us, self.run.floor_us = clock.now_us, clock.floor_us
+
+    def take(self, events: Events) -> npt.NDArray[np.void]:
+        """Feed events, at any pixels; see `Localiser.update`."""
+        if events.size <= FEW and events.dtype == EVENT_DTYPE and not self._check_every:
+            plain = type(events) is np.ndarray and events.flags.carray
+            few = events if plain else np.array(events, dtype=EVENT_DTYPE)
+            result = self.run.follow_few(few)
+            if result[2] != REFUSED:
+                return _joined(self.run.go_on(result))
+        slots, times = selected_in_order(
+            self._table, events, self.run.floor_us, self._settings.polarity
+        )
+        last = int(events["t"][-1])
+        self._every.check_ticks(self.run.next_tick, last)
+        matches = self._feed(slots, times, last)
+        self.run.now_us = last + 1
+        return matches
+
+    def advance(self, until_us: int) -> npt.NDArray[np.void]:
+        """Advance the time without events; see `Localiser.advance`."""
+        self._every.check_ticks(self.run.next_tick, until_us)
+        matches = self._feed(_NO_SLOTS, _NO_TIMES, until_us)
+        self.run.now_us = max(self.now, until_us)
+        return matches
+
+    def finish(self) -> npt.NDArray[np.void]:
+        """Return the matches that wait for later windows; see `Localiser.finish`."""
+        return _joined(self.run.finish())
+
+    def _feed(
+        self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
+    ) -> npt.NDArray[np.void]:
+        """Process selected events, then the ticks up to `until`; verify in between if asked to."""
+        if not self._check_every:
+            return _joined(self.run.feed(slots, times, until))
+        found = []
+        for begin in range(0, max(slots.size, 1), self._check_every):
+            stop = min(begin + self._check_every, slots.size)
+            some_until = until if stop == slots.size else int(times[stop - 1])
+            found += self.run.feed(slots[begin:stop], times[begin:stop], some_until)
+            self.verify()
+        return _joined(found)
+
+    def verify(self) -> None:
+        """Recompute counters and distances, and compare; see `FollowedWindows.verify`."""
+        self.windows.verify(self.now)
+
+    def to_archive(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return the arrays and the metadata of an archive, for `resume`."""
+        arrays = map_arrays(self._reference) | self.windows.to_arrays(self.now)
+        arrays |= self.run.to_arrays()
+        meta = {
+            "sensor": list(self._reference.pixel_map.sensor),
+            "settings": self._settings.to_dict(),
+            "every": asdict(self._every),
+            "recent": self._recent,
+            "now_us": self.now,
+            "floor_us": self.run.floor_us,
+        }
+        return arrays, meta
+
+
+def _joined(found: Found) -> npt.NDArray[np.void]:
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate(found) if found else NO_MATCHES
+
+
+# The localiser: a match after every event, from distances that are updated, not recomputed.
+
 
 __all__ = ["MATCH_DTYPE", "Localiser"]
 
@@ -298,3 +534,140 @@ class Localiser:
             If anything differs, which no sequence of events can bring about.
         """
         self._state.verify()
+
+
+# Feeding of events and odometer readings to a localiser in time order.
+
+
+class OdometryFeed:
+    """Feeds a localiser in time order; at the same time, events come before readings.
+
+    Parameters
+    ----------
+    localiser : Localiser
+    odometry : Odometry, optional
+        Without it, only the events are fed.
+    """
+
+    def __init__(self, localiser: Localiser, odometry: Odometry | None = None) -> None:
+        self._localiser, self._read = localiser, 0
+        empty = np.empty(0, dtype=np.int64)
+        self._times = empty if odometry is None else np.maximum(odometry.time_us, 0)
+        self._metres = [] if odometry is None else (odometry.distance_mm / 1e3).tolist()
+
+    def update(self, events: Events) -> list[npt.NDArray[np.void]]:
+        """Feed the next events, and the readings up to the last of them.
+
+        Parameters
+        ----------
+        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+            See `Localiser.update`.
+
+        Returns
+        -------
+        list of ndarray of MATCH_DTYPE
+        """
+        if events.size == 0:
+            return []
+        found, begin = [], 0
+        stop = int(np.searchsorted(self._times, events["t"][-1], side="right"))
+        at = np.searchsorted(events["t"], self._times[self._read : stop], side="right").tolist()
+        for reading, first in zip(range(self._read, stop), at, strict=True):
+            if first > begin:
+                found.append(self._localiser.update(events[begin:first]))
+                begin = first
+            time_us = int(self._times[reading])
+            found.append(self._localiser.read_odometer(time_us, self._metres[reading]))
+        self._read = stop
+        found.append(self._localiser.update(events[begin:]))
+        return found
+
+
+# From events to matches in one compiled call: removal of bursts, then the localiser.
+
+
+#: A step of the clock is a jump if it is longer than this time and than this number of ticks.
+JUMP_US = 1_000_000
+MOST_TICKS = 10_000
+
+Kernel = Callable[..., Any]
+Step = tuple[int, Found, int, tuple[Events, ...]]
+"""How far a stream has been matched: the time up to which it is known, the matches, the time of the
+last event matched (-1 if none was), and events in no burst that have yet to be matched."""
+
+
+class Follower:
+    """Feeds events to a burst filter and a localiser in one compiled call.
+
+    Parameters
+    ----------
+    bursts : CausalBurstFilter
+    localiser : Localiser
+    """
+
+    def __init__(self, bursts: CausalBurstFilter, localiser: Localiser) -> None:
+        bursts.make_room(FEW)
+        self._bursts, self._run = bursts, localiser.run
+        # the last kernel, all state that it was bound to, and its code with this state
+        self._bound: tuple[Kernel | None, tuple[Boxed, ...], Kernel] = None, (), follow_kept
+
+    def bound(self, kernel: Kernel, sample: object, *decoder: Boxed) -> Kernel:
+        """Return a kernel of one argument: `follow_kept`, or one that decodes and calls it.
+
+        Parameters
+        ----------
+        kernel : callable
+            Its arguments are the boxes for `follow_kept`, those of the decoder, and one more.
+        sample : object
+            Of the type of this one.
+        decoder : Boxed
+            State of the decoder.
+        """
+        parts = self._bursts.box.boxed, self._run.boxed, *decoder
+        known, its_parts, code = self._bound
+        if kernel is not known or parts != its_parts:
+            code = partial(entry(kernel, *parts, sample), *parts)
+            self._bound = kernel, parts, code
+        return code
+
+    def follow(self, events: Events, reached_us: int) -> Step:
+        """Match the next events, with which the stream has reached `reached_us`."""
+        if not 0 < events.size <= FEW:
+            return reached_us, [], -1, (self._bursts.update(events),)
+        if not events.flags.carray:
+            events = events.copy()
+        return self.go_on(events, reached_us, *self.bound(follow_kept, events)(events))
+
+    def go_on(self, events: Events, reached_us: int, kept: int, few: Few) -> Step:
+        """Do what remains to do after `follow_kept` with `events`."""
+        if few[2] == REFUSED:
+            return reached_us, [], -1, (self._bursts.kept(events, kept),)
+        return reached_us, self._run.go_on(few), int(few[4]), ()
+
+
+@kernel
+def follow_kept(bursts, followed, events):  # type: ignore[no-untyped-def]
+    """Remove bursts, and process the other events unless their times jump.
+
+    Parameters
+    ----------
+    bursts, followed : Boxed
+        Of a `CausalBurstFilter` and of a `Localiser`.
+    events : ndarray of EVENT_DTYPE, shape (n,)
+        0 to `FEW`.
+
+    Returns
+    -------
+    kept : int
+        Events that are in no burst.
+    few : tuple
+        See `follow_few`.
+    """
+    n = keep(bursts, events)
+    kept = bursts.value[-1][:n]
+    if n == 0:
+        return n, (0, 0, DONE, 0, np.int64(-1))
+    c, last = Followed(*followed.value).control[0], kept[n - 1]["t"]
+    if c.interval > 0 and last - c.floor > MOST_TICKS * c.interval:
+        return n, (0, 0, REFUSED, 0, last)
+    return n, follow_few(followed, kept)

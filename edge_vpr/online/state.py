@@ -1,25 +1,40 @@
-"""State of sliding windows: the newest time or events, and windows of the same length before.
-
-A sequence consists of L such windows, one directly after the other. They are numbered by their lag:
-lag 0 is the newest window, and lag i holds what lag 0 held i window lengths ago. An event enters at
-lag 0, moves from lag to lag as it ages, and leaves after the last one. Each move subtracts one from
-a counter and adds one to another. At time T, lag i of windows of tau microseconds holds the events
-with ``T - (i+1) tau <= t < T - i tau``; after an event at time t, T is t + 1. Lag i of windows of N
-events holds the i N-th to (i+1) N-th newest event at the selected pixels.
-
-At the end of every non-overlapping window, T = k tau or the k N-th selected event, the lags are
-exactly the last L windows of `edge_vpr.descriptors.windows`.
-"""
+"""The state of the localiser: its windows, their distances to every place, its schedule."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import FixedTime, Window
-from edge_vpr.online.vector_kernels import MAX_STEPS
+from edge_vpr.archive import Arrays, check_array, check_range, whole_number
+from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, narrow
+from edge_vpr.errors import EdgeVprError, MapError, UsageError
+from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
+from edge_vpr.matching.place_filter import RECIPROCAL_BITS, TRUST_BITS, Predictions
+from edge_vpr.matching.transitions import METRIC_TOP, Metrics
+from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import MOST_MM
+from edge_vpr.settings import Settings
+from fixedpoint.codes import PixelCodes
+
+# State of sliding windows: the newest time or events, and windows of the same length before.
+#
+# A sequence consists of L such windows, one directly after the other. They are numbered by their
+# lag: lag 0 is the newest window, and lag i holds what lag 0 held i window lengths ago. An event
+# enters at lag 0, moves from lag to lag as it ages, and leaves after the last one. Each move
+# subtracts one from a counter and adds one to another. At time T, lag i of windows of tau
+# microseconds holds the events with ``T - (i+1) tau <= t < T - i tau``; after an event at time t,
+# T is t + 1. Lag i of windows of N events holds the i N-th to (i+1) N-th newest event at the
+# selected pixels.
+#
+# At the end of every non-overlapping window, T = k tau or the k N-th selected event, the lags are
+# exactly the last L windows of `edge_vpr.descriptors.windows`.
+
 
 #: initial size of the ring buffer of events
 RING_EVENTS = 4096
@@ -124,3 +139,588 @@ def grown(s: Sliding) -> Sliding:
     slot[numbers & (size - 1)] = s.slot[old]
     time[numbers & (size - 1)] = s.time[old]
     return s._replace(slot=slot, time=time)
+
+
+# Computation of all distances of the windows to the places, and the layout of the map by pixel.
+
+
+def start(
+    places: npt.NDArray[np.unsignedinteger], window: Window, length: int, codes: PixelCodes | None
+) -> Sliding:
+    """Build the state before the first event.
+
+    Parameters
+    ----------
+    places : ndarray of unsigned int, shape (K, J)
+        Map, in codes if there are any.
+    window : FixedTime or FixedCount
+    length : int
+        L.
+    codes : PixelCodes, optional
+        What the counts of a window become before they are compared.
+    """
+    state = empty_windows(window, length, places.shape[1])
+    if codes is not None:
+        state.counters["table"] = codes.row
+        state = state._replace(code=codes.tables)
+    return with_distances(state, places)
+
+
+def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Sliding:
+    """Lay a map out by pixel, and compute all distances of the present counters."""
+    length = len(s.counts)
+    # an odd number of whole vectors: with a power of two, all columns of a place would share the
+    # same lines of the cache
+    count, stride = len(places) - length + 1, (len(places) // LANES + 2 | 1) * LANES
+    columns = aligned_zeros(places.shape[1] * stride + LANES, places.dtype)
+    columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
+    low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
+
+    coded = _coded(s)
+    # places with the smallest counts fill the last vector
+    spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
+    index = ReferenceIndex(np.concatenate([places, spare]))
+    distances = np.zeros(count + LANES, dtype=np.int64)
+    for lag in range(length):
+        end = length - 1 - lag
+        distances += index.distances(coded[lag])[end : end + count + LANES]
+    base = int(np.abs(coded - np.clip(coded, low, high)).sum())
+    # without the base, no distance is larger than this; those of filling places always are, so that
+    # a search can include them
+    largest = length * int((high - low).sum())
+    if 2 * largest + 1 > np.iinfo(np.uint32).max:
+        raise UsageError(
+            f"distances of up to {largest} do not fit 32 bits: take fewer pixels, a shorter "
+            "sequence, or a counter code"
+        )
+    distances[count:] += largest + 1
+    dtype = np.uint16 if 2 * largest + 1 <= np.iinfo(np.uint16).max else np.uint32
+    sums = aligned_zeros(count + LANES + -(-count // BLOCK), dtype)
+    sums[: count + LANES] = distances - base
+    _find_least(sums, count)
+    counters = s.counters.copy()
+    counters["low"], counters["high"] = low, high
+    return s._replace(
+        columns=columns,
+        counters=counters,
+        sums=sums,
+        totals=np.array([(base, 0, stride, count)], dtype=TOTALS).view(np.recarray),
+    )
+
+
+def compared(s: Sliding, index: ReferenceIndex) -> Sliding:
+    """Compute all distances again after the codes of the counters have changed.
+
+    Parameters
+    ----------
+    s : Sliding
+        Of one window, with all moves taken.
+    index : ReferenceIndex
+        The map.
+    """
+    coded, count = _coded(s)[0], index.places
+    base = int(np.abs(coded - np.clip(coded, s.counters["low"], s.counters["high"])).sum())
+    s.sums[:count] = index.distances(coded) - base
+    s.totals["common"] = base
+    _find_least(s.sums, count)
+    return s
+
+
+def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
+    """Write the smallest sum of each block after the sums, see `vector_kernels.least_in`."""
+    sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
+
+
+def _coded(s: Sliding) -> npt.NDArray[np.int64]:
+    """Return the codes of the counters of each lag, shape (L, J)."""
+    if s.code.size == 0:
+        return s.counts
+    return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
+
+
+# The newest L windows of a stream, and the distances of their sequence to all places of a map.
+
+
+class FollowedWindows:
+    """State that the kernels update at each event, see `edge_vpr.online.state`.
+
+    Counters and distances are updated when they are read. They are then those at the time `now_us`;
+    all earlier events have been processed.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    window : FixedTime or FixedCount
+
+    Attributes
+    ----------
+    s : Sliding
+    places : ndarray of unsigned int, shape (K, J)
+        Those of the map, and those that were appended.
+    """
+
+    def __init__(self, reference: ReferenceMap, window: Window) -> None:
+        self.places = reference.places.counts
+        self._codes = None if reference.own_mean_code is not None else reference.codes
+        self.s = start(self.places, window, reference.settings.windows_per_match, self._codes)
+
+    def _settle(self, now_us: int) -> None:
+        advance(self.s, now_us)
+        settle(self.s)
+
+    def counts_at(self, now_us: int) -> npt.NDArray[np.int64]:
+        """Return the events in each window, newest first, shape (L, J); a copy."""
+        self._settle(now_us)
+        return self.s.counts.copy()
+
+    def sums_at(self, now_us: int) -> npt.NDArray[np.int64]:
+        """Return the distance of the sequence that ends at each place, shape (K - L + 1,)."""
+        self._settle(now_us)
+        sums = self.s.sums[: self.s.totals["sums"][0]].astype(np.int64)
+        return sums + self.s.totals["common"][0]
+
+    def append(self, counts: npt.NDArray[np.integer], now_us: int) -> None:
+        """Add a place at the end of the map.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (J,)
+            Its descriptor, in codes where the map has a code.
+        now_us : int
+
+        Raises
+        ------
+        MapError
+            If the descriptor has another length, or holds what the map cannot.
+        """
+        if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
+            raise MapError(
+                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
+                f"{self.places.shape[1]} whole numbers, as `DescriptorStream` gives them"
+            )
+        most = np.iinfo(np.int32).max if self._codes is None else int(self._codes.tables.max())
+        if counts.min() < 0 or counts.max() > most:
+            raise MapError(
+                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
+                "codes where the map has a code"
+            )
+        wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
+        self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
+        self._settle(now_us)
+        self.s = with_distances(self.s, self.places)
+
+    def verify(self, now_us: int) -> None:
+        """Recompute counters and distances from the events in the windows, and compare.
+
+        Raises
+        ------
+        EdgeVprError
+            If anything differs, which no sequence of events can bring about.
+        """
+        self._settle(now_us)
+        fresh = with_distances(self.s, self.places)
+        used = slice(fresh.totals["sums"][0])
+        same = (
+            np.array_equal(recount(self.s), self.s.counts)
+            and np.array_equal(fresh.sums[used], self.s.sums[used])
+            and fresh.totals["common"] == self.s.totals["common"]
+        )
+        if not same:
+            raise EdgeVprError(
+                f"counters or distances have drifted by {now_us} us: this is a fault of "
+                "edge-vpr, report it with the recording"
+            )
+
+    def to_arrays(self, now_us: int) -> Arrays:
+        """Return the places and the events of the windows as arrays, for an archive."""
+        self._settle(now_us)
+        alive = np.arange(self.s.bound[-1], self.s.bound[0]) & (self.s.slot.size - 1)
+        return {
+            "places": self.places,
+            "slot": self.s.slot[alive],
+            "time": self.s.time[alive],
+            "bound": self.s.bound,
+        }
+
+    def resume(self, arrays: Arrays) -> None:
+        """Restore the events from the arrays of `to_arrays`; the map has the saved places."""
+        while self.s.slot.size < arrays["slot"].size:
+            self.s = grown(self.s)
+        s, first = self.s, int(arrays["bound"][-1])
+        at = np.arange(first, first + arrays["slot"].size) & (s.slot.size - 1)
+        s.slot[at] = arrays["slot"]
+        s.time[at] = arrays["time"]
+        s.bound[:] = arrays["bound"]
+        s.counts[:] = recount(s)
+        self.s = with_distances(s, self.places)
+
+
+# Schedule of matches: after a number of events, at times, or when the place changes.
+
+
+@dataclass(frozen=True)
+class MatchSchedule:
+    """Schedule of matches or descriptors, by events, by time, or by both.
+
+    Parameters
+    ----------
+    events : int
+        After so many events at the selected pixels; 1 is after each. 0: not by events.
+    interval_us : int
+        At every multiple of so many microseconds, before the events of that time. 0: not by time.
+    change : bool
+        Of what the others ask for, only matches whose place differs from the one said before.
+    """
+
+    events: int = 0
+    interval_us: int = 0
+    change: bool = False
+
+    def __post_init__(self) -> None:
+        for name, kind in (("events", int), ("interval_us", int), ("change", bool)):
+            value = getattr(self, name)
+            if type(value) is not kind or value > TIME_LIMIT_US:
+                raise UsageError(
+                    f"matches with {name} = {value!r}: expected {kind.__name__}, at most "
+                    f"{TIME_LIMIT_US}"
+                )
+        if self.events < 0 or self.interval_us < 0 or not (self.events or self.interval_us):
+            raise UsageError(
+                f"a match every {self.events} events and every {self.interval_us} us: "
+                "expected a positive number of one of them"
+            )
+
+    @classmethod
+    def window(cls, settings: Settings) -> MatchSchedule:
+        """Return the schedule of a match at the end of every non-overlapping window."""
+        if settings.window == "time":
+            return cls(interval_us=settings.tau_us)
+        return cls(events=settings.events_per_window)
+
+    def check_ticks(self, from_us: int, until_us: int) -> None:
+        """Raise UsageError if time jumps over more than a million intervals."""
+        if self.interval_us and (until_us - from_us) // self.interval_us > MAX_WINDOWS:
+            raise UsageError(
+                f"time jumps to {until_us} us, over more than {MAX_WINDOWS} times every "
+                f"{self.interval_us} us: check the recording's clock, or ask less often"
+            )
+
+
+# Record of one match of the localiser.
+
+
+#: One match. With the place filter, metrics replace distances, and one window the sequence.
+MATCH_DTYPE = np.dtype(
+    [
+        ("t", "<i8"),  # time, in microseconds
+        ("place", "<i8"),  # the best; of equal ones the first
+        ("distance_sum", "<i8"),  # its distance, summed over the L windows of the sequence
+        ("second", "<i8"),  # the best place outside the exclusion zone; -1: there is none
+        ("second_sum", "<i8"),  # its distance
+        ("ratio", "<f8"),  # best distance / second-best distance
+        ("events", "<i8"),  # in the newest window, at the selected pixels
+        ("start", "<i8"),  # of the newest window, in microseconds
+        # the higher the surer: of `place_filter.FilterMatch`, or with sequences the margin
+        ("trust", "<i8"),
+        ("probability", "<f8"),  # of being right; NaN: not known
+        ("lost", "?"),  # below the precision of the settings
+    ]
+)
+
+
+# The state of a localiser's kernel, in one tuple.
+
+
+#: Number of matches after which the kernel returns.
+MATCHES_AT_ONCE = 4_096
+#: Largest number of events that one call processes; more are processed by columns.
+FEW = 4_096
+#: Time that is later than the end of any window.
+NEVER = np.iinfo(np.int64).max
+
+#: Control of the kernel; times in microseconds.
+CONTROL = np.dtype(
+    [
+        # when to give a match, see `edge_vpr.online.state.MatchSchedule`
+        ("every", "<i8"),
+        ("interval", "<i8"),
+        ("change", "<i8"),
+        ("next_tick", "<i8"),  # time of the next match by the interval
+        ("place_told", "<i8"),  # place of the last match
+        # search
+        ("exclusion", "<i8"),  # width of the zone around the best place
+        ("places", "<i8"),  # number of sums that are searched
+        ("least_trust", "<i8"),  # of a match that is not lost
+        # place filter
+        ("window_end", "<i8"),  # of the present window: a time, or the number of an event
+        ("usual", "<i8"),  # number of events in a window
+        ("reciprocal", "<i8"),  # of the spread of the distances
+        ("place", "<i8"),  # of the window before
+        ("trust", "<i8"),
+        # events
+        ("off_slots", "<i8"),  # first slot of OFF events
+        ("floor", "<i8"),  # earliest time that the next event may have
+        ("now", "<i8"),  # T: all earlier events have been processed
+    ]
+)
+
+
+class Followed(NamedTuple):
+    """State of the kernel.
+
+    Attributes
+    ----------
+    s : Sliding
+    predicted : Predictions
+        Of the place filter; of size 0 where sequences are matched.
+    metric : ndarray of int32, shape (K,)
+        Scratch of the place filter.
+    control : ndarray of CONTROL, shape (1,)
+    trust : ndarray of int64, shape (m,)
+    probability : ndarray of float64, shape (m,)
+        Steps of `edge_vpr.confidence.Confidence`; of size 0 where nothing is known.
+    table : ndarray of int16 or int32, shape (height, width)
+        Of `PixelMap.table`.
+    slots : ndarray of int32, shape (FEW,)
+    times : ndarray of int64, shape (FEW,)
+        Scratch for the events of one call.
+    out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
+        Matches are written here.
+    """
+
+    s: Sliding
+    predicted: Predictions
+    metric: Metrics
+    control: npt.NDArray[np.void]
+    trust: npt.NDArray[np.int64]
+    probability: npt.NDArray[np.float64]
+    table: npt.NDArray[np.signedinteger]
+    slots: npt.NDArray[np.int32]
+    times: npt.NDArray[np.int64]
+    out: npt.NDArray[np.void]
+
+    @classmethod
+    def begin(cls, reference: ReferenceMap, s: Sliding, schedule: MatchSchedule) -> Followed:
+        """Build the state before the first event.
+
+        Parameters
+        ----------
+        reference : ReferenceMap
+        s : Sliding
+            Of this map.
+        schedule : MatchSchedule
+            When to give a match.
+        """
+        settings, judge = reference.settings, reference.judge
+        control = np.zeros(1, dtype=CONTROL).view(np.recarray)
+        first = control[0]
+        first.every, first.interval = schedule.events, schedule.interval_us
+        first.change, first.exclusion = schedule.change, settings.exclusion
+        first.next_tick, first.place_told = schedule.interval_us, -1
+        first.window_end, first.place = NEVER, -1
+        first.least_trust = -2 * TIME_LIMIT_US
+        first.off_slots = len(reference.pixel_map) if settings.polarity else 0
+        trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
+        if judge.confidence is not None:
+            # copies, because for Numba a read-only array is of another type
+            trust, probability = judge.confidence.trust.copy(), judge.confidence.probability.copy()
+            if judge.precision is not None:
+                first.least_trust = judge.confidence.least_trust(judge.precision)
+        places = len(reference) if settings.matching == "filter" else 0
+        moving, quiet, metric = np.zeros((3, places), dtype=np.int32)
+        return cls(
+            s,
+            Predictions(moving, quiet, np.zeros(metric.size, dtype=np.bool_)),
+            metric,
+            control,
+            trust,
+            probability,
+            reference.pixel_map.table(),
+            np.empty(FEW, dtype=np.int32),
+            np.empty(FEW, dtype=np.int64),
+            np.zeros(MATCHES_AT_ONCE, dtype=MATCH_DTYPE),
+        )
+
+
+# Checks of a saved state of a localiser, before kernels use it as indices.
+
+
+#: Largest number of counters of all windows of a sequence: 128 MB in the kernels.
+MAX_COUNTERS = 1 << 24
+#: Largest number of windows x places x counters: some ten seconds of work at the start.
+MAX_COMPARISONS = 1 << 36
+
+
+class Clock(NamedTuple):
+    """Progress of a localiser in its stream.
+
+    Attributes
+    ----------
+    now_us : int
+        T: all events before it have been taken.
+    floor_us : int
+        No event may be earlier.
+    """
+
+    now_us: int
+    floor_us: int
+
+
+def check_extent(places: int, counters: int, length: int, recent: int, window: Window) -> None:
+    """Refuse sizes that would overflow the kernels' integers, or take too much memory or time.
+
+    Parameters
+    ----------
+    places, counters, length, recent : int
+        K, J (or 2 J), L, and the newest places that are left out.
+    window : FixedTime or FixedCount
+
+    Raises
+    ------
+    UsageError
+        If the map is shorter than a sequence, or one of the above is too large.
+    """
+    if type(recent) is not int or recent < 0 or places < length + recent:
+        raise UsageError(
+            f"a map of {places} places cannot hold sequences of {length} besides {recent} recent "
+            "places: take a shorter sequence or a longer map"
+        )
+    if length * counters > MAX_COUNTERS or length * places * counters > MAX_COMPARISONS:
+        raise UsageError(
+            f"sequences of {length} windows of {counters} counters on {places} places are too "
+            "much for matching after every event: take a shorter sequence"
+        )
+    span = window.tau_us if isinstance(window, FixedTime) else window.events
+    if length * span > TIME_LIMIT_US:
+        raise UsageError(
+            f"a sequence of {length} windows of {window} is longer than {TIME_LIMIT_US} us or "
+            "events: take shorter windows"
+        )
+
+
+def check_state(
+    arrays: Arrays,
+    meta: Mapping[str, Any],
+    *,
+    counters: int,
+    length: int,
+    ends: int,
+    window: Window,
+    every: MatchSchedule,
+    filtered: bool,
+) -> Clock:
+    """Check that the arrays are a possible state of a localiser.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        ``slot`` and ``time`` of the events in the windows, ``bound``; of sequences ``policy``.
+    meta : mapping
+        With ``now_us`` and ``floor_us``.
+    counters, length, ends : int
+        J (or 2 J), L, and the number of places that a sequence can end at.
+    window : FixedTime or FixedCount
+    every : MatchSchedule
+    filtered : bool
+        Whether the place filter matches, and not sequences.
+
+    Returns
+    -------
+    Clock
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape, or holds what no run leaves.
+    """
+    floor_us = whole_number(meta, "floor_us", 0, TIME_LIMIT_US)
+    now_us = whole_number(meta, "now_us", floor_us, floor_us + 1)
+    check_array(arrays["slot"], "slot", (np.int32,), (None,))
+    n = arrays["slot"].size
+    check_range(arrays["slot"], "slot", 0, counters - 1)
+    check_array(arrays["time"], "time", (np.int64,), (n,))
+    check_range(arrays["time"], "time", 0, min(floor_us, now_us - 1))
+    if (np.diff(arrays["time"]) < 0).any():
+        raise MapError("time of the events in the windows runs backwards: expected sorted times")
+    check_array(arrays["bound"], "bound", (np.int64,), (length + 1,))
+    check_range(arrays["bound"], "bound", 0, TIME_LIMIT_US)
+    bound = arrays["bound"]
+    expected = _bounds(arrays, window, length, now_us)
+    if not np.array_equal(bound, expected) or bound[0] - bound[-1] != n:
+        raise MapError(
+            f"bound is {bound.tolist()} and the {n} events in the windows make it "
+            f"{expected.tolist()}"
+        )
+    if not filtered:  # the place filter has a schedule of its own
+        _check_schedule(arrays, "policy", ends, every, floor_us)
+    return Clock(now_us, floor_us)
+
+
+def _bounds(arrays: Arrays, window: Window, length: int, now_us: int) -> npt.NDArray[np.int64]:
+    """Return the number of the event with which each lag begins, shape (L + 1,)."""
+    last, n = int(arrays["bound"][0]), arrays["slot"].size
+    lags = np.arange(length + 1, dtype=np.int64)
+    if isinstance(window, FixedTime):
+        return last - n + np.searchsorted(arrays["time"], now_us - lags * window.tau_us)
+    return np.maximum(last - lags * window.events, 0)
+
+
+def check_filter_state(
+    arrays: Arrays, places: int, window: Window, every: MatchSchedule, floor_us: int
+) -> None:
+    """Check that the arrays are a possible state of the place filter of a localiser.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Of `FilterRun.to_arrays`, and ``bound``.
+    places : int
+        K.
+    window : FixedTime or FixedCount
+    every : MatchSchedule
+    floor_us : int
+        Until when time has passed.
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape, or holds what no run leaves.
+    """
+    check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
+    check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
+    check_array(arrays["filter_state"], "filter_state", (np.int64,), (5,))
+    reciprocal, usual, place, trust, windows = arrays["filter_state"].tolist()
+    ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
+        int(arrays["bound"][0]) // window.events
+    )  # fmt: skip
+    within = (
+        0 <= reciprocal <= 1 << RECIPROCAL_BITS
+        and 0 <= usual <= TIME_LIMIT_US
+        and (0 <= place < places if windows else place == -1)
+        and 0 <= trust <= METRIC_TOP << TRUST_BITS
+    )
+    if not within or windows != ended:
+        raise MapError(
+            f"filter_state holds {arrays['filter_state'].tolist()} for {places} places after "
+            f"{ended} windows: save the state again"
+        )
+    _check_schedule(arrays, "filter_schedule", places, every, floor_us)
+    if "filter_odometer" in arrays:
+        check_array(arrays["filter_odometer"], "filter_odometer", (np.int64,), (4,))
+        check_range(arrays["filter_odometer"][:2], "filter_odometer", -MOST_MM, MOST_MM)
+        check_range(arrays["filter_odometer"][2:], "filter_odometer", 0, 1)
+    if "filter_mean" in arrays:
+        check_array(arrays["filter_mean_windows"], "filter_mean_windows", (np.int64,), (1,))
+        check_range(arrays["filter_mean_windows"], "filter_mean_windows", 0, max(windows, 0))
+
+
+def _check_schedule(
+    arrays: Arrays, name: str, places: int, every: MatchSchedule, floor_us: int
+) -> None:
+    check_array(arrays[name], name, (np.int64,), (2,))
+    tick, place = arrays[name].tolist()
+    interval = every.interval_us
+    if tick != ((floor_us // interval + 1) * interval if interval else 0):
+        raise MapError(f"the state says the next time for a match is {tick} us, at {floor_us} us")
+    if not -1 <= place < places:
+        raise MapError(f"the state names the place {place}: expected -1 to {places - 1}")

@@ -5,11 +5,9 @@
 ...     ...
 """
 
-from edge_vpr.recordings.faults import Faults
 from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
-from edge_vpr.recordings.recording import Recording
-from edge_vpr.recordings.registry import FORMATS, Format, open_recording
-from edge_vpr.recordings.writing import write_recording
+from edge_vpr.recordings.recording import Faults, Recording
+from edge_vpr.recordings.registry import FORMATS, Format, open_recording, write_recording
 
 __all__ = [
     "FORMATS",

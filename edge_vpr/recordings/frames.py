@@ -1,38 +1,381 @@
 """Count frames: the number of events of each pixel in each frame, as events or as windows.
 
-The expansion to events is in :mod:`edge_vpr.recordings.frame_expansion`.
+The expansion to events is in :mod:`edge_vpr.recordings.frames`.
 """
 
 from __future__ import annotations
 
+import io
+import json
 import math
+import re
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import LONGEST_SIDE, Sensor
-from edge_vpr.recordings.array_stream import ArrayStream
-from edge_vpr.recordings.columns import Columns
-from edge_vpr.recordings.count_arrays import (
-    both_polarities,
-    check_frame_shape,
-    frame_arrays,
-    read_array_frame,
-    read_metadata,
-    simplest_fraction,
-    whole_counts,
-)
-from edge_vpr.recordings.count_images import MOST_PIXELS, number_key, read_image
-from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.frame_expansion import Counts, Placed, expand, join
-from edge_vpr.recordings.guard import foreign_errors
-from edge_vpr.recordings.npz import Archive
-from edge_vpr.recordings.source import ReadOptions, Source
+from edge_vpr.errors import RecordingError, UsageError, printable
+from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Sensor
+from edge_vpr.recordings.numpy_files import Archive
+from edge_vpr.recordings.reading import ArrayStream
+from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source, foreign_errors
+
+# Grey PNG images as count frames.
+
+
+#: Most pixels of a frame: four times as many as the largest event camera has.
+MOST_PIXELS = 1 << 22
+_LARGEST_IMAGE = 1 << 26
+
+
+def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
+    """Read one 8- or 16-bit grey PNG; its values are counts.
+
+    Parameters
+    ----------
+    path : Path
+    sensor : Sensor or None
+        Size that the image must have, if it is known.
+
+    Returns
+    -------
+    ndarray of uint16, shape (height, width)
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, of another mode or size, or larger than :data:`MOST_PIXELS`.
+    """
+    pixels, mode = _open_png(path)
+    if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
+        raise RecordingError(
+            f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
+        )
+    check_size(path, pixels, sensor)
+    if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
+        raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
+    return pixels.astype(np.uint16)
+
+
+def check_size(path: Path, frame: npt.NDArray[Any], first: Sensor | None) -> None:
+    """Raise RecordingError if a frame has another size than the first one."""
+    if first is not None and frame.shape[:2] != (first.height, first.width):
+        raise RecordingError(
+            f"{path} has {frame.shape[1]}x{frame.shape[0]} pixels and the first frame {first}: "
+            "all frames need one size"
+        )
+
+
+def read_png(path: Path) -> npt.NDArray[np.uint8]:
+    """Read a grey or coloured PNG as an image of 8 bits a channel.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width) or (height, width, 3 or 4)
+        Red, green, blue and alpha; the upper 8 bits of 16-bit values.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, of another mode, or larger than :data:`MOST_PIXELS`.
+    """
+    pixels, mode = _open_png(path)
+    if mode in ("L", "RGB", "RGBA"):
+        return pixels.astype(np.uint8)
+    if mode.startswith("I") and pixels.min(initial=0) >= 0 and pixels.max(initial=0) <= 0xFFFF:
+        return (pixels >> 8).astype(np.uint8)
+    raise RecordingError(
+        f"{path} has mode {mode}: write 8- or 16-bit grey, or RGB without a palette"
+    )
+
+
+def _open_png(path: Path) -> tuple[npt.NDArray[Any], str]:
+    """Return the pixels of a PNG and Pillow's name of their mode."""
+    from PIL import Image
+
+    if path.stat().st_size > _LARGEST_IMAGE:
+        raise RecordingError(f"{path} has more than {_LARGEST_IMAGE:,} bytes: write it again")
+    # not from the file: Pillow would ask it for as many bytes as a damaged chunk claims
+    content = io.BytesIO(path.read_bytes())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the size is checked below
+            with Image.open(content, formats=("PNG",)) as image:
+                mode, size = image.mode, Sensor(*image.size)
+                fits = size.possible and size.pixels <= MOST_PIXELS
+                pixels = np.asarray(image) if fits else np.empty(0)
+    except MemoryError:
+        raise
+    except Exception as error:  # Pillow passes on exceptions of any kind from its parser
+        raise RecordingError(f"{path} is damaged or no PNG ({error}): write it again") from error
+    if not fits:
+        raise RecordingError(
+            f"{path} claims {size} pixels; there is one at least, and the most is "
+            f"{MOST_PIXELS:,}: write it again"
+        )
+    return pixels, mode
+
+
+def number_key(path: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts ``frame_2`` before ``frame_10``."""
+    return [
+        (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)
+    ]
+
+
+# NumPy arrays as count frames, one frame a file, and the ``metadata.json`` beside them.
+
+
+METADATA = "metadata.json"
+_LONGEST_METADATA = 1 << 20
+
+
+def read_array_frame(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
+    """Read one frame.
+
+    Parameters
+    ----------
+    path : Path
+        ``.npy`` of shape (height, width), or (height, width, 2) with separate ON and OFF counts.
+    sensor : Sensor or None
+        Size that the frame must have, if it is known.
+
+    Returns
+    -------
+    ndarray of numbers, shape (height, width)
+        ON and OFF added.
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged, or the array has another shape or kind of values.
+    """
+    with path.open("rb") as file:
+        stream = ArrayStream(file, str(path))
+        check_frame_shape(stream.shape, stream.dtype, str(path))
+        frame = stream.load(MOST_PIXELS * 16)
+    check_size(path, frame, sensor)
+    return both_polarities(frame, 2)
+
+
+def check_frame_shape(shape: tuple[int, ...], dtype: np.dtype[Any], name: str) -> None:
+    """Raise RecordingError unless an array of this shape and dtype is a frame of counts."""
+    fits = len(shape) == 2 or (len(shape) == 3 and shape[2] == 2)
+    if not fits or 0 in shape or dtype.kind not in "biuf":
+        raise RecordingError(
+            f"{name} has shape {shape} and dtype {dtype}: a count frame is numbers of shape "
+            "(height, width), or (height, width, 2) with ON and OFF counts"
+        )
+
+
+def both_polarities(frames: npt.NDArray[Any], plain_dimensions: int) -> npt.NDArray[Any]:
+    """Add ON and OFF counts, if `frames` has a last axis beyond `plain_dimensions`.
+
+    Parameters
+    ----------
+    frames : ndarray of numbers
+        A last axis of length 2 may follow the usual axes.
+    plain_dimensions : int
+    """
+    if frames.ndim == plain_dimensions:
+        return frames
+    wide = np.float64 if frames.dtype.kind == "f" else np.int64
+    with np.errstate(invalid="ignore"):  # the reader refuses values that are not finite
+        return np.asarray(frames.sum(axis=-1, dtype=wide))
+
+
+def whole_counts(block: npt.NDArray[Any], begin: int, path: Path) -> npt.NDArray[Any]:
+    """Return counts as integers.
+
+    Parameters
+    ----------
+    block : ndarray of numbers, shape (f, J)
+    begin : int
+        Number of the first of these frames, named in the message.
+    path : Path
+
+    Returns
+    -------
+    ndarray of integers, shape (f, J)
+
+    Raises
+    ------
+    RecordingError
+        If a count is not a whole number from 0 up.
+    """
+    if block.dtype.kind == "u":
+        return block
+    if block.dtype.kind == "b":
+        return block.view(np.uint8)
+    with np.errstate(invalid="ignore", over="ignore"):
+        bad = ~((block >= 0) & (block == np.floor(block)) & (block < 2.0**53))
+    if bad.any():
+        frame, pixel = (int(i) for i in np.argwhere(bad)[0])
+        raise RecordingError(
+            f"{path}: frame {begin + frame} counts {block[frame, pixel]} events at pixel "
+            f"{pixel}: counts are whole numbers from 0 up"
+        )
+    return block.astype(np.int64)
+
+
+def simplest_fraction(seconds: float, path: Path) -> Fraction:
+    """Return the simplest fraction that equals a float: 1/30, not a multiple of 2**-57."""
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise RecordingError(f"{path}: window_s is {seconds}: a frame lasts more than 0 s")
+    simple = Fraction(seconds).limit_denominator(1_000_000)
+    return simple if float(simple) == seconds else Fraction(seconds)
+
+
+def frame_arrays(folder: Path) -> list[Path]:
+    """Return the ``.npy`` frames of a folder, unordered.
+
+    These are the files ``frame_*.npy`` if there are any, since other arrays (times of the frames)
+    may lie beside them; otherwise all ``.npy`` files.
+    """
+    return list(folder.glob("frame_*.npy")) or list(folder.glob("*.npy"))
+
+
+def read_metadata(folder: Path) -> tuple[Fraction | None, int]:
+    """Read the duration of a frame, and the time at which the first one begins.
+
+    Parameters
+    ----------
+    folder : Path
+        Its ``metadata.json``, if present, may have ``timewindow_ns`` or ``timewindow_ms``; and
+        ``start_time_ns``, or ``start_tick`` with ``ticks_per_second``.
+
+    Returns
+    -------
+    period : Fraction or None
+        In seconds; None if it is absent or 0, as for frames of a fixed number of events.
+    start_us : int
+        0 if it is absent.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists and is damaged.
+    """
+    path = folder / METADATA
+    if not path.is_file():
+        return None, 0
+    try:
+        with path.open("rb") as file:
+            return _times(json.loads(file.read(_LONGEST_METADATA)))
+    except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise RecordingError(
+            f"{path} is no readable metadata of frames ({printable(error, 200)}): write it again, "
+            "or remove it and pass --frame-period"
+        ) from error
+
+
+def _times(values: dict[str, Any]) -> tuple[Fraction | None, int]:
+    period = start = Fraction(0)
+    for name, unit in (("timewindow_ms", 1000), ("timewindow_ns", 10**9)):
+        if name in values:
+            period = _number(values[name]).limit_denominator(1_000_000) / unit
+    if "start_time_ns" in values:
+        start = _number(values["start_time_ns"]) / 1000
+    elif {"start_tick", "ticks_per_second"} <= values.keys():
+        start = _number(values["start_tick"]) / _number(values["ticks_per_second"]) * 1_000_000
+    if not 0 <= period < 1 << 31 or abs(start) > TIME_LIMIT_US:
+        raise ValueError(f"a window of {float(period)} s, a start of {float(start)} us")
+    return period or None, round(start)
+
+
+def _number(value: object) -> Fraction:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} in the place of a number")
+    return Fraction(value)
+
+
+# Expansion of counts to events, in integer arithmetic.
+#
+# Frame f lasts from ``lo = floor(f * period)`` to ``hi = floor((f + 1) * period)`` microseconds,
+# where the period is a fraction. If pixel j has n events in the frame, its event i is placed at::
+#
+#     t = lo + floor((i + phase_j) * (hi - lo) / n),   phase_j = (40503 * (j + 1) mod 65536) / 65536
+#
+# so that the events of each pixel are evenly spread over the frame, and each pixel has its own
+# phase. The phases are multiples of the golden ratio: pixels with a single event then do not all
+# fire at once, which would be a burst, nor row after row. Events at the same time are in the order
+# of j. The count is kept exactly, and ``lo <= t < hi``. Frames have no polarity: all events are
+# ON.
+
+
+_PHASE_BITS = 16
+_GOLDEN = 40503  # 2**16 over the golden ratio, made odd
+#: Events that are expanded at a time, and most events within one microsecond.
+_MOST_EXPANDED, _MOST_AT_ONCE = 1 << 20, 1 << 16
+
+Counts = npt.NDArray[Any]
+Placed = tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]
+"""Times and pixel numbers of events, in order of time."""
+
+
+def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
+    """Place the events of one frame in time.
+
+    A frame of many events is cut into parts of equal duration, which are expanded one by one.
+
+    Parameters
+    ----------
+    counts : ndarray of integers, shape (J,)
+    lo, hi : int
+        Begin and end of the frame in microseconds.
+    path : Path
+        Named in messages.
+
+    Yields
+    ------
+    t : ndarray of int64, shape (n,)
+        In order, from `lo` to below `hi`.
+    pixel : ndarray of intp, shape (n,)
+
+    Raises
+    ------
+    RecordingError
+        If there are too many events for the duration of the frame.
+    """
+    active = np.flatnonzero(counts)
+    n = counts[active].astype(np.int64)
+    length, total = hi - lo, float(n.sum(dtype=np.float64))
+    most = int(n.max(initial=0))
+    if total > length * _MOST_AT_ONCE or (most << _PHASE_BITS) * length >= 1 << 62:
+        raise RecordingError(
+            f"{path}: {total:,.0f} events, up to {most:,} of one pixel, do not fit a frame of "
+            f"{length} us: check the frame period (in seconds)"
+        )
+    phases = (active + 1) * _GOLDEN & ((1 << _PHASE_BITS) - 1)
+    pieces = min(length, math.ceil(total / _MOST_EXPANDED))
+    begin = np.zeros_like(n)
+    for piece in range(1, pieces + 1):
+        # the first event of each pixel that lies at or after the piece's end
+        bound = -(-((n << _PHASE_BITS) * (length * piece // pieces)) // length)
+        end = np.clip(-(-(bound - phases) // (1 << _PHASE_BITS)), 0, n)
+        some = end - begin
+        pixel = np.repeat(active, some)
+        index = np.arange(pixel.size) + np.repeat(begin - (np.cumsum(some) - some), some)
+        shifted = (index << _PHASE_BITS) + np.repeat(phases, some)
+        offset = shifted * length // (np.repeat(n, some) << _PHASE_BITS)
+        # offsets of 16 bits are sorted by radix
+        key = offset.astype(np.uint16) if length <= 1 << 16 else offset
+        order = np.argsort(key, kind="stable")
+        yield lo + offset[order], pixel[order]
+        begin = end
+
+
+def join(frames: list[Placed], x: npt.NDArray[np.uint16], y: npt.NDArray[np.uint16]) -> Columns:
+    """Join placed events to columns; pixel j lies at ``x[j]``, ``y[j]``."""
+    t = np.concatenate([times for times, _ in frames])
+    pixel = np.concatenate([pixels for _, pixels in frames])
+    return Columns(t, x[pixel], y[pixel], np.ones(t.size, dtype=bool))
+
 
 _BLOCK_BYTES = 1 << 20
 

@@ -6,19 +6,435 @@ the sensor where none is stated, and takes three times as long.
 
 from __future__ import annotations
 
+import contextlib
+import io
+import math
+import zlib
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import TIME_LIMIT_US, Sensor
-from edge_vpr.recordings.columns import Columns
-from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.hdf5_chunks import CheckedDataset
-from edge_vpr.recordings.hdf5_files import checked_dataset, load_h5py, open_hdf5
-from edge_vpr.recordings.hdf5_writing import START, Hdf5Sink
-from edge_vpr.recordings.source import ReadOptions, Source
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import kernel
+from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
+from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
+
+# Read the compressed chunks of an HDF5 data set, and check the size of each.
+#
+# libhdf5 and h5py's LZF filter do not compare the size of an expanded chunk with the size that the
+# data set states: a chunk that is too short is read beyond the end of its buffer, and one that is
+# too long takes any amount of memory. Here each chunk is expanded or measured first. libhdf5 does
+# not expand deflated columns again, so that the check costs no time.
+
+
+_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF = 1, 2, 3, 32_000
+#: Filters from this number on, except LZF, are plug-ins, which only the user can install.
+_PLUGINS = 256
+#: Largest excess of a stored chunk's size over its expanded size, in bytes.
+_OVERHEAD = 1 << 16
+
+
+class CheckedDataset:
+    """Rows of one data set, read in consecutive slices.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+        Data set of one dimension or more.
+    name : str
+        File and data set, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If the data set uses a filter whose sizes cannot be checked. Filters that are plug-ins of
+        libhdf5 are trusted, like any installed library.
+    """
+
+    def __init__(self, dataset: Any, name: str) -> None:
+        from h5py import h5t
+
+        self._dataset, self._name = dataset, name
+        pipeline = dataset.id.get_create_plist()
+        self._filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+        known = {number for number in self._filters if number < _PLUGINS or number == _LZF}
+        if known - {_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF} or {_DEFLATE, _LZF} <= known:
+            raise RecordingError(
+                f"{name} is stored through the HDF5 filters {self._filters}, whose sizes cannot be "
+                "checked: write it again with h5repack -f GZIP=4"
+            )
+        self._bytes = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
+        #: whether the bytes in the file are those of the array, apart from the filters
+        self._plain = (
+            self._filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE])
+            and dataset.ndim == 1
+            and dataset.id.get_type().equal(h5t.py_create(dataset.dtype))
+        )
+        self._kept: tuple[int, npt.NDArray[Any] | None] = (-1, None)
+
+    def read(self, rows: slice) -> npt.NDArray[Any]:
+        """Return the rows, at most as many as the data set has.
+
+        Raises
+        ------
+        RecordingError
+            If a chunk does not expand to the size that the data set states.
+        """
+        if self._dataset.chunks is None or not self._filters or rows.stop <= rows.start:
+            return np.asarray(self._dataset[rows])
+        height = self._dataset.chunks[0]
+        parts = []
+        for first in range(rows.start // height * height, rows.stop, height):
+            if first != self._kept[0]:
+                self._kept = first, self._chunk(first)
+            part = slice(max(rows.start, first), min(rows.stop, first + height))
+            chunk = self._kept[1]
+            if chunk is not None:
+                parts.append(chunk[part.start - first : part.stop - first])
+            elif self._plain:
+                parts.append(np.asarray(self._dataset[part]))
+        return np.concatenate(parts) if self._plain else np.asarray(self._dataset[rows])
+
+    def _chunk(self, first: int) -> npt.NDArray[Any] | None:
+        """Check the chunks that begin at a row; return the rows if there is one plain chunk."""
+        if self._dataset.ndim == 1:
+            return self._expand((first,))
+        sides = zip(self._dataset.shape[1:], self._dataset.chunks[1:], strict=True)
+        for others in product(*(range(0, length, step) for length, step in sides)):
+            self._expand((first, *others))
+        return None
+
+    def _expand(self, at: tuple[int, ...]) -> npt.NDArray[Any] | None:
+        info = self._dataset.id.get_chunk_info_by_coord(at)
+        if info.byte_offset is None:
+            return None  # not stored: libhdf5 gives the fill value
+        size: int | None = -1
+        if info.size <= self._bytes + _OVERHEAD:
+            mask, data = self._dataset.id.read_direct_chunk(at)
+            size, expanded = self._expanded(mask, data)
+            if size is None:
+                return None
+            if size == self._bytes:
+                return self._array(mask, expanded) if self._plain else None
+        # A chunk beyond the border may be stored unfiltered; if it is not, libhdf5 refuses it
+        if size == -1 and info.size == self._bytes and self._at_border(at):
+            return None
+        raise RecordingError(
+            f"{self._name} has a chunk at row {at[0]:,} that does not expand to its "
+            f"{self._bytes:,} bytes: it is damaged; copy or record it again"
+        )
+
+    def _at_border(self, at: tuple[int, ...]) -> bool:
+        sides = zip(at, self._dataset.chunks, self._dataset.shape, strict=True)
+        return any(first + n > end for first, n, end in sides)
+
+    def _expanded(self, mask: int, data: bytes) -> tuple[int | None, bytes]:
+        """Expand a chunk.
+
+        Returns
+        -------
+        size : int or None
+            Size of the expanded chunk; -1 if it is damaged, None if only a plug-in can expand it.
+        data : bytes
+            The expanded chunk, or the chunk before LZF.
+        """
+        more = 0
+        for i, number in reversed(list(enumerate(self._filters))):
+            if mask >> i & 1:
+                continue
+            if number == _FLETCHER32:
+                more -= 4
+            elif number == _DEFLATE:
+                inflated = _inflated(data[: len(data) + more], self._bytes + _OVERHEAD)
+                if inflated is None:
+                    return -1, data
+                data, more = inflated, 0
+            elif number == _LZF:
+                measured = int(lzf_size(np.frombuffer(data[: len(data) + more], np.uint8)))
+                if measured < 0:
+                    return -1, data
+                more = measured - len(data)
+            elif number >= _PLUGINS:
+                return None, data
+        return len(data) + more, data
+
+    def _array(self, mask: int, data: bytes) -> npt.NDArray[Any]:
+        """Return the rows of an expanded chunk, whose bytes may be shuffled."""
+        size = self._dataset.dtype.itemsize
+        if self._filters[0] == _SHUFFLE and not mask & 1 and size > 1:
+            octets = np.empty((len(data) // size, size), np.uint8)
+            for i, column in enumerate(np.frombuffer(data, np.uint8).reshape(size, -1)):
+                octets[:, i] = column  # three times as fast as a transposed copy
+            return octets.reshape(-1).view(self._dataset.dtype)
+        return np.frombuffer(data, self._dataset.dtype)
+
+
+def _inflated(data: bytes, most: int) -> bytes | None:
+    """Inflate to at most `most` + 1 bytes; None if the data is damaged or cut off."""
+    stream = zlib.decompressobj()
+    try:
+        expanded = stream.decompress(data, most + 1)
+    except zlib.error:
+        return None
+    return expanded if stream.eof or len(expanded) > most else None
+
+
+@kernel
+def lzf_size(data: npt.NDArray[np.uint8]) -> int:
+    """Return the expanded size of LZF data; -1 if it is cut off or refers to before its start.
+
+    Parameters
+    ----------
+    data : ndarray of uint8, shape (n,)
+    """
+    at, size = 0, 0
+    while at < data.size:
+        control = int(data[at])
+        if control < 32:  # this number of literal bytes, plus one
+            at += control + 2
+            size += control + 1
+            continue
+        length, distance = control >> 5, (control & 31) << 8
+        at += 1
+        if length == 7 and at < data.size:
+            length += int(data[at])
+            at += 1
+        if at >= data.size or distance + int(data[at]) + 1 > size:
+            return -1
+        at += 1
+        size += length + 2
+    return size if at == data.size else -1
+
+
+# Open HDF5 files, and check what each data set claims before it is read.
+
+
+#: Most bytes of one expanded chunk; several are kept, so that no chunk is read twice.
+_LARGEST_CHUNK = 1 << 25
+#: Largest ratio of a data set's stated size to its size in the file: Deflate reaches 1,032.
+_MOST_EXPANSION = 1_100
+
+
+def load_h5py() -> Any:
+    """Import h5py, or raise an error that names the extra with it."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingExtraError("an HDF5 file", "h5py", "hdf5") from error
+    return h5py
+
+
+def open_hdf5(path: Path) -> Any:
+    """Open a file for reading.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged.
+    """
+    try:
+        return load_h5py().File(path, "r", rdcc_nbytes=_LARGEST_CHUNK, locking=False)
+    except OSError as error:
+        raise RecordingError(
+            f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
+        ) from error
+
+
+def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
+    """Refuse data outside the file, and stated sizes that are impossible for the file's size.
+
+    Returns
+    -------
+    CheckedDataset
+        Reader of the dataset.
+
+    Raises
+    ------
+    RecordingError
+    """
+    name = f"{path}: {dataset.name}"
+    if dataset.external or dataset.is_virtual:
+        raise RecordingError(
+            f"{name} lies in other files, which are not read: copy it into one file"
+        )
+    pipeline = dataset.id.get_create_plist()
+    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+    chunk = math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize
+    if chunk > _LARGEST_CHUNK or len(set(filters)) < len(filters):
+        raise RecordingError(
+            f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
+            f"the most is {_LARGEST_CHUNK:,} bytes, and each filter once; write it again"
+        )
+    claimed = dataset.size * dataset.dtype.itemsize
+    held = min(dataset.id.get_storage_size(), path.stat().st_size)
+    if claimed > (held * _MOST_EXPANSION if dataset.chunks and filters else held):
+        raise RecordingError(
+            f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
+            "not closed when it was written, or is damaged; copy or record it again"
+        )
+    return CheckedDataset(dataset, name)
+
+
+# Write HDF5 so that a full disk is an error and not a crash.
+#
+# When a write of the HDF5 library fails, closing the file fails too, and objects that were not
+# closed cause a segmentation fault. Here the library writes to a file object that never fails:
+# after the first error of the disk, it keeps further data in memory. This is little data, because
+# :meth:`Hdf5Sink.write` raises at the next event, and the library can then close its objects in
+# order.
+
+
+#: Attribute with the time t = 0 on the file's own clock, in microseconds.
+START = "edge_vpr_start_us"
+
+_CHUNK_ROWS = 1 << 14
+_ROW = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
+
+
+class ForgivingFile(io.RawIOBase):
+    """File for reading and writing that stores its errors instead of raising them.
+
+    Parameters
+    ----------
+    path : Path
+        The file is created or emptied.
+
+    Attributes
+    ----------
+    error : OSError or None
+        The first error of the disk.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w+b", buffering=0)
+        self._at = 0
+        self._kept: list[tuple[int, bytes]] = []  # data that the disk did not take
+        self.error: OSError | None = None
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    readable = writable = seekable
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
+        """Move to `offset` bytes from the start, the current place, or the end."""
+        base = {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._end()}[whence]
+        self._at = base + offset
+        return self._at
+
+    def _end(self) -> int:
+        ends = [at + len(data) for at, data in self._kept]
+        return max([self._file.seek(0, io.SEEK_END), *ends])
+
+    def tell(self) -> int:
+        """Return the place of the next byte."""
+        return self._at
+
+    def write(self, data: Any, /) -> int:
+        """Write all of `data`, to the disk or to memory."""
+        octets = bytes(data)
+        written = 0
+        try:
+            while self.error is None and written < len(octets):
+                self._file.seek(self._at + written)
+                written += self._file.write(octets[written:])
+        except OSError as error:
+            self.error = error
+        if written < len(octets):
+            self._kept.append((self._at + written, octets[written:]))
+        self._at += len(octets)
+        return len(octets)
+
+    def readinto(self, buffer: Any, /) -> int:
+        """Read from the disk, and from memory the data that the disk did not take."""
+        view = memoryview(buffer).cast("B")
+        view[:] = bytes(len(view))
+        n = 0
+        try:
+            self._file.seek(self._at)
+            n = self._file.readinto(view)
+        except OSError as error:
+            self.error = self.error or error
+        for at, data in self._kept:
+            begin, end = max(at, self._at), min(at + len(data), self._at + len(view))
+            if begin < end:
+                view[begin - self._at : end - self._at] = data[begin - at : end - at]
+                n = max(n, end - self._at)
+        self._at += n
+        return n
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Set the length of the file."""
+        size = self._at if size is None else size
+        with contextlib.suppress(OSError):
+            # a longer size takes no space; the library sets a shorter one at the end
+            if self.error is None:
+                self._file.truncate(size)
+        return size
+
+    def close(self) -> None:
+        """Close the file; :attr:`error` holds an error of the disk."""
+        if not self.closed:
+            try:
+                self._file.close()
+            except OSError as error:
+                self.error = self.error or error
+            super().close()
+
+
+class Hdf5Sink:
+    """Write Metavision's layout, uncompressed: ``CD/events`` with fields x, y, p, t."""
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
+        h5py = load_h5py()
+        self._raw = ForgivingFile(path)
+        # a cache of only one chunk, so that a full disk is noticed early
+        self._file = h5py.File(self._raw, "w", rdcc_nbytes=_CHUNK_ROWS * _ROW.itemsize)
+        self._file.attrs["geometry"] = str(sensor)
+        self._file.attrs[START] = start_us
+        self._rows = self._file.create_dataset(
+            "CD/events", (0,), _ROW, maxshape=(None,), chunks=(_CHUNK_ROWS,)
+        )
+
+    def write(self, events: Events) -> None:
+        """Append events.
+
+        Raises
+        ------
+        OSError
+            If the disk did not take these or earlier events.
+        """
+        for begin in range(0, events.size, _CHUNK_ROWS):
+            part = events[begin : begin + _CHUNK_ROWS]
+            rows = np.empty(part.size, _ROW)
+            for name in "xypt":
+                rows[name] = part[name]
+            n = self._rows.shape[0]
+            self._rows.resize(n + part.size, axis=0)
+            self._rows[n:] = rows
+            self._check()
+
+    def close(self) -> None:
+        """Finish the file.
+
+        Raises
+        ------
+        OSError
+            If the disk did not take all data.
+        """
+        self._file.close()
+        self._raw.close()
+        self._check()
+
+    def _check(self) -> None:
+        if self._raw.error is not None:
+            raise self._raw.error
 
 
 class Hdf5Source(Source):

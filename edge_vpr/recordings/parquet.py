@@ -2,17 +2,215 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, NamedTuple
 
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.columns import Columns
-from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.parquet_pages import read_column_chunks, read_pages
-from edge_vpr.recordings.source import ReadOptions, Source
+from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
+
+# Places and sizes of the pages of a Parquet file, read before Arrow reserves memory for them.
+#
+# Arrow trusts the size that a page's header states, up to 2 GiB. pyarrow ends the process where
+# the statistics of a column chunk do not fit its schema; it is therefore not asked for the
+# position of the chunk. Footer and page headers are structures of Thrift's compact protocol: a
+# byte with type and field number before each value, and integers as zigzag varints
+# (parquet.apache.org, "File Format"; Apache Thrift, "Compact Protocol").
+
+
+_LONGEST_HEADER = 1 << 16  # includes statistics
+_DEEPEST = 8
+_UNCOMPRESSED, _COMPRESSED = 2, 3  # fields of PageHeader
+# fields of FileMetaData, RowGroup, ColumnChunk and ColumnMetaData
+_ROW_GROUPS, _COLUMNS, _METADATA = 4, 1, 3
+_PATH, _SIZE, _DATA_PAGE, _DICTIONARY_PAGE = 3, 7, 9, 11
+_BINARY, _LIST, _STRUCTURE = 8, 9, 12  # types of values
+_MAGIC = b"PAR1"
+Wanted = Mapping[int, Callable[[int], Any]]
+
+
+class Page(NamedTuple):
+    """Position of one page in the file, and its sizes in bytes without the header."""
+
+    at: int
+    compressed: int
+    uncompressed: int
+
+
+class ColumnChunk(NamedTuple):
+    """One column of one row group: its name, and the position of its pages."""
+
+    name: str
+    begin: int
+    end: int
+
+
+def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
+    """Read the positions of all column chunks from the footer.
+
+    Raises
+    ------
+    ValueError
+        If the footer cannot be read.
+    """
+    size = file.seek(-8, 2) + 8
+    tail = file.read(8)
+    length = int.from_bytes(tail[:4], "little")
+    if tail[4:] != _MAGIC or length > size - 8:
+        raise ValueError("there is no footer")
+    file.seek(size - 8 - length)
+    footer = _Thrift(file.read(length))
+
+    def column(kind: int, depth: int) -> dict[int, Any]:
+        wanted = {_PATH: lambda k: footer.elements(k, footer.text)}
+        return footer.nested(
+            kind, depth, {_METADATA: lambda k: footer.nested(k, depth + 1, wanted)}
+        )
+
+    def row_group(kind: int) -> dict[int, Any]:
+        return footer.nested(
+            kind, 1, {_COLUMNS: lambda k: footer.elements(k, lambda each: column(each, 2))}
+        )
+
+    found = footer.structure(wanted={_ROW_GROUPS: lambda k: footer.elements(k, row_group)})
+    chunks = []
+    for group in found.get(_ROW_GROUPS, ()):
+        for each in group.get(_COLUMNS, ()):
+            told = each.get(_METADATA, {})
+            if _PATH not in told or _SIZE not in told or _DATA_PAGE not in told:
+                raise ValueError("a column chunk does not say where it lies")
+            # 0 and None both mean that there is no dictionary
+            begin = min(told.get(_DICTIONARY_PAGE) or told[_DATA_PAGE], told[_DATA_PAGE])
+            if begin < 0 or told[_SIZE] < 0:
+                raise ValueError(f"a column chunk lies at byte {begin:,}")
+            chunks.append(ColumnChunk(".".join(told[_PATH]), begin, begin + told[_SIZE]))
+    return chunks
+
+
+def read_pages(file: IO[bytes], begin: int, end: int) -> list[Page]:
+    """Read the headers of all pages between two positions in a file.
+
+    Parameters
+    ----------
+    file : binary file
+    begin, end : int
+        Begin and end of a column chunk.
+
+    Raises
+    ------
+    ValueError
+        If a header cannot be read.
+    """
+    pages, at = [], begin
+    while at < end:
+        file.seek(at)
+        header = _Thrift(file.read(min(_LONGEST_HEADER, end - at)))
+        fields = header.structure()
+        compressed, uncompressed = fields.get(_COMPRESSED, -1), fields.get(_UNCOMPRESSED, -1)
+        if compressed < 0 or uncompressed < 0:
+            raise ValueError(f"the page at byte {at:,} states no size")
+        pages.append(Page(at, compressed, uncompressed))
+        at += header.at + compressed
+    return pages
+
+
+class _Thrift:
+    """Reads the integers and the wanted fields of a structure, and skips all others."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self.at = 0
+
+    def structure(self, depth: int = 0, wanted: Wanted | None = None) -> dict[int, Any]:
+        """Read one structure; return its integers and the fields in `wanted`, by field number."""
+        if depth > _DEEPEST:
+            raise ValueError("a structure is nested too deeply")
+        fields: dict[int, Any] = {}
+        number = 0
+        while head := self._byte():
+            step, kind = head >> 4, head & 15
+            number = number + step if step else self._integer()
+            if wanted and number in wanted:
+                fields[number] = wanted[number](kind)
+            elif kind in (4, 5, 6):
+                fields[number] = self._integer()
+            else:
+                self._skip(kind, depth)
+        return fields
+
+    def nested(self, kind: int, depth: int, wanted: Wanted) -> dict[int, Any]:
+        """Read a structure within another."""
+        _expect(kind, _STRUCTURE)
+        return self.structure(depth, wanted)
+
+    def elements(self, kind: int, read: Callable[[int], Any]) -> list[Any]:
+        """Read a list by calling `read` with the elements' type once for each element."""
+        _expect(kind, _LIST)
+        head = self._byte()
+        return [read(head & 15) for _ in range(self._count(head >> 4))]
+
+    def text(self, kind: int) -> str:
+        """Read a string."""
+        _expect(kind, _BINARY)
+        length = self._varint()
+        self.at += length
+        return self._data[self.at - length : self.at].decode("utf-8", "replace")
+
+    def _skip(self, kind: int, depth: int, *, element: bool = False) -> None:
+        if kind in (1, 2):
+            self.at += element  # the type byte of a boolean field is also its value
+        elif kind == 3:
+            self.at += 1
+        elif kind in (4, 5, 6):
+            self._varint()
+        elif kind == 7:
+            self.at += 8
+        elif kind == 8:
+            length = self._varint()  # also advances `at`
+            self.at += length
+        elif kind in (9, 10):
+            head = self._byte()
+            for _ in range(self._count(head >> 4)):
+                self._skip(head & 15, depth + 1, element=True)
+        elif kind == 12:
+            self.structure(depth + 1)
+        else:
+            raise ValueError(f"a structure has a field of type {kind}")
+
+    def _count(self, short: int) -> int:
+        count = self._varint() if short == 15 else short
+        if count > len(self._data):
+            raise ValueError("a list is longer than the structure that holds it")
+        return count
+
+    def _byte(self) -> int:
+        if self.at >= len(self._data):
+            raise ValueError("a structure is cut off")
+        self.at += 1
+        return self._data[self.at - 1]
+
+    def _varint(self) -> int:
+        value, shift = 0, 0
+        while True:
+            byte = self._byte()
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+            if shift > 63:
+                raise ValueError("a number has no end")
+
+    def _integer(self) -> int:
+        zigzag = self._varint()
+        return zigzag >> 1 ^ -(zigzag & 1)
+
+
+def _expect(kind: int, expected: int) -> None:
+    if kind != expected:
+        raise ValueError(f"a field has type {kind}, and not {expected}")
+
 
 _SENSOR, _START = b"edge_vpr.sensor", b"edge_vpr.start_us"
 _BUFFER_BYTES = 1 << 20

@@ -2,18 +2,533 @@
 
 from __future__ import annotations
 
+import io
+import os
 import struct
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
 
-from edge_vpr.errors import RecordingError, UsageError
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import kernel
+from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.recordings.columns import Columns
-from edge_vpr.recordings.event_packet import Cursor, PacketDecoder, read_event_array, read_preamble
-from edge_vpr.recordings.faults import FaultLog
-from edge_vpr.recordings.rosbag_file import Bag
-from edge_vpr.recordings.source import ReadOptions, Source
+from edge_vpr.files import work_folder
+from edge_vpr.recordings.prophesee import Decoder
+from edge_vpr.recordings.reading import (
+    DecompressionError,
+    bzip2,
+    expand_file,
+    lz4,
+    zstd,
+    zstd_decompressor,
+)
+from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source, Unwrapper
+
+# The encoding ``libcaer_cmp`` of ``event_camera_msgs/EventPacket``: iniVation events, compressed.
+#
+# Words of 16 bits, the kind in the upper four (``libcaer_cmp_types.h`` of event_camera_codecs):
+#
+# ====  ==================  ========================================================================
+# kind  lower 12 bits       meaning
+# ====  ==================  ========================================================================
+# 0     time >> 12          upper half of the microseconds from the packet's time base
+# 1     time                lower half
+# 2     column              of the events that follow
+# 3     row, polarity << 11 one event
+# 4     row, polarity << 11 first row of the vectors that follow
+# 5     bits 0 to 7         an event for each bit that is set, in this row and the seven after it
+# ====  ==================  ========================================================================
+
+
+_EVENTS_A_WORD = 8
+#: column, row and polarity carry over from packet to packet
+STATE_DTYPE = np.dtype([("column", "<i8"), ("row", "<i8"), ("polarity", "?")])
+
+
+@kernel
+def _decode(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
+    """Decode one packet; return the number of events, or -1 - i if word i is of an unknown kind."""
+    n = 0
+    high, low = np.int64(0), np.int64(0)
+    column, row, polarity = state.column, state.row, state.polarity
+    for i in range(words.size):
+        word = np.int64(words[i])
+        kind, value = word >> 12, word & 4095
+        if kind == 0:
+            high = value << 12
+        elif kind == 1:
+            low = value
+        elif kind == 2:
+            column = value & 2047
+        elif kind == 3:
+            t[n], x[n], y[n], p[n] = high | low, column, value & 2047, value > 2047
+            n += 1
+        elif kind == 4:
+            row, polarity = value & 2047, value > 2047
+        elif kind == 5:
+            for bit in range(8):
+                if value >> bit & 1:
+                    t[n], x[n], y[n], p[n] = high | low, column, row + bit, polarity
+                    n += 1
+            row = min(row + 8, 65535 - 8)
+        else:
+            return -1 - i
+    state.column, state.row, state.polarity = column, row, polarity
+    return n
+
+
+class LibcaerCmpDecoder:
+    """Decode packet by packet; column, row and polarity carry over between packets."""
+
+    def __init__(self) -> None:
+        self._state = np.rec.array(np.zeros(1, STATE_DTYPE))
+
+    def decode(self, words: npt.NDArray[Any], base_us: int) -> Columns:
+        """Decode the words of one packet.
+
+        Parameters
+        ----------
+        words : ndarray of uint16, shape (n,)
+        base_us : int
+            The packet's time base in microseconds.
+
+        Raises
+        ------
+        RecordingError
+            If a word is of an unknown kind.
+        """
+        capacity = words.size * _EVENTS_A_WORD
+        t = np.empty(capacity, np.int64)
+        x, y = np.empty(capacity, np.uint16), np.empty(capacity, np.uint16)
+        p = np.empty(capacity, np.bool_)
+        n = _decode(words, self._state[0], t, x, y, p)
+        if n < 0:
+            kind = int(words[-1 - n]) >> 12
+            raise RecordingError(
+                f"word {-1 - n:,} of a libcaer_cmp packet is of the unknown kind {kind}: the bag "
+                "is damaged, or written by a newer driver"
+            )
+        return Columns(t[:n] + base_us, x[:n], y[:n], p[:n])
+
+
+# The ROS messages that carry events, decoded from their serialised bytes.
+#
+# ``dvs_msgs/EventArray`` (ROS 1 and 2) has one structure for each event.
+# ``event_camera_msgs/EventPacket`` has the camera's own words, in the encodings ``evt3``
+# (Prophesee), ``libcaer``, ``libcaer_cmp`` (iniVation) and ``mono`` (one event a word, written by
+# event_camera_tools). Neither eventcv nor rosbags decodes these messages.
+
+
+class Cursor:
+    """Read the fields of one serialised message, one after another.
+
+    Parameters
+    ----------
+    data : bytes
+    ros : {1, 2}
+        ROS 1 packs fields without gaps, ROS 2 (CDR) aligns each to its size.
+    """
+
+    def __init__(self, data: bytes, ros: int) -> None:
+        self._data = memoryview(data)
+        self._aligned = ros == 2
+        self._at = 0
+        self.order = "<"
+        if self._aligned:
+            self.order = "<" if data[1] & 1 else ">"
+            self._data = self._data[4:]
+
+    def number(self, kind: str) -> int:
+        """Read one integer; `kind` is its format character of :mod:`struct`."""
+        size = struct.calcsize(kind)
+        if self._aligned:
+            self._at += -self._at % size
+        (value,) = struct.unpack_from(self.order + kind, self._data, self._at)
+        self._at += size
+        return int(value)
+
+    def text(self) -> str:
+        """Read a string."""
+        return bytes(self.octets()).rstrip(b"\0").decode("utf-8", "replace")
+
+    def octets(self) -> memoryview:
+        """Read a sequence of bytes."""
+        length = self.number("I")
+        octets = self._data[self._at : self._at + length]
+        if len(octets) < length:
+            raise struct.error(f"{length:,} bytes announced, {len(octets):,} there")
+        self._at += length
+        return octets
+
+    def rest(self) -> memoryview:
+        """Return all remaining bytes."""
+        return self._data[self._at :]
+
+
+class Preamble(NamedTuple):
+    """Common first fields of all messages of events."""
+
+    stamp_us: int
+    height: int
+    width: int
+
+
+def read_preamble(cursor: Cursor, ros: int) -> Preamble:
+    """Read header, height and width."""
+    if ros == 1:
+        cursor.number("I")  # sequence number
+    seconds, nanoseconds = cursor.number("I"), cursor.number("I")
+    cursor.text()  # frame
+    height, width = cursor.number("I"), cursor.number("I")
+    return Preamble(seconds * 1_000_000 + nanoseconds // 1_000, height, width)
+
+
+def read_event_array(cursor: Cursor, ros: int) -> Columns:
+    """Read the events of ``dvs_msgs/EventArray``; times are wall-clock microseconds.
+
+    In CDR, the column of the next event (2-byte aligned) directly follows the 13 bytes of an event.
+    In strides of 16 bytes, event i + 1 therefore has its column in the last 2 bytes of one stride,
+    its row in the first 2 bytes of the next, and its other fields where event 0 has them.
+    """
+    n = cursor.number("I")
+    stride = 13 if ros == 1 else 16
+    data = bytes(cursor.rest())
+    needed = stride * (n - 1) + 13 if n else 0
+    if len(data) < needed:
+        raise struct.error(f"{n:,} events announced in {len(data):,} bytes")
+    rows = np.frombuffer(data[:needed].ljust(stride * n, b"\0"), np.uint8).reshape(n, stride)
+
+    def column(offset: int, kind: str) -> npt.NDArray[np.int64]:
+        size = struct.calcsize(kind)
+        octets = np.ascontiguousarray(rows[:, offset : offset + size])
+        values = octets.view(np.dtype(cursor.order + kind)).reshape(n)
+        return values.astype(np.int64)
+
+    t = column(4, "I") * 1_000_000 + column(8, "I") // 1_000
+    if ros == 1 or n == 0:
+        return Columns(t, column(0, "H"), column(2, "H"), rows[:, 12] > 0)
+    x, y = column(0, "H"), column(0, "H")
+    y[0] = column(2, "H")[0]
+    x[1:] = column(14, "H")[:-1]
+    return Columns(t, x, y, rows[:, 12] > 0)
+
+
+class PacketDecoder:
+    """Decode the packets of one camera; clock and decoder state carry over between packets."""
+
+    def __init__(self) -> None:
+        self._evt3 = Decoder("evt3", 1 << 14)
+        self._clock = Unwrapper(31)
+        self._compressed = LibcaerCmpDecoder()
+
+    def take_undated(self) -> int:
+        """Return the number of events before the first time word, since the last call."""
+        return self._evt3.take_undated()
+
+    def read(self, cursor: Cursor) -> Columns:
+        """Read the rest of ``event_camera_msgs/EventPacket``; times are on the camera's clock.
+
+        Times of ``libcaer_cmp`` and ``mono`` count from the packet's time base.
+
+        Raises
+        ------
+        RecordingError
+            If this decoder does not know the encoding.
+        """
+        cursor.number("Q")  # sequence number
+        base_ns = cursor.number("Q")  # time 0 of the sensor
+        encoding = cursor.text()
+        big = bool(cursor.number("B"))
+        payload = cursor.octets()
+        if encoding == "evt3" and not big:
+            return self._evt3.decode(np.frombuffer(payload, "<u2", len(payload) // 2))
+        if encoding == "libcaer" and not big:
+            return self._libcaer(np.frombuffer(payload, "<u4", len(payload) // 8 * 2))
+        if encoding == "libcaer_cmp" and not big:
+            words = np.frombuffer(payload, "<u2", len(payload) // 2)
+            return self._compressed.decode(words, base_ns // 1_000)
+        if encoding == "mono" and not big:
+            return _mono(np.frombuffer(payload, "<u8", len(payload) // 8), base_ns)
+        raise RecordingError(
+            f"event packets of encoding {encoding!r}{' (big endian)' if big else ''} are not "
+            "decoded: known are evt3, libcaer, libcaer_cmp and mono; convert the bag with "
+            "event_camera_tools"
+        )
+
+    def _libcaer(self, words: npt.NDArray[np.uint32]) -> Columns:
+        """Decode pairs: column, row, polarity, validity in 15, 15, 1, 1 bits, then 31 bits time."""
+        pairs = words.reshape(-1, 2)
+        data = pairs[:, 0]
+        t = self._clock.unwrap(pairs[:, 1])
+        valid = (data & 1) == 1
+        data, t = data[valid], t[valid]
+        return Columns(t, data >> 17, data >> 2 & 0x7FFF, (data & 2) == 2)
+
+
+def _mono(words: npt.NDArray[np.uint64], base_ns: int) -> Columns:
+    """Decode nanoseconds from the time base, column, row, polarity in 32, 16, 15, 1 bits."""
+    # a base beyond 2**62 ns (the year 2116) is invalid; the sum below must not wrap
+    since = (words & np.uint64(0xFFFFFFFF)).astype(np.int64)
+    t = (since + min(base_ns, 1 << 62)) // 1_000
+    x = (words >> np.uint64(32) & np.uint64(0xFFFF)).astype(np.uint16)
+    y = (words >> np.uint64(48) & np.uint64(0x7FFF)).astype(np.uint16)
+    return Columns(t, x, y, words >> np.uint64(63) == 1)
+
+
+# Expansion of ROS 2 bags of compression mode ``file`` with limits, which rosbags lacks.
+
+
+#: Limits of the expanded size: this number of bytes, or this multiple of the files' size.
+LEAST_BYTES, MOST_EXPANSION = 1 << 28, 32
+_LISTING = "metadata.yaml"
+
+
+def expand_bag(folder: Path, owner: object) -> Path:
+    """Expand a bag of compressed files into a temporary folder.
+
+    Parameters
+    ----------
+    folder : Path
+        With a ``metadata.yaml`` that rosbags can read.
+    owner : object
+        The temporary folder is removed with this object, or when Python ends.
+
+    Returns
+    -------
+    Path
+        Folder of the same bag without compression; `folder` if its files are not compressed.
+
+    Raises
+    ------
+    RecordingError
+        If a file is damaged, lies outside the folder, or expands to more than the limit, or if
+        the temporary folder is full.
+    """
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="safe")
+    listing = yaml.load((folder / _LISTING).read_text("utf-8"))
+    facts = listing["rosbag2_bagfile_information"]
+    compressed = str(facts.get("compression_mode", "")).lower() == "file"
+    if not compressed or facts.get("compression_format") != "zstd":
+        return folder
+    # rosbags uses only the last part of a path
+    paths = [folder / PurePath(name).name for name in facts["relative_file_paths"]]
+    held = sum(path.stat().st_size for path in set(paths))
+    left = max(LEAST_BYTES, MOST_EXPANSION * held)
+    stack = ExitStack()
+    # the next run removes what a killed run leaves there
+    target = stack.enter_context(work_folder(Path(tempfile.gettempdir()) / folder.name))
+    weakref.finalize(owner, stack.close)
+    names = []
+    for i, path in enumerate(paths):
+        names.append(f"{i}{PurePath(path.stem).suffix}")
+        try:
+            left -= _write(target / names[-1], _expanded(path, left))
+        except DecompressionError as error:
+            raise RecordingError(f"{path} cannot be expanded ({error}): copy it again") from error
+    changed: dict[str, Any] = {"compression_mode": "", "compression_format": ""}
+    facts |= {**changed, "relative_file_paths": names, "files": []}
+    with (target / _LISTING).open("w", encoding="utf-8") as file:
+        yaml.dump(listing, file)
+    return target
+
+
+def _expanded(path: Path, limit: int) -> Iterator[bytes]:
+    decompressor, errors = zstd_decompressor(str(path), "ros")
+    with path.open("rb") as file:
+        yield from expand_file(decompressor, file, errors, limit)
+
+
+def _write(path: Path, parts: Iterator[bytes]) -> int:
+    """Write the parts, and return their total size."""
+    size = 0
+    with path.open("wb") as file:
+        for part in parts:
+            try:
+                file.write(part)
+            except OSError as error:
+                raise RecordingError(
+                    f"{path.parent} is too small to expand the bag ({error.strerror} after "
+                    f"{size:,} bytes): name a larger folder with TMPDIR"
+                ) from error
+            size += len(part)
+    return size
+
+
+# Bags of ROS 1 and ROS 2, read message by message with rosbags, with limits that it lacks.
+
+
+#: rosbags' names of the storage formats of ROS 2 bags, by suffix.
+_STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
+_LONGEST_METADATA = 1 << 22
+
+
+class _BoundedFile(io.BufferedReader):
+    """File whose reads are limited to the rest of the file: rosbags trusts announced sizes."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(0, os.fstat(self.fileno()).st_size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+class _BoundedPath(type(Path())):  # type: ignore[misc]  # of the platform's own kind
+    """Path that opens its files as :class:`_BoundedFile`."""
+
+    def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
+        """Open the file; reads of bytes are bounded."""
+        if mode != "rb":
+            return super().open(mode, *args, **options)
+        return _BoundedFile(super().open(mode, buffering=0))
+
+
+class Bag:
+    """ROS 1 or ROS 2 bag.
+
+    Parameters
+    ----------
+    path : Path
+    ros : {1, 2}
+
+    Raises
+    ------
+    RecordingError
+        If its files cannot be found or expanded.
+    """
+
+    def __init__(self, path: Path, ros: int) -> None:
+        self.path, self.ros = path, ros
+        self._rosbags = _load(ros)
+        self._place = _place(path) if ros == 2 else path
+        self._expand: Callable[[bytes], bytes] = bytes
+        if ros == 2 and self._place.is_dir():
+            with self.errors():
+                self._place = expand_bag(self._place, self)
+
+    @contextmanager
+    def open(self) -> Iterator[Any]:
+        """Open the bag with rosbags, with a limit on the expanded size of its parts."""
+        if self.ros == 2:
+            _limit_mcap()
+        with self._rosbags.Reader(_BoundedPath(self._place)) as reader:
+            if self.ros == 1:
+                reader.chunks = {at: _limited(chunk) for at, chunk in reader.chunks.items()}
+            self._expand = self._take_over(reader)
+            yield reader
+
+    def messages(self, reader: Any, topic: str) -> Iterator[bytes]:
+        """Yield the serialised messages of a topic."""
+        connections = [c for c in reader.connections if c.topic == topic]
+        for _, _, data in reader.messages(connections=connections):
+            yield self._expand(data)
+
+    @contextmanager
+    def errors(self) -> Iterator[None]:
+        """Convert exceptions of rosbags' parsers to a RecordingError with a remedy."""
+        try:
+            yield
+        except (EdgeVprError, MemoryError):
+            raise
+        except Exception as error:
+            raise _unreadable(self.path, self.ros, error) from error
+
+    def _take_over(self, reader: Any) -> Callable[[bytes], bytes]:
+        """Return the function that decompresses messages; rosbags would do it without a limit."""
+        storage = getattr(reader, "storage", None)
+        mode = getattr(getattr(storage, "metadata", None), "compression_mode", None)
+        if mode != "message" or storage is None:
+            return bytes
+        storage.metadata = storage.metadata._replace(compression_mode=None)
+        return zstd(str(self.path), "ros")
+
+
+def _load(ros: int) -> Any:
+    try:
+        return import_module(f"rosbags.rosbag{ros}")
+    except ImportError as error:
+        raise MissingExtraError("a ROS bag", "rosbags", "ros") from error
+
+
+def _place(path: Path) -> Path:
+    """Return the path that rosbags opens: the folder of a bag, or a single file of it.
+
+    A file is opened with the others of its bag if ``metadata.yaml`` lists it. If this is absent or
+    cannot be used, the file is opened on its own.
+
+    Raises
+    ------
+    RecordingError
+        If a folder holds several files, and its ``metadata.yaml`` is missing or cannot be used.
+    """
+    folder = path if path.is_dir() else path.parent
+    listing = folder / "metadata.yaml"
+    if not path.is_dir() and not listing.exists():
+        return path
+    fault = _metadata_fault(listing) if listing.exists() else "is missing"
+    if not fault:
+        return folder
+    if not path.is_dir():
+        return path
+    files = [file for file in sorted(folder.iterdir()) if file.suffix in _STORAGES]
+    if len(files) == 1:
+        return files[0]
+    raise RecordingError(
+        f"{listing} {fault}: make it again with ros2 bag reindex, or name one file of the bag"
+    )
+
+
+def _metadata_fault(listing: Path) -> str:
+    """Return why rosbags cannot use a ``metadata.yaml``; "" if it can."""
+    if listing.stat().st_size > _LONGEST_METADATA:
+        return f"is larger than {_LONGEST_METADATA:,} bytes"
+    from ruamel.yaml import YAML  # rosbags' own parser
+
+    try:
+        facts = YAML(typ="safe").load(listing.read_text("utf-8"))["rosbag2_bagfile_information"]
+        storage, names = facts["storage_identifier"], facts["relative_file_paths"]
+        suffixes = {Path(name).suffix for name in names}
+    except Exception as error:  # the parser raises exceptions of many kinds
+        return f"is damaged ({type(error).__name__}: {error})"
+    if storage not in _STORAGES.values():
+        return f"has the storage identifier {storage!r}, and not {' or '.join(_STORAGES.values())}"
+    if facts.get("compression_mode", "").lower() not in ("file",) and suffixes != {
+        suffix for suffix, name in _STORAGES.items() if name == storage
+    }:
+        return f"has the storage identifier {storage!r} for files {', '.join(map(str, names))}"
+    return ""
+
+
+def _limit_mcap() -> None:
+    """Give rosbags' decompressors of MCAP chunks a limit; they have none of their own."""
+    storage = import_module("rosbags.rosbag2.storage_mcap")
+    for name, limited in (("lz4", lz4("MCAP", "ros")), ("zstd", zstd("MCAP", "ros"))):
+        storage.DECOMPRESSORS[name] = lambda data, _, limited=limited: limited(data)
+
+
+def _limited(chunk: Any) -> Any:
+    """Return a chunk of a ROS 1 bag whose decompression has a limit."""
+    name = getattr(chunk.decompressor, "__module__", None)
+    if name in ("bz2", "_bz2"):
+        return chunk._replace(decompressor=bzip2)
+    if name is not None and name.startswith("lz4"):
+        return chunk._replace(decompressor=lz4("a ROS bag", "ros"))
+    return chunk
+
+
+def _unreadable(path: Path, ros: int, error: Exception) -> RecordingError:
+    remedy = "rosbag reindex" if ros == 1 else "ros2 bag reindex"
+    text = " ".join(str(error).split())
+    return RecordingError(
+        f"{path} is cut off, damaged or no ROS {ros} bag ({text}): try {remedy}, or copy it again"
+    )
+
 
 #: Message types with one structure for each event, and those with a camera's own words.
 _ARRAYS = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")

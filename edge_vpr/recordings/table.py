@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.recordings.columns import Columns
-from edge_vpr.recordings.faults import FaultLog
+from edge_vpr.recordings.recording import Columns, FaultLog
 
 #: Other names of the columns in published files.
 ALIASES = {

@@ -1,4 +1,4 @@
-/* Not part of the firmware: what firmware_model.instructions asks for besides. */
+/* Not part of the firmware: what firmware_model.emulation.instructions asks for besides. */
 #include "sad.h"
 #include "vpr.h"
 

@@ -128,7 +128,7 @@ def translate(
     source : str or None
         Text of that file; None for the original.
     parameters, exposed, claimed, beside
-        Same as of `firmware_model.hardware.unit_proof.Unit`.
+        Same as of `firmware_model.verification.unit_proof.Unit`.
     """
     file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
     file.write_text(core_source(file.name) if source is None else source, encoding="ascii")

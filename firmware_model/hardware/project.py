@@ -6,12 +6,10 @@ import shutil
 from pathlib import Path
 
 from firmware_model.hardware import registers, sources
-from firmware_model.hardware.boards import BOARDS, Board
-from firmware_model.hardware.parameters import PACKAGE, package, tables
-from firmware_model.memories import Memories
+from firmware_model.hardware.parameters import BOARDS, PACKAGE, Board, package, tables
+from firmware_model.model.memories import Memories
 from firmware_model.vectors import formats
-from firmware_model.vectors.memory_words import memory_words
-from firmware_model.vectors.suite import standard_suites, write_suites
+from firmware_model.vectors.suite import memory_words, standard_suites, write_suites
 
 _MAKEFILE = """\
 # make BOARD: a board's bitstream, by yosys, nextpnr and its packer; boards: {boards}
@@ -28,7 +26,7 @@ CASES =
 all: {first}
 {rules}
 test:
-\tpython -m firmware_model.hardware.replay vectors
+\tpython -m firmware_model.verification.replay vectors
 
 cocotb:
 	$(PYTHON) cocotb/{bench} $(CASES)

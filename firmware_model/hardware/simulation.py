@@ -15,8 +15,7 @@ from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import sources
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.vectors.case import Record
-from firmware_model.vectors.folder import load_manifest
-from firmware_model.vectors.manifest import RTL_FOLDER
+from firmware_model.vectors.manifest import RTL_FOLDER, load_manifest
 from firmware_model.vectors.verify import read_results
 
 COMPILER, RUNTIME = "iverilog", "vvp"

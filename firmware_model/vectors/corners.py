@@ -2,12 +2,302 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 
-from firmware_model.design import LENGTH, Design
-from firmware_model.vectors.case import Case
-from firmware_model.vectors.event_corners import event_cases
-from firmware_model.vectors.match_corners import match_cases
+import numpy as np
+
+from firmware_model.model.descriptor import PAUSE_SHIFT, QUIET_SHIFT, ActivityModel
+from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, LENGTH, Design
+from firmware_model.model.memories import Codes, Memories
+from firmware_model.vectors.case import Case, Stream, choose_pixels, shown_codes, unselected_pixel
+from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
+
+# Corner cases of events and windows: streams with every kind of event and window.
+
+
+def event_cases(design: Design) -> list[Case]:
+    """Make the corner cases of events and windows."""
+    cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
+    by_time = _event_designs(design)["events_by_time"]
+    # finds a device that assumes code 0 for a count of 0 instead of looking the code up
+    turned = [tuple(by_time.code_max - code for code in table) for table in by_time.tables]
+    return [*cases, _event_case("codes_turned_round", by_time, turned), _many_windows(by_time)]
+
+
+def adaptive_event_cases(design: Design) -> list[Case]:
+    """Make the corner cases of events and windows that a filter or own-mean codes change."""
+    names = ("events_by_time", "events_by_count", "both_polarities", "one_place", "narrow_clock")
+    designs = _event_designs(design)
+    return [_event_case(f"adaptive_{name}", designs[name]) for name in names]
+
+
+def _event_designs(design: Design) -> dict[str, Design]:
+    by_time = replace(design, window="time", tau_us=max(design.tau_us, 4))
+    # a window with more events than a counter can hold
+    by_count = replace(
+        design, window="count", window_events=max(design.window_events, design.count_max + 9)
+    )
+    wider = 4 * (design.exclusion // 4 + 1)
+    several = replace(by_time, full_scales=_scales(design)) if not design.own_mean else by_time
+    longer = by_time
+    if not design.filters:
+        longer = replace(by_time, length=design.length + 9, places=design.places + 9)
+    odd = next(p for p in range(2, design.slots + 3) if design.slots % p)
+    return {
+        "events_by_time": by_time,
+        "events_by_count": by_count,
+        "both_polarities": replace(by_time, polarity=not design.polarity),
+        "both_polarities_by_count": replace(by_count, polarity=not design.polarity),
+        "unfilled_lanes": replace(by_time, lanes=odd),
+        **({} if design.own_mean else {"several_code_tables": several}),
+        "counts_above_255": replace(by_time, full_scales=(300,)),
+        "columns_above_511": replace(by_time, width=max(design.width, 1000), lookup_depth=0),
+        **({} if design.filters else {"sequence_longer_than_seen": longer}),
+        "one_place": replace(by_time, places=1, length=1),
+        "no_zone": replace(by_time, exclusion=0),
+        "wider_zone": replace(by_time, exclusion=wider, places=design.places + 3 * wider),
+        "narrowest_clock": replace(by_time, timestamp_bits=by_time.tau_us.bit_length() + 1),
+        "narrow_clock": replace(by_time, timestamp_bits=by_time.tau_us.bit_length() + 2),
+    }
+
+
+def _scales(design: Design) -> tuple[int, ...]:
+    scale = design.full_scales[0]
+    return scale, scale // 2 or 2, 3, scale // 3 or 1, 1
+
+
+def _event_case(name: str, design: Design, codes: Sequence[Codes] | None = None) -> Case:
+    """Make a case whose stream has every kind of event and window."""
+    pixels = choose_pixels(design)
+    tables = [slot % len(design.full_scales) for slot in range(design.slots)]
+    period = 1 << design.timestamp_bits
+    # the clock wraps within the third window
+    start = (period - 5 * design.tau_us // 2) % period if design.window == "time" else 0
+    stream = Stream(design, pixels, start)
+    last, top, tau = design.slots - 1, design.count_max, design.tau_us
+    by_time = design.window == "time"
+
+    _ramp(stream, 1)
+    # one counter beyond its limit by one, its neighbours unchanged
+    stream.slot(0, top + 1)
+    stream.end()
+    stream.slot(last, top - 1)
+    stream.slot(0)
+    stream.slot(last, 3)
+    stream.end()
+    # pixels in the order A B A, and one pixel repeated with and without an event between
+    for slot in (0, last, 0, 0, last, last):
+        stream.slot(slot)
+    stream.at(*unselected_pixel(design, pixels))
+    stream.slot(last)
+    _off_everything(stream)
+    stream.end()
+    for polarity in (True, False):
+        for x, y in pixels[:5]:
+            stream.at(x, y, min(1, tau - 1), polarity)
+    if by_time:
+        stream.slot(0, 1, tau - 1)  # the last microsecond of the window
+        stream.slot(0, 1, tau)  # the first microsecond after it
+        stream.skip(1)
+        stream.slot(0, 1, -1)  # too late by one microsecond
+        stream.slot(last, 2, 1)
+        stream.skip(1 if _narrow(design) else 5)
+        stream.slot(0)
+        stream.skip(1)
+        # an event exactly at the boundary, after several windows at once
+        stream.skip(0 if _narrow(design) else 3)
+        stream.slot(last)
+    stream.end()
+    stream.fill([1] * design.slots)
+    stream.fill([2 if design.slots > 1 else 1] * design.slots)
+    windows = 1 if design.length > design.exclusion + 9 else design.length + 3
+    for number in range(min(windows, 12)):
+        _ramp(stream, number)
+    stream.close()
+    return _case(name, stream, tables, codes)
+
+
+def _narrow(design: Design) -> bool:
+    """Return whether the clock is too short for a gap of several windows."""
+    return 6 * design.tau_us >= 1 << (design.timestamp_bits - 1)
+
+
+def _ramp(stream: Stream, number: int) -> None:
+    """Add a window with few events, different ones for each `number`."""
+    design = stream.design
+    total = min(design.window_events, 40) if design.window == "count" else 40
+    for i in range(total):
+        stream.slot((i * (number + 2) + number) % design.slots, 1, min(i, design.tau_us - 1))
+    stream.end()
+
+
+def _off_everything(stream: Stream) -> None:
+    """Add events at the sensor's corners, beside selected pixels, and outside the sensor."""
+    design, pixels = stream.design, stream.pixels
+    right, bottom = design.width - 1, design.height - 1
+    for x, y in ((0, 0), (right, 0), (0, bottom), (right, bottom)):
+        stream.at(x, y)
+    for x, y in pixels[:5]:
+        for other in range(0, design.height, max(1, design.height // 9)):
+            stream.at(x, other)
+        stream.at((x + 1) % design.width, y)
+    for x, y in ((right + 1, bottom), (right, bottom + 1), (0, bottom + 1), (right + 1, 0)):
+        if x < 1 << 16 and y < 1 << 15:
+            stream.at(x, y)
+    # pixels that share some address bits with a selected one, or its entry in the look-up
+    for x, y in pixels[:3]:
+        for column, row in ((x + 256, y), (x + design.lookup_depth, y), (0xFFFF, y)):
+            stream.at(min(column, 0xFFFF), row)
+        for row in (y + 256, (1 << 15) - 1):
+            stream.at(x, min(row, (1 << 15) - 1))
+    lookup = Memories(design, pixels, [[0] * design.slots] * design.places).lookup()
+    shared = (
+        (x, y)
+        for y in range(design.height)
+        for x in range(design.width)
+        if lookup(x, y) is None and lookup.taken(x, y)
+    )
+    for _, pixel in zip(range(4), shared, strict=False):
+        stream.at(*pixel)
+
+
+def _case(
+    name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Codes] | None = None
+) -> Case:
+    """Make a case whose map holds windows of the stream at every other place."""
+    design, pixels = stream.design, stream.pixels
+    seen = shown_codes(stream, tables, codes)
+    places = []
+    for k in range(design.places):
+        row = seen[(k * 3) % len(seen)]
+        if k % 2:
+            row = tuple(design.code_max - code for code in row)
+        places.append(row)
+    memories = Memories(design, pixels, places, tables, codes)
+    return Case(name, memories, tuple(stream.events), stream.start)
+
+
+def _many_windows(design: Design) -> Case:
+    """Make a case of 260 windows with a few events each, more than eight bits can count."""
+    design = replace(design, places=design.length + design.exclusion + 3)
+    stream = Stream(design, choose_pixels(design))
+    for number in range(260):
+        stream.slot(number % design.slots, 1 + number % 3)
+        stream.slot((number * 7) % design.slots)
+        stream.end()
+    stream.close()
+    return _case("many_windows", stream, [0] * design.slots)
+
+
+# Corner cases of distances, sequences and the search, with maps laid out by pattern.
+
+
+def match_cases(design: Design) -> list[Case]:
+    """Make the corner cases of matches.
+
+    Returns
+    -------
+    list of Case
+        For a design with a single code of one or two bits, only the cases that fit it.
+    """
+    cases = [_pattern_case(name, *pattern) for name, pattern in _patterns(design).items()]
+    return [case for case in cases if case is not None]
+
+
+def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
+    """Lay out maps by pattern; the query is the same in every window.
+
+    A letter stands for a place: n is equal to the query's descriptor, at distance zero; 1 and 2
+    differ from it by one and by two units of code; f is as far as a place can be.
+    """
+    length, zone = design.length, design.exclusion
+    near, far = "n" * length, "f" * (length + zone + 1)
+    ratio = replace(design, accept="ratio", ratio=(1, 2))
+    below = replace(design, accept="ratio", ratio=(1, 3))
+    margin = {t: replace(design, accept="margin", margin=t) for t in (1, 2)}
+    one, two = near[:-1] + "1", near[:-1] + "2"
+    # products above 16 bits, whose lower 16 bits are in another order
+    wide = replace(design, accept="ratio", ratio=(65_534, 65_535))
+    single = replace(margin[1], length=1)
+    longer = replace(design, length=max(design.length, 8) + 4, places=design.places + 12)
+    mixed = ("n1n2" * longer.length)[: longer.length - 1]
+    return {
+        "tie_of_two": (design, far + near + "n" + far),
+        "tie_of_three": (design, near + "nn" + far + "f"),
+        "tie_across_zone": (ratio, far + near + "f" * (zone + 1) + near + far),
+        "all_places_equal": (design, "n" * (length + 2 * zone + 4)),
+        "all_places_far": (design, "f" * (length + 2 * zone + 4)),
+        "tie_of_seconds": (design, near + far + one + far + one),
+        "tie_of_seconds_on_the_left": (design, far + one + far + one + far + near + far),
+        "tie_of_seconds_on_both_sides": (design, far + one + far + near + far + one),
+        "second_on_the_left": (margin[1], far + one + far + near + far),
+        "second_on_the_right": (margin[2], near + far + one),
+        "nearer_in_the_zone": (design, far + near + "1" + far + two + far),
+        "ratio_at_threshold": (ratio, one + far + two),
+        "ratio_below_threshold": (below, one + far + two),
+        "ratio_of_16_bits": (wide, one + far + two),
+        "margin_at_threshold": (margin[1], one + far + two),
+        "margin_below_threshold": (margin[2], one + far + two),
+        "margin_of_17_bits": (replace(margin[1], margin=1 << 16), one + far + two),
+        "place_0_on_the_left": (single, "1" + "f" * (zone + 1) + "n" + "f" * (zone + 2)),
+        "long_sequence": (
+            longer,
+            "f" + mixed + "n" + "f" * (longer.length + zone + 1) + mixed + "1",
+        ),
+        "best_comes_last": (design, "f2" + two + one + "1" + near),
+        "zone_covers_the_map": (design, "f" * zone + near),
+        "diagonal_off_the_map": (
+            replace(design, length=length + 1),
+            "n" * length + "f" * (length + zone + 2),
+        ),
+    }
+
+
+def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
+    """Make the case of a pattern; None if the descriptor has no room for its distances."""
+    design = replace(design, places=len(rows))
+    pixels = choose_pixels(design)
+    stream = Stream(design, pixels)
+    windows = design.length + 2
+    if name in ("all_places_far", "tie_of_two") and design.window == "time":
+        # All windows are empty, so that f differs by the largest code in every slot. Each window
+        # has an event at an unselected pixel, since the clock may be too narrow for so long a
+        # silence.
+        for _ in range(windows):
+            stream.at(*unselected_pixel(design, pixels))
+            stream.end()
+    else:
+        for _ in range(windows):
+            stream.fill([1 + (slot % 3 == 0) for slot in range(design.slots)])
+    stream.close()
+    query = shown_codes(stream)[0]
+    furthest = tuple(0 if 2 * code > design.code_max else design.code_max for code in query)
+    row = {"n": query, "f": furthest}
+    for steps in (1, 2):
+        if str(steps) in rows:
+            moved = _moved(design, query, steps)
+            if moved is None:
+                return None
+            row[str(steps)] = moved
+    places = [row[kind] for kind in rows]
+    return Case(name, Memories(design, pixels, places), tuple(stream.events))
+
+
+def _moved(design: Design, codes: Codes, steps: int) -> Codes | None:
+    """Move codes to a distance of `steps` units of code; None if there is no room."""
+    moved = list(codes)
+    for slot, code in enumerate(codes):
+        up = design.code_max - code
+        step = min(steps, max(up, code))
+        moved[slot] += step if step <= up else -step
+        steps -= step
+    return None if steps else tuple(moved)
+
+
+# Corner cases for any design: small maps, and streams that reach each corner by construction.
 
 
 def corner_cases(design: Design) -> list[Case]:
@@ -40,3 +330,399 @@ def corner_cases(design: Design) -> list[Case]:
 def _roomy(design: Design) -> int:
     """Return a number of places with room for two sequences, and zones around and between them."""
     return 3 * design.length + 3 * (design.exclusion + 2)
+
+
+# Corner cases of the place filter's evidence: large and small distances, and their spread.
+
+
+def evidence_cases(design: Design) -> list[Case]:
+    """Make the corner cases of the evidence.
+
+    Parameters
+    ----------
+    design : Design
+        With the place filter, and with logarithmic or linear codes.
+    """
+    return [_far(design), _beyond_a_byte(design), *_small_spreads(design)]
+
+
+def _far(design: Design) -> Case:
+    """Show a count that is equally far from all places, then the places' own counts."""
+    design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
+    pixels = choose_pixels(design)
+    rest = [0] * (design.slots - 1)
+    stream = Stream.showing(design, pixels, [[count, *rest] for count in (101, 1, 201, 1)])
+    shown = shown_codes(stream)
+    # only one place is near, so that the second best is a far one
+    places = [shown[1 if k == design.places // 2 else 2] for k in range(design.places)]
+    return Case("far", Memories(design, pixels, places), tuple(stream.events))
+
+
+def _beyond_a_byte(design: Design) -> Case:
+    """Show places whose distances need more than eight bits, if the design has two slots.
+
+    Truncated to eight bits, the largest distance would be smaller than the others.
+    """
+    design = replace(design, code="linear", code_bits=8, full_scales=(0,))
+    # the exclusion zone is as wide as a block of equal places
+    design = replace(design, exclusion=design.places // 4 - 1)
+    design = replace(design, window_events=411, steps=(0,), back=(), restart=0)
+    pixels = choose_pixels(design)
+    rest = [0] * max(0, design.slots - 2)
+    kinds = [[counts, counts][: design.slots] + rest for counts in (1, 101, 181, 201)]
+    stream = Stream.showing(design, pixels, kinds * 2)
+    shown = shown_codes(stream)
+    places = [shown[(0, 2, 1, 3)[place * 4 // design.places]] for place in range(design.places)]
+    return Case("distances_beyond_a_byte", Memories(design, pixels, places), tuple(stream.events))
+
+
+def _small_spreads(design: Design) -> list[Case]:
+    """Show windows a few units of code from all places, so that the spread is 1 or 0.
+
+    The reciprocal of both is 2^16, which has one bit more than any other. A place takes two words
+    of memory, if the design has enough slots.
+    """
+    lanes = -(-design.slots // 2)
+    near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
+    near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
+    pixels = choose_pixels(near)
+    rest = [3] * (near.slots - 1)
+    stream = Stream.showing(near, pixels, [[first, *rest] for first in (20, 20, 20, 1, 20, 20)])
+    shown = shown_codes(stream)[0]
+    memories = Memories(near, pixels, _at_distances(near, shown, lambda place: 1 + place * 5 % 4))
+    alike = Memories(near, pixels, _at_distances(near, shown, lambda _: 1))
+    kept, events = replace(near, keep_distances=True), tuple(stream.events)
+    return [
+        Case("spread_of_one", memories, events),
+        Case("spread_of_one_of_kept_distances", replace(memories, design=kept), events),
+        Case("spread_of_none", alike, events),
+    ]
+
+
+def _at_distances(
+    design: Design, shown: Sequence[int], distance_of: Callable[[int], int]
+) -> list[list[int]]:
+    """Make places at these distances, in units of code; the middle place equals `shown`."""
+    places = []
+    for place in range(design.places):
+        # only one place is nearest, so that the second best has evidence against it
+        distance = 0 if place == design.places // 2 else distance_of(place)
+        codes = list(shown)
+        for slot in range(min(distance, design.slots)):
+            codes[-1 - slot] += 1 if codes[-1 - slot] < design.code_max else -1
+        places.append(codes)
+    return places
+
+
+# Drives through a small map: windows that show one place after another.
+
+
+#: stands for a window without events at selected pixels
+PAUSE = -1
+
+
+def drive(
+    name: str,
+    design: Design,
+    route: Sequence[int],
+    mean: Sequence[int] | None = None,
+    activity: int = 0,
+    alike: bool = False,
+) -> Case:
+    """Make a drive that shows places one after another; if `alike`, all places equal the first."""
+    pixels = choose_pixels(design)
+    longest = max(counts_at(design, place)[1] for place in range(design.places))
+    if design.window == "count":
+        design = replace(design, window_events=longest)
+    stream = Stream(design, pixels)
+    for place in route:
+        if place == PAUSE:
+            stream.at(*unselected_pixel(design, pixels))
+            stream.end()
+        else:
+            stream.fill(counts_at(design, place)[0])
+    stream.close()
+    every = (counts_at(design, place)[0] for place in range(design.places))
+    codes = shown_codes(Stream.showing(design, pixels, every), mean=mean)
+    places = [codes[0 if alike else place] for place in range(design.places)]
+    memories = Memories(design, pixels, places, None, None, mean, activity)
+    return Case(name, memories, tuple(stream.events))
+
+
+def counts_at(design: Design, place: int) -> tuple[list[int], int]:
+    """Return the counts of each slot at a place, and their sum; near places have other counts."""
+    counts = [(place * (slot + 3) + slot * slot) % 7 for slot in range(design.slots)]
+    # one slot always has events, so that no place is empty
+    counts[place % design.slots] += 9
+    return counts, sum(counts)
+
+
+# Corner cases of the RAM: arrays that reach up to the next one or to the end of the RAM.
+
+
+def ram_cases(plain: Design, adaptive: Design) -> list[Case]:
+    """Make the corner cases of the RAM.
+
+    Parameters
+    ----------
+    plain, adaptive : Design
+        Both have the place filter, and the second has own-mean codes.
+    """
+    route = [0, 1, 2, 3, 4, 5, 6, 7]
+    eight = replace(plain, places=8, exclusion=1, keep_distances=True)
+    # the means take a multiple of 16 bytes, if there are enough pixels
+    full = replace(adaptive, pixels=adaptive.pixels // 4 * 4 or adaptive.pixels, exclusion=1)
+    sequences = replace(full, matching="sequence", length=2, trust=0)
+    variants = {
+        "own_means_fill_the_ram": full,
+        "own_means_behind_distances": replace(full, keep_distances=True),
+        # four sums fill their room, five need more
+        "own_means_behind_four_sums": replace(sequences, exclusion=3),
+        "own_means_behind_five_sums": replace(sequences, exclusion=4),
+    }
+    # no mean is zero, so that a mean that another array overwrites is noticed
+    high = [min(2 * 256 + 128 * (slot % 3), full.entry_max) for slot in range(full.slots)]
+    return [
+        drive("distances_fill_the_ram", eight, route),
+        *(drive(name, variant, route, high) for name, variant in variants.items()),
+    ]
+
+
+# Corner cases of the place filter and of own-mean codes: drives through small maps.
+
+
+def filter_cases(design: Design) -> list[Case]:
+    """Make the cases of the suite ``filter``.
+
+    Parameters
+    ----------
+    design : Design
+        The cases change it to have the filter, own-mean codes, or both.
+    """
+    adaptive = replace(design, matching="filter", length=1, places=12)
+    plain = adaptive
+    if design.own_mean:
+        plain = replace(adaptive, code="log", full_scales=(0,))
+    else:
+        bits = min(design.code_bits, 8)
+        adaptive = replace(adaptive, code="own-mean", code_bits=bits, full_scales=(0,))
+    return [
+        *(drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
+        *_pauses(plain),
+        *_thresholds(plain),
+        *_means(adaptive),
+        *evidence_cases(plain),
+        *ram_cases(plain, adaptive),
+        *adaptive_event_cases(adaptive),
+    ]
+
+
+def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
+    """Return drives by name: a design, and the places that the windows show."""
+    last = design.places - 1
+    forward = replace(design, steps=(1, 0, 1), back=(), restart=16, exclusion=1)
+    back = replace(forward, back=(2, 5), steps=(1, 0, 2, 3, 4, 6))
+    dear = replace(forward, steps=(254,), back=(254,), restart=254)
+    long = replace(forward, places=40)
+    walk = [0, 1, 2, 2, 3, 4, 6, 7, 7, 9, 10, 11, last]
+    jumps = [0, 1, 2, 2, 2, 8, 8, 8, 3, 3, 3, last, last, last, 0, 0, 0]
+    backwards = [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 10, 7, 7, 4, 4]
+    return {
+        "walk": (forward, walk),
+        "walk_of_kept_distances": (replace(forward, keep_distances=True), walk),
+        "jumps": (forward, jumps),
+        "by_one_too_many": (forward, [0, 0, 3, 3, 3, 2, 2, 4, 4, 5, 5, 4, 4, 8, 8, 7, 7]),
+        "backwards": (back, backwards),
+        "backwards_of_kept_distances": (replace(back, keep_distances=True), backwards),
+        "by_one_too_many_back": (back, [8, 8, 5, 5, 5, 4, 4, 2, 2, 8, 8, 8, 1, 1, 7, 7, 7]),
+        "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
+        "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
+        "by_three_places": (replace(forward, steps=(1, 0, 0, 1)), [0, 3, 6, 9, 9, 0, 3, 3]),
+        # only the longest step is free; the drives begin at the first place
+        "by_four_places": (replace(forward, steps=(9, 9, 9, 9, 0)), [0, 4, 8, 8, 0, 4]),
+        "by_five_places": (replace(forward, steps=(9, 9, 9, 9, 9, 0)), [0, 5, 10, 10, 0, 5]),
+        "free_way_back": (replace(forward, back=(9, 0)), [0, 0, last - 1, last, last, last - 2]),
+        "dear_near_steps": (replace(dear, back=()), [0, 0, 5, 5, 11, 0, 3, 3]),
+        "free_steps": (replace(forward, steps=(0, 0, 0), restart=0), jumps),
+        "sixteen_steps": (
+            replace(long, steps=tuple(range(16)), back=tuple(range(16)), restart=40),
+            [0, 10, 25, 39, 39, 24, 12, 12, 0],
+        ),
+        "several_blocks": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
+        "one_place_of_a_filter": (replace(forward, places=1), [0, 0, 0]),
+        "two_places": (replace(forward, places=2, exclusion=0), [0, 1, 1, 0]),
+        "three_places": (replace(forward, places=3, exclusion=0), [0, 2, 1, 0, 2]),
+        "four_places": (replace(forward, places=4, exclusion=0, steps=(1, 0, 1, 1)), [3, 0, 3, 1]),
+        "zone_covers_the_filter": (replace(forward, exclusion=11), [0, 1, 2]),
+        "by_margin": (replace(forward, accept="margin", margin=9), walk),
+        "by_ratio": (replace(forward, accept="ratio", ratio=(1, 2)), walk),
+    }
+
+
+def _pauses(design: Design) -> list[Case]:
+    forward = replace(design, exclusion=1)
+    route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
+    # usual activity so high that the first windows are pauses although they have events
+    total = max(counts_at(forward, place)[1] for place in range(forward.places))
+    busy = min((total << 12) + (total << 8), 0x7FFF_FF00)
+    cases = [
+        drive("usually_more_events", forward, list(range(12)), None, busy),
+        drive("places_alike", forward, [0, 1, 2, 3], alike=True),
+    ]
+    # metrics of eight places fill their room in the RAM
+    eight = replace(forward, places=8)
+    cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
+    # quiet windows of a map with all kinds of steps, which they do not make
+    every_way = replace(forward, steps=(1, 0, 2, 1, 1, 1), back=(1, 1))
+    usual = 3 * (total << (ACTIVITY_BITS + QUIET_SHIFT)) // 2
+    for name, keeps in {"quiet": False, "quiet_of_kept_distances": True}.items():
+        of_map = replace(every_way, keep_distances=keeps)
+        cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, usual))
+    if design.window == "time":
+        cases.append(drive("pauses", forward, route))
+        kept = replace(forward, keep_distances=True, back=(1, 2))
+        cases.append(drive("pauses_of_kept_distances", kept, route))
+    return cases + _limits(forward)
+
+
+def _limits(design: Design) -> list[Case]:
+    """Make the cases with windows that have just enough events, and just too few."""
+    cases, every = [], list(range(design.places))
+    for shift, too_few, enough in (
+        (PAUSE_SHIFT, "pause", "busy"),
+        (QUIET_SHIFT, "quiet", "lively"),
+    ):
+        at = _activity_at_limit(design, 6, shift)
+        # usual events whose lowest bits are not 0, but whose lowest bit is
+        by_two = _activity_at_limit(design, 6, shift, above=2)
+        cases += [
+            drive(f"{too_few}_at_threshold", design, every, None, at),
+            drive(f"{enough}_at_threshold", design, every, None, at - 1),
+            drive(f"{too_few}_by_two", design, every, None, by_two),
+        ]
+        # the first window, whose usual number is the initial one
+        first = counts_at(design, 0)[1]
+        if design.window == "count":
+            first = max(counts_at(design, place)[1] for place in every)
+        at = min(first << (ACTIVITY_BITS + shift), 0x7FFF_FEFF)
+        named = "pauses" if too_few == "pause" else too_few
+        cases += [
+            drive(f"first_{enough}", design, every[:3], None, at),
+            drive(f"first_{named}", design, every[:3], None, at + 1),
+        ]
+    by_eight = _activity_at_limit(design, 6, PAUSE_SHIFT, above=8 << ACTIVITY_BITS)
+    return [*cases, drive("pause_by_eight_events", design, every, None, by_eight)]
+
+
+def _activity_at_limit(design: Design, window: int, shift: int, above: int = 1) -> int:
+    """Find the lowest initial activity with which a window of a drive by all places has too few.
+
+    Too few is less than ``1 / 2**shift`` of the usual number of events. That number is then `above`
+    the one with which the window has enough, in 1/256 event.
+    """
+    events = [counts_at(design, place)[1] for place in range(design.places)]
+    if design.window == "count":
+        events = [max(events)] * len(events)
+
+    def has_too_few(start: int) -> bool:
+        activity = ActivityModel(start)
+        for number in events[:window]:
+            activity.update(number)
+        return activity.usual >= (events[window] << (ACTIVITY_BITS + shift)) + above
+
+    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=has_too_few)
+
+
+def _thresholds(design: Design) -> list[Case]:
+    """Set the threshold of trust to a value that occurs, and to one above it."""
+    forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
+    route = [0, 1, 2, 3, 4, 5, 6]
+    told = [match.trust for match in drive("", forward, route).trace().matches]
+    trust = min(max(told[4] or 0, 1), 0x3FEF)
+    return [
+        drive("trusted", replace(forward, trust=trust), route),
+        drive("distrusted", replace(forward, trust=trust + 1), route),
+    ]
+
+
+def _means(design: Design) -> list[Case]:
+    """Make the cases that move means by all shifts, up and down, past both ends of the code."""
+    few = replace(design, places=4, exclusion=1)
+    sequences = replace(few, matching="sequence", length=2, trust=0)
+    slots = range(design.slots)
+    high = [min(4 * 256, design.entry_max) * (slot % 2) for slot in slots]
+    route = [0, 1, 2, 3]
+    cases = [
+        drive("own_means", design, [*range(12)] * 2, high),
+        drive("own_means_of_sequences", sequences, route * 3, high),
+        drive("all_shifts", few, route * 130, high),
+        drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
+        *_halves(few),
+        _late_shifts(few),
+    ]
+    if design.window == "time":
+        cases.append(drive("means_and_pauses", few, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
+    return cases
+
+
+def _halves(design: Design) -> list[Case]:
+    """Make a case with means at half a unit of a logarithm, or just below, where rounding matters.
+
+    With a full scale of 1 to 3 there is no such case, because no code depends on the rounding.
+    """
+    half = 1 << (MEAN_BITS - 1)
+    ways = [way for end in (half, half - 1) if (way := _way_to_half(design, end)) is not None]
+    if len(ways) < 2:
+        return []
+    chosen = [ways[slot % 2] for slot in range(design.slots)]
+    means = [mean for mean, _ in chosen]
+    windows = [[counts[i] for _, counts in chosen] for i in range(3)]
+    return [_counted("means_of_halves", design, means, windows)]
+
+
+def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] | None:
+    """Find a mean and two counts that move it to `end` above a whole unit, and a third count.
+
+    Returns
+    -------
+    mean : int
+    counts : tuple of int
+        The third count has another code if the mean is rounded the other way.
+
+    None is returned if there are none.
+    """
+    levels, unit = design.tables[0], 1 << LEVEL_BITS
+    counts = range(1, min(60, len(levels)))  # higher counts have the level of the full scale
+    pairs = list(product(counts[:7], counts[:7]))
+    totals = np.empty((3 * unit, len(pairs)), np.int64)  # of all means at once
+    for column, pair in enumerate(pairs):
+        running = RunningMean(np.arange(3 * unit))
+        for count in pair:
+            running.update(np.array(levels[count]))
+        totals[:, column] = running.total
+    for mean, column in np.argwhere(totals % (1 << MEAN_BITS) == end).tolist():
+        whole = int(totals[mean, column]) >> MEAN_BITS
+        for count in counts:
+            if (levels[count] - whole) % unit == unit // 2 and 0 <= levels[count] - whole < unit:
+                return mean, (*pairs[column], count)
+    return None
+
+
+def _late_shifts(design: Design) -> Case:
+    """Keep the means constant until the shift is the last one, then move them by several codes."""
+    quiet = [[1] * design.slots] * ((1 << (LAST_SHIFT + 1)) - (1 << FIRST_SHIFT) + 20)
+    # at these counts, the codes of 1 to 3 octaves change at different windows
+    loud = [[(1, 6, 11, 40, 60)[slot % 5] for slot in range(design.slots)]] * 90
+    return _counted("late_shifts", design, [design.tables[0][1]] * design.slots, quiet + loud)
+
+
+def _counted(name: str, design: Design, means: list[int], windows: list[list[int]]) -> Case:
+    """Show windows of these counts; the map holds the last windows, newest first."""
+    pixels = choose_pixels(design)
+    if design.window == "count":
+        design = replace(design, window_events=max(map(sum, windows)))
+    stream = Stream.showing(design, pixels, windows)
+    codes = shown_codes(stream, mean=means)
+    places = [codes[-1 - place % len(codes)] for place in range(design.places)]
+    memories = Memories(design, pixels, places, None, None, means)
+    return Case(name, memories, tuple(stream.events))

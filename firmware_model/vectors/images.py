@@ -3,20 +3,284 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Self
 
-from firmware_model.image import Word
-from firmware_model.vectors.adaptive_images import accepted_adaptive, refused_adaptive
-from firmware_model.vectors.image_draft import (
-    NOBODY,
-    Draft,
-    Named,
-    base,
-    deep_draft,
-    each,
-    one_pixel_draft,
-)
-from firmware_model.vectors.image_layouts import refused_layouts
+from firmware_model.errors import DesignError, VectorError
+from firmware_model.image import ALIGNMENT, HEADER_WORDS, TABLES, Word, image, ram_bytes
+from firmware_model.model.design import Design
+from firmware_model.model.memories import Memories
+from firmware_model.vectors.case import Case, in_order, records, to_binary
+
+# Drafts of images, whose header and tables can be changed before they are packed.
+
+
+#: owner of an unused entry of the look-up
+NOBODY = 0xFFFF_FFFF
+
+#: pairs of a name and an image
+Named = Iterator[tuple[str, bytes]]
+
+
+class Draft:
+    """Image under construction: header words and tables, which are laid out when it is packed."""
+
+    def __init__(self, data: bytes) -> None:
+        self.words = list(struct.unpack_from(f"<{HEADER_WORDS}I", data))
+        offsets = [self.words[word] for word in TABLES]
+        ends = [*offsets[1:], len(data)]
+        self.tables = {
+            word: bytearray(data[at:end])
+            for word, at, end in zip(TABLES, offsets, ends, strict=True)
+        }
+
+    def header(self, **changes: int) -> Self:
+        """Change words of the header; the tables stay as they are."""
+        for name, value in changes.items():
+            self.words[Word[name.upper()]] = value
+        return self
+
+    def poke(self, table: Word, form: str, index: int, value: int) -> Self:
+        """Change an entry of a table; a negative index counts from its end."""
+        size = struct.calcsize(form)
+        at = index * size if index >= 0 else len(self.tables[table]) + index * size
+        struct.pack_into(f"<{form}", self.tables[table], at, value)
+        return self
+
+    def grow(self, table: Word, size: int) -> Self:
+        """Extend a table with zeros to a number of bytes."""
+        self.tables[table] = self.tables[table].ljust(size, b"\0")
+        return self
+
+    def pack(self, gap: int = 0) -> bytes:
+        """Lay the tables out with `gap` unneeded bytes before each, and return the image."""
+        body = b""
+        for word in TABLES:
+            body += bytes(gap)
+            self.words[word] = HEADER_WORDS * 4 + len(body)
+            table = bytes(self.tables[word])
+            body += table.ljust(-(-len(table) // ALIGNMENT) * ALIGNMENT, b"\0")
+        self.words[Word.BYTES] = HEADER_WORDS * 4 + len(body)
+        return self.raw(body)
+
+    def raw(self, body: bytes) -> bytes:
+        """Return the header as it is, followed by a body."""
+        return struct.pack(f"<{HEADER_WORDS}I", *self.words) + body
+
+
+#: three pixels of both polarities, two code tables for counts up to 3, and six places; every table
+#: except that of the places has padding
+BASE = Design(
+    width=9, height=5, pixels=3, polarity=True, code="linear", code_bits=2, full_scales=(3, 2),
+    places=6, length=2, exclusion=1, timestamp_bits=16, tau_us=1000, lookup_depth=16,
+)  # fmt: skip
+PIXELS = ((8, 0), (3, 2), (4, 2))  # in no pixel of the last two rows
+
+
+def base() -> Draft:
+    """Draft an image of `BASE`."""
+    places = [[(k + slot) % 4 for slot in range(BASE.slots)] for k in range(BASE.places)]
+    return Draft(image(Memories(BASE, PIXELS, places, [0, 1, 0, 1, 0, 1])))
+
+
+def each(words: Callable[..., tuple[str, bytes]], word: str, *values: int) -> Named:
+    """Yield an image for each of some values of one word of the header."""
+    for value in values:
+        yield words(**{word: value})
+
+
+def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
+    """Draft an image of a design of one pixel at the origin; `changes` go to the design."""
+    values = {"pixels": 1, "places": 1, "length": 1, "polarity": False}
+    design = Design(**(BASE.to_dict() | values | {"width": width} | changes))
+    count = design.pixels
+    pixels = [(i % design.width, i // design.width) for i in range(count)]
+    return Draft(image(Memories(design, pixels, [[0] * design.slots] * design.places)))
+
+
+def deep_draft(depth: int) -> Draft:
+    """Draft an image whose look-up has `depth` entries, with its pixel at the first one."""
+    draft = one_pixel_draft(1, height=1).header(lookup_depth=depth)
+    draft.tables[Word.LOOKUP_TABLE][:] = struct.pack("<IHH", NOBODY, 0, 0) * depth
+    draft.poke(Word.LOOKUP_TABLE, "Q", 0, 0)
+    return draft.poke(Word.DISPLACEMENT_TABLE, "H", 0, 0)
+
+
+# Images with the place filter and own-mean codes: each field at its limits and beyond.
+
+
+#: largest activity, price and logarithm that an image may have
+_ACTIVITY, _PRICE, _LEVEL = 0x7FFF_FF00, 1016, 4096
+
+
+def adaptive(**changes: object) -> Draft:
+    """Draft an image of `BASE` with the filter and own-mean codes; `changes` go to the design."""
+    values = {"matching": "filter", "length": 1, "code": "own-mean", "full_scales": [3]}
+    values |= {"steps": [1, 0, 2], "back": [3], "restart": 9, "trust": 5}
+    design = Design(**(BASE.to_dict() | values | changes))
+    places = [[(k + slot) % 4 for slot in range(design.slots)] for k in range(design.places)]
+    mean = [256 * (slot % 2) for slot in range(design.slots)] if design.own_mean else None
+    pixels = (*PIXELS, *((x, 1) for x in range(8)))[: design.pixels]
+    return Draft(image(Memories(design, pixels, places, mean=mean, activity=99)))
+
+
+def _adaptive_words(**changes: int) -> tuple[str, bytes]:
+    name = "_".join(f"{word}_{value}" for word, value in changes.items())
+    return f"adaptive_{name}", adaptive().header(**changes).pack()
+
+
+def accepted_adaptive() -> Named:
+    """Yield the names and bytes of images that must open."""
+    yield "filter_and_own_mean", adaptive().pack()
+    yield "filter_alone", adaptive(code="linear", full_scales=[3, 2]).pack()
+    own = {"matching": "sequence", "length": 2, "trust": 0}
+    yield "own_mean_alone", adaptive(**own).pack()
+    yield _adaptive_words(steps=1)
+    yield _adaptive_words(back=0)
+    yield from each(_adaptive_words, "restart", 0, _PRICE)
+    yield _adaptive_words(keep_distances=1)
+    yield from each(_adaptive_words, "trust", 0, 0x3FF0)
+    yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
+    # a metric has 10 bits, so that its product with any ratio fits
+    yield _adaptive_words(accept=1, ratio_denominator=0xFFFF)
+    yield "sixteen_steps", _many(16, 16).pack()
+    yield "price_at_its_limit", adaptive().poke(Word.PRICE_TABLE, "H", 3, _PRICE).pack()
+    yield "level_at_its_limit", adaptive().poke(Word.CODE_TABLE, "H", 3, _LEVEL).pack()
+    padded = adaptive().grow(Word.CODE_TABLE, 16).poke(Word.CODE_TABLE, "H", 4, 0xFFFF)
+    yield "padding_behind_the_levels", padded.pack()
+    yield "mean_at_its_limit", adaptive().poke(Word.MEAN_TABLE, "H", 5, _LEVEL).pack()
+    wide = adaptive(code_bits=8, accept="ratio", ratio=(65_534, 65_535))
+    yield "eight_bits_of_own_mean", wide.pack()
+    one = adaptive().header(own_mean=1, code_max=1)
+    one.tables[Word.PLACES_TABLE][:] = bytes(len(one.tables[Word.PLACES_TABLE]))
+    yield "one_bit_of_own_mean", one.pack()
+
+
+def _many(steps: int, back: int) -> Draft:
+    return adaptive().header(steps=steps, back=back).grow(Word.PRICE_TABLE, 2 * (steps + back))
+
+
+def _cut_means() -> bytes:
+    """Cut the image off after the first 32 bytes of its means."""
+    draft = adaptive(pixels=11, code_bits=2, lookup_depth=32)
+    whole = draft.pack()
+    cut = draft.words[Word.MEAN_TABLE] + 32
+    draft.header(bytes=cut)
+    return draft.raw(whole[HEADER_WORDS * 4 : cut])
+
+
+def refused_adaptive() -> Named:
+    """Yield the names and bytes of images that must not open."""
+    yield "seventeen_steps", _many(17, 1).pack()
+    yield "seventeen_back", _many(1, 17).pack()
+    yield from each(_adaptive_words, "steps", 0xFFFF_FFFF, 0)
+    yield from each(_adaptive_words, "length", 2, 6)
+    yield _adaptive_words(restart=_PRICE + 1)
+    yield _adaptive_words(keep_distances=2)
+    yield _adaptive_words(trust=0x3FF1)
+    yield from each(_adaptive_words, "own_mean", 9, 3, 1)
+    yield _adaptive_words(own_mean=33, code_max=1)
+    yield _adaptive_words(own_mean=3, code_max=6)
+    yield from each(_adaptive_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
+    two = adaptive().header(codes=2).grow(Word.CODE_TABLE, 2 * 2 * 4)
+    yield "two_tables_of_own_means", two.pack()
+    # header words of parts that the design does not have must be zero
+    for word in ("back", "restart", "keep_distances", "trust", "activity"):
+        changed = base().grow(Word.PRICE_TABLE, 16).header(**{word: 1})
+        yield f"sequences_with_{word}", changed.pack()
+    for name, table, count, most in (
+        ("price", Word.PRICE_TABLE, 4, _PRICE),
+        ("level", Word.CODE_TABLE, 4, _LEVEL),
+        ("mean", Word.MEAN_TABLE, 6, _LEVEL),
+    ):
+        for which, at in (("first", 0), ("last", count - 1)):
+            yield f"{which}_{name}_beyond", adaptive().poke(table, "H", at, most + 1).pack()
+    code = adaptive(code="linear", full_scales=[3, 2]).poke(Word.CODE_TABLE, "B", 7, 4)
+    yield "code_of_a_filter_beyond", code.pack()
+    yield "place_of_a_filter_beyond", adaptive().poke(Word.PLACES_TABLE, "B", 0, 4).pack()
+    # tables that begin at the end of the image, so that their entries lie behind it
+    for name, table in (("prices", Word.PRICE_TABLE), ("means", Word.MEAN_TABLE)):
+        draft = adaptive()
+        whole = draft.pack()
+        draft.header(**{table.name.lower(): len(whole)})
+        yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
+    # nine prices reach into the means, whose values would be valid prices
+    yield "prices_reach_the_means", adaptive().header(steps=5, back=4).pack()
+    yield "means_end_behind_the_image", _cut_means()
+    levels = adaptive().header(count_max=8)
+    yield "levels_reach_the_next_table", levels.pack()
+
+
+# Images that are cut off, or whose tables are unaligned, overlap, or lie outside.
+
+
+def refused_layouts() -> Named:
+    """Yield names and images whose tables lie at forbidden places."""
+    whole = base().pack()
+    header, end = HEADER_WORDS * 4, len(whole)
+    for size in (0, 4, 64, 112, header - 4, header, end - 16, end - 4):
+        yield f"cut_to_{size}", whole[:size]
+        cut = bytearray(whole[:size])
+        if size >= 12:
+            struct.pack_into("<I", cut, Word.BYTES * 4, size)
+            yield f"cut_to_{size}_and_says_so", bytes(cut)
+    yield "longer_than_it_says", whole + bytes(16)
+    whole = adaptive().pack()  # an image with all tables
+    for i, word in enumerate(TABLES):
+        at, end = struct.unpack_from("<I", whole, word * 4)[0], len(whole)
+        before = HEADER_WORDS * 4 if i == 0 else struct.unpack_from("<I", whole, word * 4 - 4)[0]
+        for wrong in sorted({0, at - 16, at + 1, at + 8, before - 16, end, end + 16, 0xFFFF_FFF0}):
+            moved = bytearray(whole)
+            struct.pack_into("<I", moved, word * 4, wrong)
+            yield f"{word.name.lower()}_at_{wrong}", bytes(moved)
+    yield "unaligned", _unaligned()
+    yield "overlap", _overlapping()
+    yield "table_in_the_header", _in_the_header()
+    # a table in the last words of the header, which are zero: a valid displacement
+    draft = deep_draft(16)
+    body = draft.pack()[HEADER_WORDS * 4 :]
+    yield "table_in_the_last_words", draft.header(displacement_table=112).raw(body)
+    yield "displacement_reaches_the_lookup", deep_draft(16).header(height=9).pack()
+    short = deep_draft(16).header(code_max=255)
+    # the bytes that follow would be valid as the last two entries
+    del short.tables[Word.LOOKUP_TABLE][14 * 8 :]
+    short.tables[Word.CODE_TABLE][:] = b"\xff" * 16
+    yield "lookup_reaches_the_codes", short.pack()
+
+
+def _unaligned() -> bytes:
+    """Move the places by eight bytes, and make the image longer by sixteen."""
+    draft = base()
+    whole = draft.pack()
+    at = draft.words[Word.PLACES_TABLE]
+    end = len(whole) + 16
+    draft.header(places_table=at + 8, price_table=end, mean_table=end, bytes=end)
+    return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:] + bytes(8))
+
+
+def _in_the_header() -> bytes:
+    """Put the displacements on the header's offset of the places, so that its low half is read."""
+    draft = deep_draft(1 << 16)
+    draft.pack()
+    address = draft.words[Word.PLACES_TABLE] & 0xFFFF
+    draft.poke(Word.LOOKUP_TABLE, "Q", 0, NOBODY).poke(Word.LOOKUP_TABLE, "Q", address, 0)
+    whole = draft.pack()
+    draft.header(displacement_table=Word.PLACES_TABLE * 4)
+    return draft.raw(whole[HEADER_WORDS * 4 :])
+
+
+def _overlapping() -> bytes:
+    """Put the table of code choices on the codes; all bytes are zero, which is valid for both."""
+    draft = base()
+    draft.tables[Word.WHICH_CODE_TABLE][:] = bytes(16)
+    draft.tables[Word.CODE_TABLE][:] = bytes(16)
+    whole = draft.pack()
+    draft.header(which_code_table=draft.words[Word.CODE_TABLE])
+    return draft.raw(whole[HEADER_WORDS * 4 :])
+
+
+# Images that `vpr_open` must accept or refuse: fields at their limits, and kinds of damage.
 
 
 @dataclass(frozen=True)
@@ -211,3 +475,38 @@ def _product(pixels: int, code_max: int, length: int, denominator: int) -> bytes
     draft.header(code_max=code_max, length=length, places=length)
     draft.header(accept=denominator // 2, ratio_denominator=denominator)
     return draft.grow(Word.PLACES_TABLE, length * draft.words[Word.STRIDE]).pack()
+
+
+# One file of all cases, which ``c/vectors_main.c`` runs in one process.
+
+
+def bundle(images: Sequence[ImageCase], cases: Iterable[Case]) -> bytes:
+    """Pack images and cases for the program ``vectors_main.c``.
+
+    Parameters
+    ----------
+    images : sequence of ImageCase
+    cases : iterable of Case
+        Cases beyond the reference firmware's limits are left out.
+    """
+    parts = [struct.pack("<I", len(images))]
+    for one in images:
+        parts += [struct.pack("<I", one.opens), packed_block(one.image)]
+    packed = [data for case in cases if (data := _case(case)) is not None]
+    return b"".join([*parts, struct.pack("<I", len(packed)), *packed])
+
+
+def _case(case: Case) -> bytes | None:
+    try:
+        flash, events = image(case.memories), case.event_bytes()
+    except (DesignError, VectorError):
+        return None
+    expected = to_binary(records(in_order(case.trace())))
+    start = case.start % (1 << 32)
+    head = struct.pack("<II", start, ram_bytes(case.design))
+    return head + packed_block(flash) + packed_block(events) + packed_block(expected)
+
+
+def packed_block(data: bytes) -> bytes:
+    """Return the length of the data, the data, and zeros up to a whole word."""
+    return struct.pack("<I", len(data)) + data + bytes(-len(data) % 4)

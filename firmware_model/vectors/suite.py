@@ -5,25 +5,27 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from firmware_model.design import Design
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.hardware.parameters import PACKAGE, package
 from firmware_model.hardware.sources import SIMULATED, copy_sources
 from firmware_model.image import image
+from firmware_model.model.design import Design, widths_of
+from firmware_model.model.machine import Trace
+from firmware_model.model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import Case, in_order, records, to_binary
-from firmware_model.vectors.case_files import arrays, csv_files, word_tables
-from firmware_model.vectors.corners import corner_cases
-from firmware_model.vectors.coverage import CORNERS, watched_trace
-from firmware_model.vectors.filter_corners import filter_cases
-from firmware_model.vectors.filter_coverage import FILTER_CORNERS
+from firmware_model.vectors.corners import corner_cases, filter_cases
+from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, watched_trace
+from firmware_model.vectors.formats import Packing, Table
 from firmware_model.vectors.manifest import (
     MANIFEST,
     RTL_FOLDER,
@@ -32,9 +34,176 @@ from firmware_model.vectors.manifest import (
     Manifest,
     SuiteEntry,
 )
-from firmware_model.vectors.memory_words import MEMORIES
 from firmware_model.vectors.random_cases import random_cases
-from firmware_model.widths import widths_of
+
+# Contents of a device's memories, word by word, and the meaning of the bits of a word.
+
+
+#: names of the memories, which are also the names of their files
+MEMORIES = ("displacement", "lookup", "codes", "code_tables", "places")
+
+
+def memory_words(memories: Memories) -> dict[str, tuple[Packing, Table]]:
+    """Pack the contents of every memory.
+
+    Returns
+    -------
+    dict of str to (Packing, Table)
+        By the names of `MEMORIES`, in that order.
+    """
+    design, lookup = memories.design, memories.lookup()
+    bits = widths_of(design)
+    entry = Packing((("slot", bits["slot"]), ("owner", bits["owner"])))
+    entries = zip(lookup.slot, lookup.owner, strict=True)
+    words = {
+        "displacement": _single("address", bits["address"], lookup.displacement),
+        "lookup": (entry, formats.pack(entry, entries)),
+        "codes": _single("code", bits["entry"], tuple(chain(*memories.codes))),
+        "code_tables": _single("table", bits["table"], memories.tables),
+        "places": descriptor_words(memories, memories.places),
+    }
+    if design.own_mean:
+        words["means"] = _single("mean", bits["entry"], memories.mean)
+    return words
+
+
+def descriptor_words(
+    memories: Memories, descriptors: tuple[tuple[int, ...], ...]
+) -> tuple[Packing, Table]:
+    """Pack descriptors, as many codes a word as the design has lanes.
+
+    Parameters
+    ----------
+    memories : Memories
+    descriptors : tuple of tuple of int, shape (n, slots)
+
+    Returns
+    -------
+    Packing, Table
+        Lane 0 is in the least significant bits; zeros fill up the last word of each descriptor.
+    """
+    lanes, bits = memories.design.lanes, memories.design.code_bits
+    rows = (formats.lanes(codes, lanes, bits) for codes in descriptors)
+    packing = Packing(tuple((f"lane_{lane}", bits) for lane in range(lanes)))
+    return packing, Table(lanes * bits, tuple(chain.from_iterable(rows)))
+
+
+def _single(name: str, bits: int, values: tuple[int, ...]) -> tuple[Packing, Table]:
+    packing = Packing(((name, bits),))
+    return packing, formats.pack(packing, ((value,) for value in values))
+
+
+# The contents of a case's files: words of memories, CSV and arrays.
+
+
+def word_tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
+    """Return everything that is written as words, and the fields of these words."""
+    design = case.design
+    bits = widths_of(design)
+    time_bits = 32 if design.timestamp_bits <= 32 else 64
+    event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
+    seen = (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"]))
+    match = (
+        ("window", 32),
+        ("place", bits["place"]),
+        ("sum", bits["sum"]),
+        ("has_second", 1),
+        ("second", bits["place"]),
+        ("second_sum", bits["sum"]),
+        ("ties", bits["place"]),
+        ("accepted", 1),
+        *([("trust", bits["trust"])] if design.filters else []),
+    )
+    rows: dict[str, tuple[tuple[tuple[str, int], ...], Iterable[Sequence[int]]]] = {
+        "start": ((("t", time_bits),), [(case.start % (1 << design.timestamp_bits),)]),
+        "events": (event, case.events),
+        "expected_events": (
+            seen,
+            [(r.slot is not None, r.slot or 0, r.counted) for r in done.events],
+        ),
+        "expected_matches": (
+            match,
+            [
+                (
+                    *(m.window, m.place, m.sum, m.second is not None),
+                    *(m.second or 0, m.second_sum or 0, m.ties, m.accepted),
+                    *(() if m.trust is None else (m.trust,)),
+                )
+                for m in done.matches
+            ],
+        ),
+    }
+    if design.filters or design.own_mean:
+        rows["activity"] = ((("activity", bits["activity"]),), [(case.memories.activity,)])
+    packed = memory_words(case.memories)
+    for name, (fields, values) in rows.items():
+        packing = Packing(fields)
+        integers = (tuple(map(int, row)) for row in values)
+        packed[name] = packing, formats.pack(packing, integers)
+    windows = tuple(window.codes for window in done.windows)
+    packed["expected_windows"] = descriptor_words(case.memories, windows)
+    return packed
+
+
+_EVENT = ("event", "slot", "count")
+_MATCH = ("window", "place", "sum", "second", "second_sum", "ties", "accepted")
+
+
+def _match_columns(design: Design) -> tuple[str, ...]:
+    return (*_MATCH, "trust") if design.filters else _MATCH
+
+
+def csv_files(case: Case, done: Trace) -> dict[str, str]:
+    """Return the tables of a case and of its results as CSV text."""
+    slots = range(case.design.slots)
+    numbered: dict[str, list[tuple[int, ...]]] = {"event": [], "window": [], "match": []}
+    for kind, values in records(in_order(done)):
+        numbered[kind].append(values)
+    window = ("window", "events", *(f"slot_{slot}" for slot in slots))
+    return {
+        "events.csv": formats.csv(("t", "x", "y", "on"), [tuple(map(int, e)) for e in case.events]),
+        "pixels.csv": formats.csv(("x", "y"), case.memories.pixels),
+        "places.csv": formats.csv([f"slot_{slot}" for slot in slots], case.memories.places),
+        "expected_events.csv": formats.csv(_EVENT, numbered["event"]),
+        "expected_windows.csv": formats.csv(window, numbered["window"]),
+        "expected_matches.csv": formats.csv(_match_columns(case.design), numbered["match"]),
+    }
+
+
+def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the arrays of a case by name; -1 stands for an absent value."""
+    lookup, design = case.memories.lookup(), case.design
+    t, x, y, on = zip(*case.events, strict=True) if case.events else ((),) * 4
+    columns = len(_match_columns(design))
+    matches = [[-1 if v is None else int(v) for v in match[:columns]] for match in done.matches]
+    windows = [window.codes for window in done.windows]
+    ended = [window.events for window in done.windows]
+    shape = (-1, design.slots)
+    return {
+        "t": np.array(t, dtype="<u8"),
+        "x": np.array(x, dtype="<u2"),
+        "y": np.array(y, dtype="<u2"),
+        "on": np.array(on, dtype="?"),
+        "start": np.array(case.start, dtype="<u8"),
+        "pixels": np.array(case.memories.pixels, dtype="<u2"),
+        "displacement": np.array(lookup.displacement, dtype="<u4"),
+        "owner": np.array(lookup.owner, dtype="<u4"),
+        "slot": np.array(lookup.slot, dtype="<u4"),
+        "codes": np.array(case.memories.codes, dtype="<u2"),
+        "code_tables": np.array(case.memories.tables, dtype="u1"),
+        "places": np.array(case.memories.places, dtype="<u2"),
+        "expected_slot": np.array([-1 if r.slot is None else r.slot for r in done.events], "<i4"),
+        "expected_count": np.array([r.counted for r in done.events], dtype="<u4"),
+        "expected_window_events": np.array(ended, dtype="<u4"),
+        "expected_windows": np.array(windows, dtype="<u2").reshape(shape),
+        "expected_matches": np.array(matches, dtype="<i8").reshape(-1, columns),
+        "means": np.array(case.memories.mean, dtype="<u2"),
+        "activity": np.array(case.memories.activity, dtype="<u4"),
+    }
+
+
+# Suites of cases on disk: stimuli, memory images, expected results, and a manifest of them.
+
 
 Suites = Mapping[str, Sequence[Case]]
 

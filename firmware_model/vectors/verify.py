@@ -8,7 +8,7 @@ from pathlib import Path
 
 from firmware_model.errors import VectorError
 from firmware_model.vectors.case import KINDS, NONE, Record, from_binary
-from firmware_model.vectors.folder import load_manifest, read_case_file
+from firmware_model.vectors.manifest import load_manifest, read_case_file
 
 COMPARED = ("event", "window", "match")
 _FIELDS = {

@@ -9,7 +9,7 @@ import pytest
 from numba import njit
 from table import OURS
 
-from edge_vpr.descriptors.counters import count_events
+from edge_vpr.descriptors.counting import count_events
 from edge_vpr.events import Sensor, make_events
 
 SENSOR = Sensor(346, 260)

@@ -15,7 +15,7 @@ import pytest
 from table import OURS
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.stream.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import open_decoder, open_encoder
 
 SENSOR, EVENTS = Sensor(128, 128), 4_000_000
 #: bytes a second of a line of 12 Mbaud, ten bits a byte

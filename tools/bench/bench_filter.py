@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from table import OURS
 
-from edge_vpr.descriptors.descriptors import Descriptors
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.matching.distances import distance_matrix
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.settings import PRESETS, Settings
 
 PLACES, WINDOWS, J = 641, 724, 150

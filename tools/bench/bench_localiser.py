@@ -9,14 +9,13 @@ import pytest
 from numba import njit
 from table import OURS
 
-from edge_vpr.descriptors.counters import count_events
-from edge_vpr.descriptors.descriptors import Descriptors
+from edge_vpr.descriptors.counting import count_events
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.nearest import best_match
+from edge_vpr.matching.distances import ReferenceIndex, best_match
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

@@ -24,11 +24,11 @@ import numpy.typing as npt
 from soak import a_map
 
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.stream.bridge import Bridge
-from edge_vpr.stream.live import LiveLocaliser
-from edge_vpr.stream.protocols import open_decoder, open_encoder
-from edge_vpr.stream.serial_links import VirtualLink
+from edge_vpr.live.bridge import Bridge
+from edge_vpr.live.links import VirtualLink
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.session import LiveLocaliser
+from edge_vpr.online.state import MatchSchedule
 
 SENSOR = Sensor(346, 260)
 #: Time of a frame, and frames between two matches.

@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from soak import a_map
 
-from edge_vpr.descriptors.bursts import BurstFilter
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.live.clock import CONFIRM
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.session import LiveLocaliser
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.stream.live import LiveLocaliser
-from edge_vpr.stream.protocols import open_decoder, open_encoder
-from edge_vpr.stream.timestamp_filter import CONFIRM
 
 SENSOR = Sensor(346, 260)
 HOUR_US = 3_600_000_000

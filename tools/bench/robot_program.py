@@ -11,10 +11,9 @@ import sys
 import time
 
 from edge_vpr import MatchSchedule, ReferenceMap
-from edge_vpr.stream.link_reader import LinkReader
-from edge_vpr.stream.links import open_link
-from edge_vpr.stream.live import LiveLocaliser
-from edge_vpr.stream.protocols import open_decoder
+from edge_vpr.live.links import LinkReader, open_link
+from edge_vpr.live.protocols import open_decoder
+from edge_vpr.live.session import LiveLocaliser
 
 
 def run(port: str, map_path: str, every_us: int, causal_bursts: bool) -> None:

@@ -13,14 +13,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from edge_vpr_tools.sweep.plan import Plan, read_plan
-from edge_vpr_tools.sweep.store import Store
-from edge_vpr_tools.sweep.sweeping import SweepRun, run_sweep
-from edge_vpr_tools.sweep.workers import processes
+from edge_vpr_tools.research.sweep.plan import Plan, read_plan
+from edge_vpr_tools.research.sweep.running import SweepRun, processes, run_sweep
+from edge_vpr_tools.research.sweep.store import Store
 from table import machine
 
 from edge_vpr.recordings import write_recording
-from edge_vpr.simulate import simulate_pair
+from edge_vpr.simulation import simulate_pair
 
 _PLAN = """
 seeds = {seeds}

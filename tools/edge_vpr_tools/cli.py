@@ -1,19 +1,301 @@
-"""The command `edge-vpr`: run a verb, and print errors as one line with an exit code."""
+"""The command `edge-vpr`: its verbs, their parsers and completions, and errors as one line."""
 
 from __future__ import annotations
 
+import argparse
 import importlib
+import math
 import os
+import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+import argcomplete
 
 from edge_vpr import __version__
 from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean
-from edge_vpr_tools.arguments.parser import VerbParser
-from edge_vpr_tools.output.compiling import compiling_noted
-from edge_vpr_tools.output.messages import Verbosity, error_line, verbosity
-from edge_vpr_tools.verbs import EXAMPLES, GENERAL_FLAGS, GROUPS, VERBS, find_verb, module_name
+from edge_vpr_tools.console import Verbosity, compiling_noted, error_line, verbosity
+
+# The commands (verbs) of the command line, by group, each with its one line of help.
+
+
+#: The arguments of `edge-vpr VERB` are in `arguments.VERB_arguments`, which imports nothing heavy.
+#: Its function `run(args)` is in `commands.VERB`, which is imported only when the verb runs. In the
+#: names of these modules, the space in a verb of two words is an underscore.
+GROUPS: dict[str, dict[str, str]] = {
+    "first steps": {
+        "demo": "simulate two drives of a street, map one, match the other, write a report",
+        "simulate": "write simulated recordings of two drives of one route, with ground truth",
+    },
+    "recognise places": {
+        "map": "make a reference map from a recording of one drive",
+        "match": "find the place of the map for each window of another drive",
+        "evaluate": "compare matches with the ground truth: precision, recall, figures",
+        "sweep": "run many settings on many drives, on this machine or on a cluster",
+        "compare": "show the results of several runs and sweeps in one table and one figure",
+        "calibrate": "learn how probable right matches are, from a drive with ground truth",
+    },
+    "recordings": {
+        "info": "show what a recording holds: sensor, events, duration, rate, polarity, faults",
+        "convert": "convert a recording to another format",
+    },
+    "live cameras": {
+        "stream": "localise live from a camera on a serial line, TCP, UDP, a pipe or a file",
+        "bridge": "replay a recording over a serial line or a network, like a camera",
+        "ports": "list the serial ports and the protocol that each device probably uses",
+    },
+    "hardware": {
+        "estimate": "estimate operations, memory, time and modelled energy of a design",
+        "golden": "write test vectors for firmware and FPGA: inputs with exact expected outputs",
+        "golden verify": "check test vectors, and the results of a device against them",
+        "hardware": "write the hardware core of a design as a project for an FPGA board",
+        "profile": "measure speed, latency, memory and, with a power sensor, energy per match",
+        "profile compare": "compare two profiles",
+        "profile trace": "add the energy that an external power meter recorded to a profile",
+    },
+    "this program": {
+        "doctor": "check this machine: libraries, kernels, ports, sensors; show what is missing",
+        "experiment": "repeat an experiment whose figures the documentation quotes",
+        "completion": "print a script by which a shell completes commands and flags",
+    },
+}
+VERBS = {verb: text for verbs in GROUPS.values() for verb, text in verbs.items()}
+
+EXAMPLES = """\
+  edge-vpr demo
+  edge-vpr map monday.raw -o monday.npz
+  edge-vpr match monday.npz tuesday.raw -o results/tuesday
+  edge-vpr evaluate results/tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70"""
+
+
+def module_name(verb: str) -> str:
+    """Return the name of a verb's module in `commands`."""
+    return verb.replace(" ", "_")
+
+
+def find_verb(words: list[str]) -> tuple[str, list[str]]:
+    """Split a command line into its verb and the other words.
+
+    Flags may stand anywhere. ``golden verify`` is taken as the verb of two words, not as ``golden``
+    with an argument.
+
+    Returns
+    -------
+    verb : str
+        Empty if all words are flags. Whether such a verb exists is not checked.
+    rest : list of str
+        All other words, in order.
+    """
+    places = [i for i, word in enumerate(words) if not word.startswith("-")]
+    if not places:
+        return "", words
+    first = places[0]
+    rest = words[:first] + words[first + 1 :]
+    if len(places) > 1:
+        second = places[1]
+        pair = f"{words[first]} {words[second]}"
+        between = words[first + 1 : second]
+        if pair in VERBS and all(word in GENERAL_FLAGS for word in between):
+            del rest[second - 1]
+            return pair, rest
+    return words[first], rest
+
+
+#: flags that every verb has; they may stand before the verb
+GENERAL_FLAGS = ("-h", "--help", "-q", "--quiet", "-v", "--verbose", "--debug")
+
+
+# The argument parser of one verb: no abbreviated flags, hints at typos, all defaults shown.
+
+
+_NEGATIVE = re.compile(r"-\.?\d")
+
+
+class VerbParser(argparse.ArgumentParser):
+    """Parse the arguments of one verb.
+
+    Parameters
+    ----------
+    verb : str
+    examples : str, optional
+        Example commands, one in each line, shown at the end of the help.
+    """
+
+    def __init__(self, verb: str, examples: str = "") -> None:
+        text = VERBS[verb]
+        more = [name for name in VERBS if name.startswith(f"{verb} ")]
+        description = f"{text[0].upper()}{text[1:]}."
+        if more:
+            listed = "\n".join(f"  edge-vpr {name:<16} {VERBS[name]}" for name in more)
+            description += f"\n\nSee also:\n{listed}"
+        super().__init__(
+            prog=f"edge-vpr {verb}",
+            description=description,
+            epilog=f"examples:\n{examples}" if examples else None,
+            formatter_class=_Formatter,
+            allow_abbrev=False,
+            add_help=False,
+        )
+        self.verb = verb
+
+    def add_general_flags(self) -> None:
+        """Add the flags of every verb, as the last group."""
+        group = self.add_argument_group("general")
+        group.add_argument("-h", "--help", action="help", help="show this help and exit")
+        group.add_argument("-q", "--quiet", action="store_true", help="print errors only")
+        group.add_argument("-v", "--verbose", action="store_true", help="print more while running")
+        group.add_argument(
+            "--debug", action="store_true", help="show the Python traceback of an error"
+        )
+
+        self.usage = self._short_usage()
+
+    def _short_usage(self) -> str:
+        """Return the usage line with the required arguments only; the help lists the others."""
+        needed = []
+        for action in self._actions:
+            if action.required and action.option_strings:
+                flag, value = action.option_strings[0], action.metavar or action.dest.upper()
+                needed.append(f"{flag} {value}" + " ..." * (action.nargs == "+"))
+        positional = [
+            str(action.metavar or action.dest.upper())
+            for action in self._actions
+            if not action.option_strings
+        ]
+        return " ".join([self.prog, *positional, *needed, "[FLAGS]"])
+
+    def parse(self, words: Sequence[str]) -> argparse.Namespace:
+        """Parse the words after the verb.
+
+        Raises
+        ------
+        UsageError
+            If an argument is unknown, missing or wrong.
+        """
+        for action in self._actions:
+            action.type = _checked(action)
+        words = self._joined(words)
+        self._refuse_unknown_flags(words)
+        children = [name.split()[1] for name in VERBS if name.startswith(f"{self.verb} ")]
+        if children and words and not words[0].startswith("-"):
+            self.error(f"unexpected argument {words[0]!r}{did_you_mean(words[0], children)}")
+        args, left = self.parse_known_args(words)
+        if left:
+            self.error(f"unexpected argument {left[0]!r}")
+        return args
+
+    def error(self, message: str) -> NoReturn:
+        """Raise the error that argparse would print.
+
+        Raises
+        ------
+        UsageError
+        """
+        message = message.removeprefix("argument ")
+        raise UsageError(f"{self.verb}: {message} (edge-vpr {self.verb} --help shows all)")
+
+    def _joined(self, words: Sequence[str]) -> list[str]:
+        """Join a flag with a value such as -1s, which argparse would take for another flag."""
+        joined: list[str] = []
+        for word in words:
+            action = self._option_string_actions.get(joined[-1]) if joined else None
+            takes_one = action is not None and action.nargs is None
+            if takes_one and _NEGATIVE.match(word):
+                joined[-1] += f"={word}" if joined[-1].startswith("--") else word
+            else:
+                joined.append(word)
+        return joined
+
+    def _refuse_unknown_flags(self, words: Sequence[str]) -> None:
+        """Raise for an unknown flag, before argparse reports a missing one in its place."""
+        known = self._option_string_actions
+        for word in words:
+            if word == "--":
+                return
+            if not word.startswith("-") or word == "-" or _NEGATIVE.match(word):
+                continue
+            flag = word.partition("=")[0]
+            short = not word.startswith("--") and word[:2] in known
+            if flag not in known and not short:
+                longs = [name for name in known if name.startswith("--")]
+                self.error(f"there is no flag {flag}{did_you_mean(flag, longs)}")
+
+
+class _Formatter(argparse.RawDescriptionHelpFormatter):
+    """Show the default of every flag that has one."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30, width=100)
+
+    def _get_help_string(self, action: argparse.Action) -> str:
+        text = action.help or ""
+        if takes_value(action) and not action.required and "default" not in text:
+            if action.default in (None, []):
+                return f"{text} (default: none)"
+            return f"{text} (default: %(default)s)"
+        return text
+
+
+def takes_value(action: argparse.Action) -> bool:
+    """Return whether an action is a flag that takes a value."""
+    return bool(action.option_strings) and action.nargs != 0
+
+
+def _checked(action: argparse.Action) -> Any:
+    """Return the type of an action, with clearer errors than those of argparse."""
+    if action.choices is not None and action.type is None:
+        return _one_of(list(action.choices))
+    if action.type is int:
+        return whole_number
+    return number if action.type is float else action.type
+
+
+def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
+    """Return the type of an argument with a few allowed values, which suggests one for a typo."""
+
+    def read(text: str) -> str:
+        if text not in choices:
+            raise argparse.ArgumentTypeError(
+                f"{text!r}: choose from {', '.join(choices)}{did_you_mean(text, choices)}"
+            )
+        return text
+
+    return read
+
+
+def whole_number(text: str) -> int:
+    """Read a whole number.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+    """
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+
+
+def number(text: str) -> float:
+    """Read a finite number.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+    return value
+
+
+# The command `edge-vpr`: run a verb, and print errors as one line with an exit code.
+
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 
@@ -34,7 +316,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     try:
         if "_ARGCOMPLETE" in os.environ:
-            importlib.import_module("edge_vpr_tools.arguments.completions").answer()
+            importlib.import_module("edge_vpr_tools.cli").answer()
         run(argv)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -82,7 +364,7 @@ def run(argv: Sequence[str]) -> None:
 
 def parser_of(verb: str) -> VerbParser:
     """Build the parser of a verb."""
-    module = importlib.import_module(f"edge_vpr_tools.arguments.{module_name(verb)}_arguments")
+    module = importlib.import_module(f"edge_vpr_tools.cli.{module_name(verb)}_arguments")
     parser = VerbParser(verb, module.EXAMPLES)
     module.add_arguments(parser)
     parser.add_general_flags()
@@ -139,6 +421,34 @@ def _report(error: Exception) -> int:
         code = EXIT_FAILED
     error_line(f"error: {text}")
     return code
+
+
+# Completion of command lines in a shell.
+
+
+def answer() -> None:
+    """Write the completions that the shell asked for by its environment, and end the process."""
+    # only the arguments of the verb on the line are needed: those of the others are not imported
+    words = os.environ.get("COMP_LINE", "").split()[1:]
+    argcomplete.autocomplete(tree(find_verb(words)[0]))
+
+
+def tree(chosen: str) -> argparse.ArgumentParser:
+    """Build a parser of all verbs, with arguments for the chosen verb only."""
+    top = argparse.ArgumentParser(prog="edge-vpr")
+    top.add_argument("--version", action="store_true", help="print the version")
+    below = {"": top.add_subparsers()}
+    for verb, text in VERBS.items():
+        parent, _, name = verb.rpartition(" ")
+        parser = below[parent].add_parser(name, help=text)
+        if verb == chosen:
+            module = importlib.import_module(f"edge_vpr_tools.cli.{module_name(verb)}_arguments")
+            module.add_arguments(parser)
+        for flags in (("-q", "--quiet"), ("-v", "--verbose"), ("--debug",)):
+            parser.add_argument(*flags, action="store_true", help=f"{flags[-1][2:]} output")
+        if any(other.startswith(f"{verb} ") for other in VERBS):
+            below[verb] = parser.add_subparsers()
+    return top
 
 
 if __name__ == "__main__":

@@ -6,11 +6,28 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr.whole_files import check_output
-from edge_vpr_tools.arguments.truth import load_evaluated
-from edge_vpr_tools.output import results
-from edge_vpr_tools.output.messages import note, summary
-from edge_vpr_tools.runs.calibration import calibrate
+from edge_vpr_tools.console import note, summary
+from edge_vpr_tools.flags import add_truth_flags
+
+EXAMPLES = """\
+  edge-vpr calibrate results/tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
+  edge-vpr calibrate results/tuesday --ground-truth pairs.csv --tolerance 3 -o monday_sure.npz"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "-o",
+        "--output",
+        metavar="MAP.npz",
+        help="map to write, which holds the learnt table of probabilities (default: the map in "
+        "RESULTS)",
+    )
+    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    add_truth_flags(parser.add_argument_group("ground truth"))
+
 
 #: with fewer matches, even if all are right, the table cannot reach a precision of 0.99
 FEW_MATCHES = 100
@@ -18,6 +35,11 @@ FEW_MATCHES = 100
 
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
+    from edge_vpr.files import check_output
+    from edge_vpr_tools import results
+    from edge_vpr_tools.inputs import load_evaluated
+    from edge_vpr_tools.runs.mapping import calibrate
+
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
     if args.output is not None:

@@ -5,20 +5,35 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr.simulate import simulate_pair
-from edge_vpr_tools.experiments import simulated
-from edge_vpr_tools.output import results
-from edge_vpr_tools.output.messages import is_quiet
-from edge_vpr_tools.output.progress import keep_shown, status
-from edge_vpr_tools.output.provenance import run_record, write_json
-from edge_vpr_tools.output.tables import say, table
-from edge_vpr_tools.report.demo_page import HEADER, remarks, rows, write_report
+from edge_vpr_tools.console import is_quiet, say, table
+from edge_vpr_tools.research.experiments import simulated
+
+EXAMPLES = """\
+  edge-vpr demo
+  edge-vpr demo --seed 3 -o results/street3"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    group = parser.add_argument_group("demo")
+    group.add_argument(
+        "-o", "--output", metavar="DIR", default="results/demo", help="folder for the report"
+    )
+    group.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
+    group.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
+
 
 _WIDTH = 100
 
 
 def run(args: argparse.Namespace) -> None:
     """Simulate, try every variant, print the table and write the report."""
+    from edge_vpr.simulation import simulate_pair
+    from edge_vpr_tools import results
+    from edge_vpr_tools.progress import keep_shown, status
+    from edge_vpr_tools.report.demo_page import HEADER, remarks, rows, write_report
+    from edge_vpr_tools.results import run_record, write_json
+
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)

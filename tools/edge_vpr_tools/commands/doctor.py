@@ -7,10 +7,23 @@ import json
 from dataclasses import asdict
 
 from edge_vpr.errors import EdgeVprError
-from edge_vpr_tools.doctor.kernels import compile_kernels
-from edge_vpr_tools.doctor.report import as_text, examine
-from edge_vpr_tools.output.messages import answer
-from edge_vpr_tools.output.progress import status
+from edge_vpr_tools.console import answer
+
+EXAMPLES = """\
+  edge-vpr doctor
+  edge-vpr doctor --json
+  edge-vpr doctor --compile"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    group = parser.add_argument_group("checks")
+    group.add_argument(
+        "--compile", action="store_true",
+        help="compile the functions that a live run needs now, so that it starts at once later",
+    )  # fmt: skip
+    output = parser.add_argument_group("output")
+    output.add_argument("--json", action="store_true", help="print JSON, for programs")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -21,6 +34,9 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If something is wrong; what is merely absent is none.
     """
+    from edge_vpr_tools.doctor import as_text, compile_kernels, examine
+    from edge_vpr_tools.progress import status
+
     if args.compile:
         with status("compiling kernels") as show:
             compile_kernels(show)

@@ -3,20 +3,381 @@
 from __future__ import annotations
 
 import argparse
+import math
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from edge_vpr_tools.arguments.estimate_request import question_of
-from edge_vpr_tools.estimate.estimation import Question, estimate
-from edge_vpr_tools.estimate.pareto import draw
-from edge_vpr_tools.estimate.show import show
-from edge_vpr_tools.output.provenance import write_json
-from edge_vpr_tools.output.results import check_parent
-from edge_vpr_tools.output.tables import say
-from edge_vpr_tools.report.style import save
+from edge_vpr.errors import UsageError
+from edge_vpr.settings import duration_us
+from edge_vpr_tools.console import say
+
+if TYPE_CHECKING:
+    from edge_vpr_tools.estimate.accuracy import Drives
+    from edge_vpr_tools.estimate.estimation import Question, Side, Tried
+    from edge_vpr_tools.estimate.model import Mission
+    from firmware_model.model.design import Design
+
+
+#: rough number of events per second of a DAVIS346 on a street; printed with every estimate
+EVENTS_PER_S = 1e5
+PLACES = 1_000
+#: defaults of the flags that make a design; not used with --map or --design
+DESIGN_FLAGS = {
+    "sensor": "346x260",
+    "pixels": 150,
+    "matching": "sequence",
+    "sequence_length": 0,
+    "counter_code": "log",
+    "counter_bits": 4,
+    "polarity": False,
+    "tau": "1s",
+    "window_events": None,
+}
+EXAMPLES = """\
+  edge-vpr estimate --pixels 83 --places 2000 --target cortex-m4
+  edge-vpr estimate --map monday.npz --vs all-pixels
+  edge-vpr estimate --target cortex-m0plus --fit 20KiB --fit 5mW"""
+
+
+def _default(name: str) -> str:
+    return f"(default: {DESIGN_FLAGS[name]})"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    design = parser.add_argument_group("design", "given by a map, by a file, or by the other flags")
+    design.add_argument("--map", metavar="MAP.npz", help="take design and event rates from a map")
+    design.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
+    design.add_argument("--sensor", metavar="WxH", help=f"size of the sensor {_default('sensor')}")
+    design.add_argument(
+        "--pixels", type=int, metavar="J", help=f"number of selected pixels {_default('pixels')}"
+    )
+    design.add_argument(
+        "--places", type=int, metavar="K",
+        help=f"number of places (default: that of the route or of the map, else {PLACES})",
+    )  # fmt: skip
+    design.add_argument(
+        "--sequence-length", "-L", type=int, metavar="L", help="windows in a sequence (default: 5)"
+    )
+    design.add_argument(
+        "--matching", metavar="KIND", help=f"method: sequence or filter {_default('matching')}"
+    )
+    design.add_argument(
+        "--counter-code", metavar="KIND",
+        help=f"code of the counters: linear, sqrt, log or own-mean {_default('counter_code')}",
+    )  # fmt: skip
+    design.add_argument(
+        "--counter-bits", type=int, metavar="B", help=f"bits per code {_default('counter_bits')}"
+    )
+    design.add_argument(
+        "--polarity", action="store_true", default=None, help="count ON and OFF events separately"
+    )
+    design.add_argument("--tau", metavar="TIME", help=f"length of a window {_default('tau')}")
+    design.add_argument(
+        "--window-events", type=int, metavar="N",
+        help="number of events at the selected pixels in a window, instead of a fixed time "
+        "(default: none)",
+    )  # fmt: skip
+    design.add_argument(
+        "--lanes", type=int, metavar="P", default=8, help="parallel lanes of an FPGA"
+    )
+    mission = parser.add_argument_group("mission")
+    mission.add_argument(
+        "--event-rate", type=float, metavar="N",
+        help=f"events per second of the sensor (default: the map's, or {EVENTS_PER_S:g})",
+    )  # fmt: skip
+    mission.add_argument(
+        "--selected-share", type=float, metavar="S",
+        help="share of these events at the selected pixels, 0 to 1 (default: the map's, or their "
+        "share of all pixels)",
+    )  # fmt: skip
+    mission.add_argument(
+        "--match-rate", type=float, metavar="N",
+        help="matches per second (default: one in each window)",
+    )  # fmt: skip
+    mission.add_argument(
+        "--every", metavar="WHEN", default="window",
+        help="when to match, as in edge-vpr match: window, event, a number of events, or a time "
+        "such as 100ms",
+    )  # fmt: skip
+    mission.add_argument(
+        "--route-km", type=float, metavar="KM",
+        help="length of the route in kilometres, in place of --places",
+    )  # fmt: skip
+    mission.add_argument(
+        "--places-per-metre", type=float, metavar="N", default=0.1,
+        help="number of places per metre of the route",
+    )  # fmt: skip
+    asked = parser.add_argument_group("answers")
+    asked.add_argument(
+        "--target", action="append", metavar="NAME",
+        help="processor or FPGA to estimate for, or a TOML file that describes one; may be "
+        "repeated (default: all)",
+    )  # fmt: skip
+    asked.add_argument(
+        "--vs", metavar="DESIGN", help="compare with all-pixels, or with the design in a TOML file"
+    )
+    asked.add_argument(
+        "--fit", action="append", metavar="LIMIT", default=[],
+        help="find the largest J, K and bits that stay below a limit, such as 64KiB or 10mW; needs "
+        "one --target; may be repeated",
+    )  # fmt: skip
+    asked.add_argument(
+        "--calibrate", metavar="PROFILE.json",
+        help="take the energy per clock cycle from a profile of your board",
+    )  # fmt: skip
+    asked.add_argument(
+        "--pareto", metavar="DIR",
+        help="draw the accuracy of all evaluated runs below DIR against energy and bytes",
+    )  # fmt: skip
+    asked.add_argument(
+        "--accuracy-on", nargs="+", metavar="DRIVE",
+        help="run designs on two drives and evaluate them: REFERENCE QUERY together with "
+        "--ground-truth, or `simulated`",
+    )  # fmt: skip
+    asked.add_argument(
+        "--ground-truth", nargs="+", metavar="FILE", help="same as in edge-vpr evaluate"
+    )
+    asked.add_argument("--tolerance", type=float, metavar="T", help="same as in edge-vpr evaluate")
+    asked.add_argument(
+        "--figure", metavar="FILE.png",
+        help="file for the figure of accuracy against cost (default: DIR/pareto.png); needs one "
+        "--target",
+    )  # fmt: skip
+    asked.add_argument(
+        "--sources", action="store_true",
+        help="print all assumptions, and the source of each constant",
+    )  # fmt: skip
+    asked.add_argument("--json", metavar="FILE", help="also write all results as JSON")
+
+
+# The drives or evaluated runs on which `edge-vpr estimate` takes the accuracy of designs.
+
+
+def tried_designs(args: argparse.Namespace, design: Design) -> Tried | None:
+    """Read evaluated runs, or run designs on two drives; None without flags for either.
+
+    Raises
+    ------
+    EdgeVprError
+        If runs or drives cannot be used.
+    """
+    from edge_vpr_tools.estimate import accuracy
+    from edge_vpr_tools.estimate.estimation import Tried
+    from edge_vpr_tools.estimate.search import evaluated_runs
+    from edge_vpr_tools.progress import status
+
+    if args.pareto is not None:
+        if args.accuracy_on is not None:
+            raise UsageError(
+                "--pareto takes finished runs and --accuracy-on makes new ones: give only one"
+            )
+        return Tried("its own drives", evaluated_runs(Path(args.pareto)))
+    if args.accuracy_on is None:
+        return None
+    with status("opening the drives") as show_stage:
+        drives = _drives(args)
+        return Tried(drives.name, accuracy.try_designs(drives, design, show_stage))
+
+
+def _drives(args: argparse.Namespace) -> Drives:
+    from edge_vpr.recordings import open_recording
+    from edge_vpr_tools.estimate import accuracy
+    from edge_vpr_tools.estimate.accuracy import Drives
+    from edge_vpr_tools.research.experiments.trial import Kept
+    from edge_vpr_tools.runs.truth_files import load_truth
+
+    if args.accuracy_on == ["simulated"]:
+        return accuracy.simulated()
+    if len(args.accuracy_on) != 2 or args.ground_truth is None:
+        raise UsageError(
+            f"--accuracy-on {' '.join(args.accuracy_on)}: expected `simulated`, or a reference and "
+            "a query recording with --ground-truth"
+        )
+    reference, query = (Kept(open_recording(path)) for path in args.accuracy_on)
+    truth_of = partial(
+        load_truth, args.ground_truth, tolerance=args.tolerance, rows=None, frame_period=None
+    )
+    return Drives(" and ".join(args.accuracy_on), reference, query, truth_of)
+
+
+# Conversion of the flags of `edge-vpr estimate` to a `Question`.
+
+
+def question_of(args: argparse.Namespace) -> Question:
+    """Build the question from the flags; runs designs on drives if the flags ask for it.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong, or a file cannot be used.
+    """
+    from edge_vpr_tools.estimate.estimation import Other, Question, calibrated
+    from edge_vpr_tools.estimate.search import Budget
+    from edge_vpr_tools.estimate.targets import find, names
+    from firmware_model.errors import DesignError
+
+    targets = tuple(find(name) for name in args.target or names())
+    evaluated = args.pareto is not None or args.accuracy_on is not None
+    alone = len(targets) == 1
+    if not evaluated and args.figure is not None:
+        raise UsageError("--figure draws evaluated designs: give --pareto or --accuracy-on too")
+    if args.accuracy_on is None and args.ground_truth is not None:
+        raise UsageError("--ground-truth needs two drives: name them with --accuracy-on")
+    if not alone and (args.figure is not None or (args.fit and not evaluated)):
+        raise UsageError("--fit and --figure need one target: name it with --target")
+    measured = None if args.calibrate is None else calibrated(Path(args.calibrate))
+    if measured is not None and (not alone or targets[0].kind != "processor"):
+        raise UsageError("--calibrate is for one board: name its processor with --target")
+    try:
+        design, mission = design_and_mission(args)
+        other = None if args.vs is None else Other(args.vs, compared(args.vs, design, mission))
+    except DesignError as error:
+        raise UsageError(str(error)) from error
+    return Question(
+        design=design,
+        mission=mission,
+        places_per_metre=args.places_per_metre,
+        targets=targets,
+        budgets=tuple(Budget.parse(text) for text in args.fit),
+        measured=measured,
+        other=other,
+        tried=tried_designs(args, design),
+        route_places=None if args.route_km is None and args.places is None else design.places,
+        events_per_s=args.event_rate,
+        matches_per_s=args.match_rate,
+    )
+
+
+def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
+    """Build the design and the mission from the flags, a file or a map.
+
+    The number of places of ``--places`` or ``--route-km`` overrides that of the map or the file.
+
+    Raises
+    ------
+    EdgeVprError, DesignError
+        If a file cannot be read or a value is wrong.
+    """
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.estimate.model import Mission
+    from edge_vpr_tools.estimate.of_map import design_of, event_rates
+    from firmware_model.model.design import Design
+
+    if args.map is not None and args.design is not None:
+        raise UsageError("--map and --design both give a design: give only one")
+    rate, share, places = EVENTS_PER_S, None, _places(args)
+    if args.map is None and args.design is None:
+        design = _of_flags(args, PLACES if places is None else places)
+    else:
+        for name in DESIGN_FLAGS:
+            if getattr(args, name) is not None:
+                raise UsageError(
+                    f"--{name.replace('_', '-')} describes a design, which --map and --design give "
+                    "already: leave it out"
+                )
+        if args.map is not None:
+            reference = ReferenceMap.load(args.map)
+            design = design_of(reference, args.lanes)
+            rate, share = event_rates(reference)
+        else:
+            design = Design.load(args.design)
+        if places is not None:
+            design = replace(design, places=places)
+    rate = rate if args.event_rate is None else args.event_rate
+    share = share if args.selected_share is None else args.selected_share
+    if share is None:
+        share = design.pixels / (design.width * design.height)
+    matches = args.match_rate
+    if matches is None:
+        matches = _matches_per_s(args.every, design, rate * share)
+    elif args.every != "window":
+        raise UsageError("--match-rate and --every both say how often to match: give only one")
+    return design, Mission(rate, share, matches)
+
+
+def _places(args: argparse.Namespace) -> int | None:
+    """Return the number of places that the flags give; None if they give none."""
+    km, density = args.route_km, args.places_per_metre
+    if not density > 0 or not (km is None or km > 0):
+        raise UsageError(
+            f"--places-per-metre {density}, --route-km {km}: expected positive numbers"
+        )
+    if km is None:
+        places: int | None = args.places
+        return places
+    if args.places is not None:
+        raise UsageError("--route-km and --places both give the number of places: give only one")
+    return math.ceil(km * 1_000 * density)
+
+
+def _of_flags(args: argparse.Namespace, places: int) -> Design:
+    from edge_vpr.events import Sensor
+    from firmware_model.model.design import Design
+
+    flags: dict[str, Any] = {}
+    for name, default in DESIGN_FLAGS.items():
+        given = getattr(args, name)
+        flags[name] = default if given is None else given
+    sensor = Sensor.parse(flags["sensor"])
+    by_count = {}
+    if flags["window_events"] is not None:
+        by_count = {"window": "count", "window_events": flags["window_events"]}
+    return Design.from_dict(
+        {
+            "width": sensor.width,
+            "height": sensor.height,
+            "pixels": flags["pixels"],
+            "places": places,
+            "matching": flags["matching"],
+            "length": flags["sequence_length"],
+            "code": flags["counter_code"],
+            "code_bits": flags["counter_bits"],
+            "polarity": flags["polarity"],
+            "tau_us": duration_us(flags["tau"]),
+            "lanes": args.lanes,
+            **by_count,
+        },
+        "the command line",
+    )
+
+
+def compared(name: str, design: Design, mission: Mission) -> Side:
+    """Return the design to compare with, and its mission, which has its own share of events."""
+    from edge_vpr_tools.estimate.estimation import Side
+    from edge_vpr_tools.estimate.model import EveryPixel
+    from firmware_model.model.design import Design
+
+    if name == "all-pixels":
+        return Side(EveryPixel.beside(design), replace(mission, selected_share=1.0))
+    other = Design.load(name)
+    share = min(1.0, mission.selected_share * other.pixels / design.pixels)
+    return Side(other, replace(mission, selected_share=share))
+
+
+def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
+    """Return the number of matches per second for a value of ``--every``."""
+    from edge_vpr_tools.runs.matching import read_every
+
+    schedule = read_every(every)
+    if schedule is None:
+        by_count = design.window == "count"
+        return selected_per_s / design.window_events if by_count else 1e6 / design.tau_us
+    if schedule.events:
+        return selected_per_s / schedule.events
+    return 1e6 / schedule.interval_us
 
 
 def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
+    from edge_vpr_tools.estimate.estimation import estimate
+    from edge_vpr_tools.estimate.search import draw
+    from edge_vpr_tools.estimate.show import show
+    from edge_vpr_tools.report.style import save
+    from edge_vpr_tools.results import check_parent, write_json
+
     question = question_of(args)
     figure = _figure(args, question)
     for written in (figure, args.json and Path(args.json)):

@@ -4,22 +4,61 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from edge_vpr.evaluation.metrics import Evaluation, evaluate
-from edge_vpr.evaluation.place_positions import with_positions
-from edge_vpr.matching.matches import Matches
-from edge_vpr_tools.arguments.truth import load_evaluated
-from edge_vpr_tools.output import results
-from edge_vpr_tools.output.messages import answer
-from edge_vpr_tools.output.provenance import read_json, run_record, write_json
-from edge_vpr_tools.report.formats import read_formats
-from edge_vpr_tools.report.traverse import write_report
-from edge_vpr_tools.report.wording import MISSED
-from edge_vpr_tools.runs.truth_files import load_tracks
+from edge_vpr_tools.console import answer
+from edge_vpr_tools.flags import FIGURES_HELP, add_truth_flags
+
+if TYPE_CHECKING:
+    from edge_vpr.evaluation.metrics import Evaluation
+    from edge_vpr.matching.matches import Matches
+
+
+EXAMPLES = """\
+  edge-vpr evaluate results/tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
+  edge-vpr evaluate results/tuesday --ground-truth matrix.npz --rows reference
+  edge-vpr evaluate results/tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
+    add_truth_flags(parser.add_argument_group("ground truth"))
+    output = parser.add_argument_group("output")
+    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
+    metrics = parser.add_argument_group("metrics")
+    metrics.add_argument(
+        "--score", choices=("distance", "ratio", "margin", "trust"),
+        help="figure of a match to which the thresholds of the precision-recall curve apply "
+        "(default: that of the map's settings; if they leave it to auto, trust with the place "
+        "filter and ratio with sequences)",
+    )  # fmt: skip
+    metrics.add_argument(
+        "--recall-denominator",
+        choices=("rejected-correct", "all-with-place"),
+        default="rejected-correct",
+        help="which queries count as missed: those rejected although their match was right "
+        "(rejected-correct, as in the authors' released code), or all that have a true place in "
+        "the map and did not get it (all-with-place)",
+    )
+    metrics.add_argument(
+        "--thresholds", type=int, metavar="N",
+        help="use N evenly spaced thresholds (default: every value that occurs)",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
     """Evaluate, print the figures, and add them to the folder."""
+    from edge_vpr.evaluation.metrics import evaluate
+    from edge_vpr.evaluation.tracks import with_positions
+    from edge_vpr_tools import results
+    from edge_vpr_tools.inputs import load_evaluated
+    from edge_vpr_tools.report.page import MISSED
+    from edge_vpr_tools.report.style import read_formats
+    from edge_vpr_tools.report.traverse import write_report
+    from edge_vpr_tools.results import read_json, run_record, write_json
+    from edge_vpr_tools.runs.truth_files import load_tracks
+
     folder, formats = Path(args.results), read_formats(args.figures)
     reference, matches, truth = load_evaluated(args)
     found = evaluate(

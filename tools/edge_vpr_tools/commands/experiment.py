@@ -4,22 +4,71 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY
-from edge_vpr_tools.experiments.drive_pairs import check_logs
-from edge_vpr_tools.output.progress import status
-from edge_vpr_tools.output.results import check_parent
-from edge_vpr_tools.report.experiment_page import ExperimentPage
-from edge_vpr_tools.report.formats import read_formats
+from edge_vpr_tools.research.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY
+
+EXAMPLES = """\
+  edge-vpr experiment simulated
+  edge-vpr experiment codes --data recordings --figure codes.png
+  edge-vpr experiment rivals frames --data recordings --report paper.html
+  edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "names", nargs="+", metavar="NAME", choices=(*EXPERIMENTS, "all"),
+        help=f"experiments: {', '.join(EXPERIMENTS)}, or all",
+    )  # fmt: skip
+    group = parser.add_argument_group("experiment")
+    group.add_argument(
+        "--data",
+        metavar="DIR",
+        help="folder of recorded drives: Brisbane-Event-VPR or QCR-Event-VPR under their published "
+        f"names, or others (docs/datasets.md); {', '.join(STREETS_ONLY)} read none, since all of "
+        "their drives are simulated",
+    )
+    group.add_argument("--figure", metavar="FILE", help="also draw the figure of the experiment")
+    group.add_argument(
+        "--figures",
+        metavar="FORMATS",
+        help="with --figure, formats of the figure: png, pdf, svg, or several separated by commas "
+        "(default: by the suffix of FILE)",
+    )
+    group.add_argument(
+        "--report", metavar="FILE", help="also write tables and figures to one page of HTML"
+    )
+    group.add_argument(
+        "--with",
+        dest="baselines",
+        action="append",
+        default=[],
+        metavar="SYSTEM",
+        help="compare this system too (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
+        "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
+    )
+    group.add_argument(
+        "--table", metavar="DIR",
+        help="folder to write the tables of probabilities to (calibration only)",
+    )  # fmt: skip
+    group.add_argument(
+        "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Run experiments and print their tables as Markdown."""
+    from importlib import import_module
+
+    from edge_vpr_tools.progress import status
+    from edge_vpr_tools.report.experiment_page import ExperimentPage
+    from edge_vpr_tools.research.experiments.drives import check_logs
+    from edge_vpr_tools.results import check_parent
+
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
     if args.figures is not None and args.figure is None:
@@ -39,7 +88,8 @@ def run(args: argparse.Namespace) -> None:
             f"or compare recorded drives by {others}"
         )
     modules = {
-        name: import_module(f"edge_vpr_tools.experiments.{EXPERIMENTS[name]}") for name in names
+        name: import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
+        for name in names
     }
     for name, module in modules.items():  # before hours of work
         _check(name, module, args, data)
@@ -89,6 +139,8 @@ def _summary(module: ModuleType) -> str:
 
 def _figure_files(named: Path, formats: str | None) -> list[Path]:
     """Return the given file, or one with its stem for each format."""
+    from edge_vpr_tools.report.style import read_formats
+
     if formats is None:
         return [named]
     return [named.with_suffix(f".{kind}") for kind in read_formats(formats)]

@@ -4,22 +4,76 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.whole_files import check_output, replacing_folder
-from edge_vpr_tools.arguments.reading import open_from
-from edge_vpr_tools.device.design_errors import design_errors
-from edge_vpr_tools.device.vectors import check_vectors_folder, missed_corners, recorded_case
-from edge_vpr_tools.estimate.of_map import design_of
-from edge_vpr_tools.output.messages import note, summary
-from firmware_model import Design
-from firmware_model.vectors import Case, standard_suites, write_suites
+from edge_vpr_tools.console import note, summary
+from edge_vpr_tools.device import design_errors
+from edge_vpr_tools.flags import add_reading_arguments
+
+if TYPE_CHECKING:
+    from firmware_model import Design
+    from firmware_model.vectors import Case
+
+
+EXAMPLES = """\
+  edge-vpr golden --design design.toml -o vectors
+  edge-vpr golden --map monday.npz --recording tuesday.raw -o vectors
+  edge-vpr golden verify vectors --results device.jsonl"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    design = parser.add_argument_group("design", "--design or --map is needed")
+    design.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
+    design.add_argument("--map", metavar="MAP.npz", help="take the design and the places of a map")
+    design.add_argument(
+        "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
+    )
+    vectors = parser.add_argument_group("vectors")
+    vectors.add_argument(
+        "--recording", metavar="QUERY",
+        help="with --map, also write vectors of a recorded drive, as suite `recording`",
+    )  # fmt: skip
+    vectors.add_argument(
+        "--max-events", metavar="N", type=int, default=20_000,
+        help="number of events to take from the start of the recording",
+    )  # fmt: skip
+    vectors.add_argument(
+        "--suite",
+        action="append",
+        choices=("corners", "random", "filter", "recording"),
+        default=[],
+        help="make this suite only; may be given several times (default: all)",
+    )
+    vectors.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
+    vectors.add_argument(
+        "--rtl", action="store_true",
+        help="also write the hardware core, its parameters for each case, and a testbench",
+    )  # fmt: skip
+    output = parser.add_argument_group("output")
+    output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    output.add_argument(
+        "--overwrite", action="store_true", help="replace a folder of vectors that exists"
+    )
+    add_reading_arguments(parser)
 
 
 @design_errors()
 def run(args: argparse.Namespace) -> None:
     """Make vectors and write them."""
+    from edge_vpr.files import check_output, replacing_folder
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.device import (
+        check_vectors_folder,
+        missed_corners,
+        recorded_case,
+    )
+    from edge_vpr_tools.estimate.of_map import design_of
+    from edge_vpr_tools.inputs import open_from
+    from firmware_model import Design
+    from firmware_model.vectors import write_suites
+
     if (args.design is None) == (args.map is None):
         raise UsageError("golden needs either --design or --map: give one of them")
     if args.recording is not None and args.map is None:
@@ -61,6 +115,8 @@ def _suites(
     args: argparse.Namespace, design: Design, recorded: list[Case]
 ) -> dict[str, list[Case]]:
     """Make the suites that are wanted, by default all."""
+    from firmware_model.vectors import standard_suites
+
     if not args.suite:
         suites = standard_suites(design, args.seed)
         return suites | {"recording": recorded} if recorded else suites

@@ -6,10 +6,29 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.device.design_errors import design_errors
-from edge_vpr_tools.output.messages import answer
-from firmware_model.vectors import check_files, read_results, verify
-from firmware_model.vectors.verify import COMPARED
+from edge_vpr_tools.console import answer
+from edge_vpr_tools.device import design_errors
+
+EXAMPLES = """\
+  edge-vpr golden verify vectors
+  edge-vpr golden verify vectors --results device.jsonl --only match"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("vectors", metavar="VECTORS", help="folder that edge-vpr golden wrote")
+    group = parser.add_argument_group("results of a device")
+    group.add_argument(
+        "--results", metavar="FILE",
+        help="file with the results of the device (default: check the vectors only)",
+    )  # fmt: skip
+    group.add_argument(
+        "--case", metavar="SUITE/NAME", help="case to which results without a case belong"
+    )
+    group.add_argument(
+        "--only", metavar="KINDS", default="event,window,match",
+        help="kinds of result that the device returns, separated by commas",
+    )  # fmt: skip
 
 
 @design_errors()
@@ -21,6 +40,9 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If a file was changed, or the results differ from the vectors.
     """
+    from firmware_model.vectors import check_files, read_results, verify
+    from firmware_model.vectors.verify import COMPARED
+
     folder = Path(args.vectors)
     files = check_files(folder)
     if args.results is None:

@@ -6,20 +6,44 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.whole_files import check_output, replacing_folder
-from edge_vpr_tools.device.design_errors import design_errors
-from edge_vpr_tools.device.tables import blank_memories
-from edge_vpr_tools.estimate.of_map import design_of, memories_of
-from edge_vpr_tools.output.messages import note, summary
-from edge_vpr_tools.output.results import check_parent
-from firmware_model import Design
-from firmware_model.hardware.project import write_project
+from edge_vpr_tools.console import note, summary
+from edge_vpr_tools.device import design_errors
+
+EXAMPLES = """\
+  edge-vpr hardware --map monday.npz -o core
+  edge-vpr hardware --design design.toml -o core"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    design = parser.add_argument_group("design", "--design or --map is needed")
+    design.add_argument(
+        "--design", metavar="FILE.toml",
+        help="read the design from a file; the core then has random pixels, for tests only",
+    )  # fmt: skip
+    design.add_argument(
+        "--map", metavar="MAP.npz", help="take the design, the pixels and the places of a map"
+    )
+    design.add_argument(
+        "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", required=True, help="folder to write: new, or empty"
+    )
 
 
 @design_errors()
 def run(args: argparse.Namespace) -> None:
     """Write the project."""
+    from edge_vpr.files import check_output, replacing_folder
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.device import blank_memories
+    from edge_vpr_tools.estimate.of_map import design_of, memories_of
+    from edge_vpr_tools.results import check_parent
+    from firmware_model import Design
+    from firmware_model.hardware.project import write_project
+
     if (args.design is None) == (args.map is None):
         raise UsageError("hardware needs either --design or --map: give one of them")
     output = Path(args.output)

@@ -4,17 +4,106 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from edge_vpr.recordings import FORMATS
-from edge_vpr_tools.arguments.reading import open_from
-from edge_vpr_tools.output.json_records import to_json
-from edge_vpr_tools.output.messages import answer
-from edge_vpr_tools.output.progress import tracked
-from edge_vpr_tools.runs.recording_summary import summarise
+from edge_vpr_tools.console import answer
+from edge_vpr_tools.flags import add_reading_arguments
+
+if TYPE_CHECKING:
+    from edge_vpr.recordings import Recording
+    from edge_vpr.recordings.recording import Faults
+
+
+EXAMPLES = """\
+  edge-vpr info monday.raw
+  edge-vpr info monday.csv --sensor 346x260 --time-unit us --json"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("recording", metavar="FILE", help="recording of any known format")
+    output = parser.add_argument_group("output")
+    output.add_argument("--json", action="store_true", help="print one JSON object, for programs")
+    # faults are what this command is asked for: it counts them and goes on
+    add_reading_arguments(parser, on_fault=False)
+
+
+# Summary of a recording: events, duration, polarity, times and faults.
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """Result of one pass over a recording.
+
+    Attributes
+    ----------
+    path, format, sensor : str
+    events : int
+    duration_us : int
+    events_per_s : float or None
+        None if the recording has no duration.
+    on_share : float
+        Share of ON events.
+    first_us, last_us : int
+        From the start of the recording.
+    start_us : int
+        On the file's clock.
+    faults : Faults
+    """
+
+    path: str
+    format: str
+    sensor: str
+    events: int
+    duration_us: int
+    events_per_s: float | None
+    on_share: float
+    first_us: int
+    last_us: int
+    start_us: int
+    faults: Faults
+
+
+def summarise(recording: Recording) -> RecordingSummary:
+    """Count a recording in one pass.
+
+    Raises
+    ------
+    EdgeVprError
+        If it cannot be read.
+    """
+    n = on = last = 0
+    first: int | None = None
+    for events in recording:
+        first = int(events["t"][0]) if first is None else first
+        last = int(events["t"][-1])
+        n += int(events.size)
+        on += int(events["p"].sum())
+    first = first or 0
+    duration = last - first
+    return RecordingSummary(
+        path=str(recording.path),
+        format=recording.format,
+        sensor=str(recording.sensor),
+        events=n,
+        duration_us=duration,
+        events_per_s=n * 1e6 / duration if duration else None,
+        on_share=on / n,
+        first_us=first,
+        last_us=last,
+        start_us=recording.start_us,
+        faults=recording.faults,
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Read the whole recording once and print what it holds."""
+    from edge_vpr.recordings import FORMATS
+    from edge_vpr_tools.inputs import open_from
+    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.results import to_json
+
     recording = open_from(args, args.recording, on_fault="drop")
     facts = summarise(tracked(recording, "reading"))
     if args.json:

@@ -6,26 +6,70 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from edge_vpr.descriptors.hot_pixels import load_hot_pixels
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.jump_files import load_jumps
-from edge_vpr.evaluation.odometry_files import load_odometry
-from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.whole_files import check_output
-from edge_vpr_tools.arguments.reading import describe_faults, open_source
-from edge_vpr_tools.arguments.setting_flags import map_settings
-from edge_vpr_tools.output.cleaning import describe_removed, removed_record, warn_if_much
-from edge_vpr_tools.output.messages import detail_settings, summary
-from edge_vpr_tools.output.progress import tracked
-from edge_vpr_tools.output.provenance import run_record, write_json
-from edge_vpr_tools.output.results import check_parent
-from edge_vpr_tools.runs.mapping import map_recording
+from edge_vpr_tools.console import detail_settings, summary
+from edge_vpr_tools.flags import (
+    add_map_flags,
+    add_reading_arguments,
+    add_window_argument,
+    map_settings,
+)
+
+EXAMPLES = """\
+  edge-vpr map monday.raw -o monday.npz
+  edge-vpr map monday.raw -o small.npz --preset tiny --counter-code log --counter-bits 3
+  edge-vpr map monday.raw -o monday.npz --track monday.nmea
+  edge-vpr map frames/ -o map.npz --frame-period 1/30 --frames-as-windows"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("recording", metavar="REFERENCE", help="recording of the reference drive")
+    output = parser.add_argument_group("output")
+    output.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
+    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    track = parser.add_argument_group("positions")
+    track.add_argument(
+        "--track",
+        metavar="FILE",
+        help="track of this drive (NMEA, GPX, or CSV with time_s and metres or degrees), from "
+        "which each match gets a position and an interval along the route",
+    )
+    track.add_argument(
+        "--track-offset",
+        type=float,
+        metavar="S",
+        help="time in the recording at which the track has its time 0, in seconds; negative if the "
+        "track began earlier (default: 0)",
+    )
+    track.add_argument(
+        "--odometry",
+        metavar="FILE",
+        help="odometry of this drive (CSV with time_s and distance_m or speed_mps); with it, match "
+        "--odometry needs no track",
+    )
+    track.add_argument(
+        "--jumps",
+        metavar="FILE",
+        help="pairs of places (CSV with from,to) between which a vehicle can go in one step, for "
+        "example where a loop closes",
+    )
+    add_window_argument(add_reading_arguments(parser))
+    add_map_flags(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Map the recording and save the map."""
+    import numpy as np
+
+    from edge_vpr.descriptors.cleaning import load_hot_pixels
+    from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
+    from edge_vpr.files import check_output
+    from edge_vpr_tools.inputs import describe_faults, open_source
+    from edge_vpr_tools.progress import describe_removed, removed_record, tracked, warn_if_much
+    from edge_vpr_tools.results import check_parent, run_record, write_json
+    from edge_vpr_tools.runs.mapping import map_recording
+
     output = Path(args.output)
     listed = args.hot_pixels not in (None, "find", "keep")
     inputs = [

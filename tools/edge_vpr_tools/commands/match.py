@@ -4,29 +4,153 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from edge_vpr.archive import kind_of, write_npy
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.odometry_files import load_odometry
-from edge_vpr.pipeline import query_distances
-from edge_vpr.reference_map import KIND as MAP_KIND
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.whole_files import check_output
-from edge_vpr_tools.arguments.reading import describe_faults, open_source
-from edge_vpr_tools.arguments.setting_flags import match_flags, with_match_flags
-from edge_vpr_tools.commands.match_online import match_online
-from edge_vpr_tools.output import results
-from edge_vpr_tools.output.cleaning import describe_removed, warn_if_much
-from edge_vpr_tools.output.messages import detail_settings, summary
-from edge_vpr_tools.output.progress import tracked
-from edge_vpr_tools.report.formats import read_formats
-from edge_vpr_tools.runs.match_folder import write_match_folder
-from edge_vpr_tools.runs.matching import match_recording
-from edge_vpr_tools.runs.registration import registered
+from edge_vpr_tools.console import detail_settings, summary
+from edge_vpr_tools.flags import (
+    FIGURES_HELP,
+    add_match_flags,
+    add_reading_arguments,
+    add_window_argument,
+    match_flags,
+    with_match_flags,
+)
+
+if TYPE_CHECKING:
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr.route import Odometry
+
+
+EXAMPLES = """\
+  edge-vpr match monday.npz tuesday.raw -o results/tuesday
+  edge-vpr match monday.npz tuesday.raw -o results/online --online --every 50ms
+  edge-vpr match monday.npz tuesday.raw -o results/long -L 20 --overwrite"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("map", metavar="MAP.npz", help="reference map from edge-vpr map")
+    parser.add_argument("recording", metavar="QUERY", help="recording of the query drive")
+    output = parser.add_argument_group("output")
+    output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
+    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
+    output.add_argument(
+        "--matrix", metavar="FILE.npy",
+        help="also write the distance of every place (row) to every query window (column)",
+    )  # fmt: skip
+    online = parser.add_argument_group("online matching")
+    online.add_argument(
+        "--online", action="store_true",
+        help="match as the events come, like a device, without using later events",
+    )  # fmt: skip
+    online.add_argument(
+        "--every",
+        metavar="WHEN",
+        help="with --online, when to give a match: event (after each one at a selected pixel), "
+        "after N events, after a time such as 10ms, window (after each one), or change (when the "
+        "place changes) (default: event; window with --delay)",
+    )
+    parser.add_argument_group("mounting").add_argument(
+        "--register",
+        action="store_true",
+        help="estimate from the first 128 windows of the query by how many pixels the image is "
+        "shifted against the map, and move the pixels of the map by it",
+    )
+    parser.add_argument_group("odometry").add_argument(
+        "--odometry",
+        metavar="FILE",
+        help="odometry of the query drive (CSV with time_s and distance_m or speed_mps), for a map "
+        "made with --odometry or --track",
+    )
+    add_match_flags(parser.add_argument_group("matching (over the map's settings)"), "the map's")
+    add_window_argument(add_reading_arguments(parser))
+
+
+# `edge-vpr match --online`: match a recording event by event, as a device does.
+
+
+def match_online(
+    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
+) -> None:
+    """Feed the recording to a localiser and write its matches.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Of `edge-vpr match`.
+    reference : ReferenceMap
+        With the settings to use.
+    odometry : Odometry or None
+        Of the query drive.
+
+    Raises
+    ------
+    EdgeVprError
+        If an argument is wrong or the recording cannot be matched.
+    """
+    from edge_vpr.pipeline import check_sensor
+    from edge_vpr_tools import results
+    from edge_vpr_tools.inputs import describe_faults, open_from
+    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.report.style import read_formats
+    from edge_vpr_tools.runs.matching import (
+        every_of,
+        localise,
+        made_causal,
+        parse_every,
+        registered,
+        write_match_folder,
+    )
+
+    if args.frames_as_windows:
+        raise UsageError("--online needs events: leave --frames-as-windows out")
+    if args.anchor is not None:
+        raise UsageError("--online matches belong to the newest window: leave --anchor out")
+    output, reference = Path(args.output), made_causal(reference)
+    settings, every = (
+        reference.settings,
+        every_of(args.every, "event", reference),
+    )
+    recording = open_from(args, args.recording)
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
+    reference, shift = registered(reference, recording, args.register)
+    schedule = parse_every(every, reference)
+    found = localise(reference, tracked(recording, "localising"), schedule, odometry)
+    matches = found.matches
+    metrics = found.metrics(every, recording.faults, shift)
+    with results.results_folder(output, args.overwrite) as folder:
+        inputs = list(filter(None, (args.map, args.recording, args.odometry)))
+        write_match_folder(folder, reference, matches, found.removed, metrics, inputs)
+        if not args.no_figures:
+            from edge_vpr_tools.report.traverse import write_online_figure
+
+            write_online_figure(folder, reference, matches, read_formats(args.figures))
+    summary(
+        f"{output}: {len(matches):,} matches of {found.events:,} events over "
+        f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}"
+        f"{describe_faults(recording)}"
+    )
+    times = found.duration_s / found.busy_s
+    summary(f"localising took {found.busy_s:.2f} s, {times:,.0f} times real time")
+    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
 
 
 def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
+    from edge_vpr.archive import kind_of, write_npy
+    from edge_vpr.evaluation.tracks import load_odometry
+    from edge_vpr.pipeline import query_distances
+    from edge_vpr.reference_map import KIND as MAP_KIND
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools import results
+    from edge_vpr_tools.inputs import describe_faults, open_source
+    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.report.style import read_formats
+    from edge_vpr_tools.runs.matching import match_recording, registered, write_match_folder
+
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
@@ -84,6 +208,9 @@ def run(args: argparse.Namespace) -> None:
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
     """Check that a matrix can be written, before any work is done."""
+    from edge_vpr.files import check_output
+    from edge_vpr_tools import results
+
     if args.online:
         raise UsageError(
             "--matrix needs whole windows, and --online matches single events: leave one out"

@@ -4,14 +4,124 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import NamedTuple
 
 from edge_vpr.errors import printable
-from edge_vpr_tools.device.serial_ports import attached_ports
-from edge_vpr_tools.output.json_records import to_json
+
+EXAMPLES = """\
+  edge-vpr ports
+  edge-vpr ports --json"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    output = parser.add_argument_group("output")
+    output.add_argument("--json", action="store_true", help="print JSON, for programs")
+
+
+# Serial ports, and the likely protocol of a USB device by its numbers.
+
+
+_USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as in systemd's hwdb
+_OPENMV = "github.com/openmv/openmv, boards/"
+
+
+class Known(NamedTuple):
+    """Meaning of a USB vendor's and product's numbers.
+
+    Attributes
+    ----------
+    vendor : int
+    product : int or None
+        None for any product.
+    what : str
+    protocol : str
+    baud : int or None
+        None if the baud rate has no effect, or is the user's own choice.
+    source : str
+        Document that assigns these numbers; that a camera uses the chip is a guess.
+    """
+
+    vendor: int
+    product: int | None
+    what: str
+    protocol: str
+    baud: int | None
+    source: str
+
+
+KNOWN = (
+    Known(0x37C5, 0x1206, "OpenMV N6, which takes a GENX320", "openmv", 921_600,
+          f"{_OPENMV}OPENMV_N6/omv_boardconfig.mk"),
+    Known(0x37C5, 0x16E3, "OpenMV AE3", "openmv", 921_600,
+          f"{_OPENMV}OPENMV_AE3/omv_boardconfig.mk"),
+    Known(0x37C5, None, "OpenMV camera", "openmv", 921_600, f"{_OPENMV}: every board's vendor"),
+    Known(0x1209, 0xABD1, "OpenMV camera; needs firmware 5.0", "openmv", 921_600, _USB_IDS),
+    # we found no document that states which of these chips an eDVS has; the first two support its
+    # 12 Mbaud, the third only its older 2 Mbaud (FTDI's data sheets)
+    Known(0x0403, 0x6010, "FTDI dual bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
+    Known(0x0403, 0x6014, "FTDI bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
+    Known(0x0403, 0x6001, "FTDI bridge, perhaps an eDVS", "edvs", 2_000_000, _USB_IDS),
+    # boards that are often used for bridges
+    Known(0x0483, 0x5740, "STM32 with USB, perhaps a bridge of your own", "evpr", None, _USB_IDS),
+    Known(0x0483, 0x374B, "ST-LINK/V2.1 of an STM32 board", "evpr", None, _USB_IDS),
+    Known(0x0483, 0x374E, "STLINK-V3 of an STM32 board", "evpr", None, _USB_IDS),
+)  # fmt: skip
+
+
+def guess(vendor: int | None, product: int | None) -> Known | None:
+    """Return the entry for the numbers of a USB device, preferably of its exact product."""
+    return next(
+        (row for row in KNOWN if row.vendor == vendor and row.product in (None, product)), None
+    )
+
+
+class AttachedPort(NamedTuple):
+    """Serial port of this machine.
+
+    Attributes
+    ----------
+    port : str
+        Path of the port.
+    description : str
+        The attached device, by its numbers or by its own description.
+    usb : str or None
+        Numbers of vendor and product, for example ``0403:6014``.
+    protocol : str or None
+        Likely protocol.
+    baud : int or None
+    """
+
+    port: str
+    description: str
+    usb: str | None
+    protocol: str | None
+    baud: int | None
+
+
+def attached_ports() -> list[AttachedPort]:
+    """Return the serial ports of this machine, sorted by name."""
+    from serial.tools import list_ports
+
+    found = []
+    for port in sorted(list_ports.comports()):
+        known = guess(port.vid, port.pid)
+        found.append(
+            AttachedPort(
+                port=port.device,
+                description=known.what if known else port.description,
+                usb=None if port.vid is None else f"{port.vid:04x}:{port.pid:04x}",
+                protocol=known.protocol if known else None,
+                baud=known.baud if known else None,
+            )
+        )
+    return found
 
 
 def run(args: argparse.Namespace) -> None:
     """List the ports."""
+    from edge_vpr_tools.results import to_json
+
     found = attached_ports()
     if args.json:
         print(json.dumps(to_json(found), indent=2))

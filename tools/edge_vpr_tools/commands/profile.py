@@ -3,24 +3,143 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.arguments.profile_load import load_of
-from edge_vpr_tools.energy.measurement import Plan
-from edge_vpr_tools.energy.profile_files import write_profile
-from edge_vpr_tools.energy.profile_record import PROFILE, Profile
-from edge_vpr_tools.energy.profiling import Request, profile
-from edge_vpr_tools.energy.sensors.search import choose_sensor
-from edge_vpr_tools.energy.show import show
-from edge_vpr_tools.output import results
-from edge_vpr_tools.output.interrupt import check_interrupted, terminated_as_interrupted
-from edge_vpr_tools.output.messages import is_quiet, summary
-from edge_vpr_tools.output.provenance import write_json
+from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
+from edge_vpr_tools.flags import add_reading_arguments
+
+if TYPE_CHECKING:
+    from edge_vpr_tools.profile.measurement import Plan
+    from edge_vpr_tools.profile.profiling import Request
+    from edge_vpr_tools.profile.record import Profile
+    from edge_vpr_tools.profile.workload import Load
+
+
+EXAMPLES = """\
+  edge-vpr profile --quick
+  edge-vpr profile --map monday.npz --recording tuesday.raw -o results/board
+  edge-vpr profile compare results/board/profile.json results/laptop/profile.json"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "-o", "--output", metavar="DIR", default="results/profile", help="folder to write"
+    )
+    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output.add_argument("--no-figures", action="store_true", help="write no report")
+    load = parser.add_argument_group("load", "a simulated street, or a map and a recording")
+    load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
+    load.add_argument("--recording", metavar="QUERY", help="recording of the query drive")
+    load.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
+    load.add_argument(
+        "--every", metavar="WHEN", default="window",
+        help="when to match: window, event, change, a number of events, or a time such as 10ms",
+    )  # fmt: skip
+    load.add_argument(
+        "--ground-truth", nargs="+", metavar="FILE",
+        help="same as in edge-vpr evaluate; with it, the accuracy of the map, and of smaller ones, "
+        "is measured too",
+    )  # fmt: skip
+    load.add_argument("--tolerance", type=float, metavar="T", help="same as in edge-vpr evaluate")
+    load.add_argument("--rows", choices=("reference", "query"), help="same as in edge-vpr evaluate")
+    load.add_argument(
+        "--packet", type=int, default=512, metavar="N", help="number of events in one call"
+    )
+    how = parser.add_argument_group("measuring")
+    how.add_argument(
+        "--pairs", type=int, default=5, metavar="N",
+        help="number of pairs of an idle period and a period under load",
+    )  # fmt: skip
+    how.add_argument(
+        "--window-s", type=float, metavar="S",
+        help="length of each period in seconds (default: 10, or 1 with --quick)",
+    )  # fmt: skip
+    how.add_argument(
+        "--quick", action="store_true",
+        help="use periods shorter than 10 s; the result is marked as quick",
+    )  # fmt: skip
+    how.add_argument("--no-designs", action="store_true", help="do not compare other designs")
+    how.add_argument(
+        "--mission-rate", type=float, default=1.0, metavar="N",
+        help="matches per second of the mission that the energy is stated for",
+    )  # fmt: skip
+    sensor = parser.add_argument_group("power sensor")
+    sensor.add_argument(
+        "--sensor-name", metavar="NAME", help="power sensor to use (default: the best one found)"
+    )
+    sensor.add_argument(
+        "--meter-port", metavar="PORT",
+        help="serial port of a USB meter UM24C, UM25C or UM34C, for example /dev/rfcomm0",
+    )  # fmt: skip
+    sensor.add_argument(
+        "--shunt-mohm", type=float, metavar="R",
+        help="resistance of the power monitor's shunt in milliohms, if its driver assumes another "
+        "(default: the driver's)",
+    )  # fmt: skip
+    sensor.add_argument(
+        "--meter", action="store_true",
+        help="measure with an external meter, whose recording edge-vpr profile trace reads",
+    )  # fmt: skip
+    sensor.add_argument(
+        "--sysroot", metavar="DIR", default="/", help="folder that holds /sys, for tests"
+    )
+    add_reading_arguments(parser)
+
+
+# The work to be measured, as the flags of `edge-vpr profile` describe it.
+
+
+def load_of(args: argparse.Namespace) -> Load:
+    """Open the map and the recording that the flags name, or simulate a street.
+
+    Raises
+    ------
+    EdgeVprError
+        If map, recording or ground truth cannot be used.
+    """
+    from edge_vpr.pipeline import check_sensor, cleaned, describe_query
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.inputs import open_from
+    from edge_vpr_tools.profile.workload import Load, of_map, simulated_load
+    from edge_vpr_tools.runs.truth_files import load_truth
+
+    if args.map is None:
+        return simulated_load(args.seed)
+
+    reference = ReferenceMap.load(args.map)
+    recording = open_from(args, args.recording)
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
+    truth_of = None
+    inputs = [args.map, args.recording]
+    if args.ground_truth is not None:
+        inputs += args.ground_truth
+        truth_of = partial(
+            load_truth, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
+            frame_period=args.frame_period,
+        )  # fmt: skip
+        # so that a wrong ground truth is an error now, and not after minutes of measuring
+        queries = describe_query(reference, recording)
+        truth_of(reference.places.centre_us, queries.centre_us)
+    events = list(cleaned(recording, reference.settings))
+    designs = of_map(reference)
+    return Load(args.recording, reference, events, recording, designs, truth_of, inputs)
 
 
 def run(args: argparse.Namespace) -> None:
     """Profile this machine."""
+    from edge_vpr_tools import results
+    from edge_vpr_tools.profile.files import write_profile
+    from edge_vpr_tools.profile.measurement import Plan
+    from edge_vpr_tools.profile.profiling import Request
+    from edge_vpr_tools.profile.record import PROFILE
+    from edge_vpr_tools.profile.show import show
+    from edge_vpr_tools.results import write_json
+
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")
     if args.ground_truth is not None and args.map is None:
@@ -52,6 +171,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _profile(args: argparse.Namespace, request: Request, plan: Plan) -> Profile:
+    from edge_vpr_tools.profile.profiling import profile
+    from edge_vpr_tools.profile.sensors.search import choose_sensor
+
     sensor, missing = choose_sensor(
         request.root, name=args.sensor_name, meter_port=args.meter_port, shunt_mohm=args.shunt_mohm
     )

@@ -5,9 +5,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.energy.show import compare
+EXAMPLES = """\
+  edge-vpr profile compare results/board/profile.json results/laptop/profile.json --csv both.csv"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("first", metavar="A.json", help="a profile")
+    parser.add_argument("second", metavar="B.json", help="another profile")
+    output = parser.add_argument_group("output")
+    output.add_argument("--csv", metavar="FILE", help="also write the table as CSV")
 
 
 def run(args: argparse.Namespace) -> None:
     """Print both profiles, and write them as CSV if asked to."""
+    from edge_vpr_tools.profile.show import compare
+
     compare(Path(args.first), Path(args.second), None if args.csv is None else Path(args.csv))

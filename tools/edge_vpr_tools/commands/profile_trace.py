@@ -5,11 +5,28 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.energy.profile_files import write_profile
-from edge_vpr_tools.energy.profiling import with_meter
-from edge_vpr_tools.energy.show import check_shown, show
-from edge_vpr_tools.output import results
-from edge_vpr_tools.output.messages import is_quiet, summary
+from edge_vpr_tools.console import is_quiet, summary
+
+EXAMPLES = """\
+  edge-vpr profile --meter -o results/board
+  edge-vpr profile trace results/board/profile.json meter.csv"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "profile", metavar="PROFILE.json", help="profile that edge-vpr profile --meter wrote"
+    )
+    parser.add_argument(
+        "trace", metavar="METER.csv",
+        help="recording of the meter, with columns time_s and power_w, or voltage and current",
+    )  # fmt: skip
+    group = parser.add_argument_group("energy")
+    group.add_argument(
+        "--mission-rate", type=float, default=1.0, metavar="N",
+        help="matches per second of the mission that the energy is stated for",
+    )  # fmt: skip
+    group.add_argument("--no-figures", action="store_true", help="write no report")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -20,6 +37,11 @@ def run(args: argparse.Namespace) -> None:
     UsageError
         If the profile took no turns for a meter, or the trace does not hold them.
     """
+    from edge_vpr_tools import results
+    from edge_vpr_tools.profile.files import write_profile
+    from edge_vpr_tools.profile.profiling import with_meter
+    from edge_vpr_tools.profile.show import check_shown, show
+
     path = Path(args.profile)
     found = with_meter(path, Path(args.trace), args.mission_rate)
     check_shown(found, path)

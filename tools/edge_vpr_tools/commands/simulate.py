@@ -5,23 +5,70 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
+from edge_vpr_tools.console import summary
 
-from edge_vpr.evaluation.odometry_files import save_odometry
-from edge_vpr.recordings import write_recording
-from edge_vpr.simulate import QUERY, SimulatedRecording, simulate_pair
-from edge_vpr.simulate.odometer import wheel_odometry
-from edge_vpr_tools.output.messages import summary
-from edge_vpr_tools.output.progress import tracked
-from edge_vpr_tools.output.provenance import run_record, write_json
-from edge_vpr_tools.output.results import RUN, check_output_folder, results_folder
+if TYPE_CHECKING:
+    from edge_vpr.simulation import SimulatedRecording
+
+
+SENSORS = ("default", "tiny", "davis346", "speck")
+EXAMPLES = """\
+  edge-vpr simulate -o street
+  edge-vpr simulate -o short --length 200 --sensor tiny --seed 3 --stops 2"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "-o", "--output", metavar="DIR", required=True,
+        help="folder to write the recordings reference.npz and query.npz to, each with its track "
+        "and its wheel odometry as .csv",
+    )  # fmt: skip
+    output.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
+    drives = parser.add_argument_group("the two drives")
+    drives.add_argument(
+        "--sensor", choices=SENSORS, default="default",
+        help="camera: default and speck have 128 x 128 pixels, davis346 346 x 260, tiny 32 x 32 "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    drives.add_argument(
+        "--seed", type=int, default=0, help="seed of the street, the camera and the drives"
+    )
+    drives.add_argument(
+        "--length", type=float, default=900.0, metavar="M", help="length of the route in metres"
+    )
+    drives.add_argument(
+        "--speed-range", type=float, default=2.0, metavar="F",
+        help="the speed of the query varies between 1/F and F times that of the reference",
+    )  # fmt: skip
+    drives.add_argument(
+        "--stops", type=int, default=0, metavar="N", help="number of stops of the query"
+    )
+
 
 _WHEEL = 51  # random stream of the odometer
 
 
 def run(args: argparse.Namespace) -> None:
     """Simulate both drives and write them."""
+    import numpy as np
+
+    from edge_vpr.evaluation.tracks import save_odometry
+    from edge_vpr.recordings import write_recording
+    from edge_vpr.simulation import QUERY, simulate_pair
+    from edge_vpr.simulation.drive import wheel_odometry
+    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.results import (
+        RUN,
+        check_output_folder,
+        results_folder,
+        run_record,
+        write_json,
+    )
+
     output = Path(args.output)
     check_output_folder(output, args.overwrite)
     pair = simulate_pair(

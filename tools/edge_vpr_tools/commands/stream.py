@@ -4,17 +4,181 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from edge_vpr.errors import printable
-from edge_vpr.events import Sensor
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.errors import UsageError, printable
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.arguments.setting_flags import map_settings, with_match_flags
-from edge_vpr_tools.arguments.stream_checks import check_arguments
-from edge_vpr_tools.output.cleaning import warn_if_much
-from edge_vpr_tools.output.messages import summary
-from edge_vpr_tools.runs.live import Line, LiveOutput, follow_line, learn_map
-from edge_vpr_tools.runs.schedule import every_of, parse_every
+from edge_vpr_tools.console import summary
+from edge_vpr_tools.flags import add_map_flags, given_map_flags, map_settings, with_match_flags
+
+if TYPE_CHECKING:
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.runs.live import Line, LiveOutput
+
+
+EXAMPLES = """\
+  edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
+  edge-vpr stream --port tcp://board:7000 --protocol evt3 --map monday.npz --log run.jsonl
+  edge-vpr stream --port /dev/ttyACM0 --protocol evpr --sensor 64x64 --learn -o new.npz"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    line = parser.add_argument_group("line")
+    line.add_argument(
+        "--port", required=True,
+        help="where the camera is: a serial port such as /dev/ttyACM0, tcp://HOST:PORT, "
+        "udp://:PORT, - for standard input, or a file of its bytes",
+    )  # fmt: skip
+    line.add_argument(
+        "--protocol", required=True, metavar="P",
+        help="protocol of the camera: evpr, edvs, evt3, ...",
+    )  # fmt: skip
+    line.add_argument("--sensor", metavar="WxH", help="size of the sensor (default: the map's)")
+    line.add_argument(
+        "--baud", type=int, metavar="N",
+        help="bits per second of a serial port (default: the protocol's)",
+    )  # fmt: skip
+    line.add_argument(
+        "--flow-control", action="store_true", help="use the RTS and CTS wires of a serial port"
+    )
+    line.add_argument(
+        "--once", action="store_true",
+        help="stop when the connection ends, instead of opening it again",
+    )  # fmt: skip
+    line.add_argument(
+        "--on-overload", choices=("drop", "wait"),
+        help="if bytes arrive faster than they can be processed: drop the oldest bytes and count "
+        "them, or let the sender wait (default: wait for files and pipes, drop for others)",
+    )  # fmt: skip
+    line.add_argument(
+        "--max-lag", default="500ms", metavar="TIME",
+        help="with --on-overload drop: drop all waiting bytes as soon as the oldest of them have "
+        "waited longer than this",
+    )  # fmt: skip
+    places = parser.add_argument_group("localising")
+    places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
+    places.add_argument(
+        "--every", metavar="WHEN",
+        help="when to give a match: after a time such as 50ms, after N events, after each event or "
+        "window, or after each change of the place (default: 50ms; window with --delay)",
+    )  # fmt: skip
+    places.add_argument(
+        "--burst-filter", choices=("exact", "causal"), default="exact",
+        help="exact: delay events by up to 4 ms and remove the same bursts as in a recording; "
+        "causal: do not delay, and remove a burst only from the moment it is recognised",
+    )  # fmt: skip
+    line.add_argument(
+        "--odometry", metavar="PORT",
+        help="where the robot sends its odometer: a serial port of 115,200 baud, tcp://HOST:PORT, "
+        "udp://:PORT, or - for standard input; each reading is a line of text with the metres "
+        "driven from any zero",
+    )  # fmt: skip
+    output = parser.add_argument_group("output")
+    output.add_argument("--log", metavar="RUN.jsonl", help="write matches and health as JSON lines")
+    output.add_argument(
+        "--record", action="append", default=[], metavar="FILE",
+        help="save the raw bytes (.bin) or the events (.npz, .raw, ...); may be given twice",
+    )  # fmt: skip
+    output.add_argument(
+        "--rerun", nargs="?", const="viewer", metavar="FILE.rrd",
+        help="show events and matches in the Rerun viewer, or save them to a file for it",
+    )  # fmt: skip
+    output.add_argument(
+        "--json", action="store_true", help="print matches and health as JSON lines"
+    )
+    output.add_argument(
+        "--serve", metavar="[HOST:]PORT",
+        help="send the same lines to every program that connects to this TCP port; without HOST, "
+        "only programs on this machine can connect (default: none)",
+    )  # fmt: skip
+    output.add_argument(
+        "--mqtt", metavar="mqtt://HOST/TOPIC", help="send the same lines to an MQTT broker"
+    )
+    output.add_argument("--overwrite", action="store_true", help="replace files that exist")
+    learning = parser.add_argument_group("learning")
+    learning.add_argument("--learn", action="store_true", help="make a map of this drive instead")
+    learning.add_argument(
+        "-o", "--output", metavar="MAP.npz", help="with --learn, the map to write"
+    )
+    add_map_flags(parser)
+
+
+# Checks of the arguments of `edge-vpr stream`.
+
+
+def check_arguments(args: argparse.Namespace) -> None:
+    """Check the arguments before the camera is opened or a file is written.
+
+    Raises
+    ------
+    UsageError
+        If arguments contradict each other, or a file could not be written as asked.
+    """
+    from edge_vpr_tools.publish import parse_address, parse_url
+
+    if args.learn == (args.output is None):
+        raise UsageError("--learn and -o MAP.npz belong together: give both, or neither")
+    if args.learn and args.map:
+        raise UsageError("--learn makes a map and --map uses one: give one of them")
+    if args.sensor is None and args.map is None:
+        raise UsageError("the size of the sensor is not known: pass --sensor WIDTHxHEIGHT or --map")
+    if not args.learn and (flags := given_map_flags(args)):
+        raise UsageError(
+            f"{flags[0]} belongs to making a map, and --map has one already: leave it out, or make "
+            "a new map with --learn"
+        )
+    if args.baud is not None and args.baud < 1:
+        raise UsageError(f"--baud {args.baud}: expected the speed of a serial port, such as 921600")
+    _check_odometry(args)
+    if args.serve is not None:
+        parse_address(args.serve)
+    if args.mqtt is not None:
+        parse_url(args.mqtt)
+    _check_files(args)
+
+
+def _check_odometry(args: argparse.Namespace) -> None:
+    if args.odometry is None:
+        return
+    if args.map is None and not args.learn:
+        raise UsageError("--odometry is for --map and --learn: give one of them, or leave it out")
+    if args.odometry == args.port:
+        raise UsageError(
+            f"--odometry {args.odometry} is the camera's --port: give the odometer one of its own"
+        )
+    if Path(args.odometry).is_file():
+        raise UsageError(
+            f"--odometry {args.odometry} is a file, and stream reads the odometer as the robot "
+            "drives: match a recording with edge-vpr match --odometry"
+        )
+
+
+def _check_files(args: argparse.Namespace) -> None:
+    from edge_vpr.files import check_output
+    from edge_vpr.recordings.registry import FORMATS
+
+    known = [suffix for entry in FORMATS.values() if entry.writable for suffix in entry.suffixes]
+    of_events = [name for name in args.record if Path(name).suffix != ".bin"]
+    if len(of_events) > (0 if args.learn else 1):
+        raise UsageError(
+            "--record can write one file of events, and none with --learn: record bytes (.bin)"
+        )
+    for name in of_events:
+        if Path(name).suffix not in known:
+            raise UsageError(f"--record {name}: expected .bin for bytes, or {', '.join(known)}")
+    saved = None if args.rerun == "viewer" else args.rerun
+    seen = {Path(name).resolve() for name in (args.port, args.map) if name}
+    for name in filter(None, [*args.record, args.log, args.output, saved]):
+        path = Path(name)
+        if path.resolve() in seen:
+            raise UsageError(f"{path} is named twice: give each file another name")
+        seen.add(path.resolve())
+        check_output(path, (args.port, args.map))
+        if path.exists() and not args.overwrite:
+            raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
+        if not path.absolute().parent.is_dir():
+            raise UsageError(f"{path.absolute().parent} is not a folder: make it first")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -25,6 +189,10 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong, the link cannot be opened, or a file cannot be written.
     """
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.runs.live import LiveOutput, follow_line
+    from edge_vpr_tools.runs.matching import every_of, parse_every
+
     check_arguments(args)
     output = LiveOutput(
         as_json=args.json, log=args.log, record=tuple(args.record), rerun=args.rerun,
@@ -45,6 +213,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _learn(args: argparse.Namespace, output: LiveOutput) -> None:
+    from edge_vpr_tools.progress import warn_if_much
+    from edge_vpr_tools.runs.live import learn_map
+
     settings, target = map_settings(args), Path(args.output)
     reference, removed = learn_map(_line(args, None), output, settings, target, args.odometry)
     warn_if_much(removed, args.port, "keep them with --bursts keep")
@@ -55,6 +226,9 @@ def _learn(args: argparse.Namespace, output: LiveOutput) -> None:
 
 
 def _line(args: argparse.Namespace, reference: ReferenceMap | None) -> Line:
+    from edge_vpr.events import Sensor
+    from edge_vpr_tools.runs.live import Line
+
     sensor = Sensor.parse(args.sensor) if args.sensor else None
     if sensor is None:
         assert reference is not None

@@ -7,20 +7,44 @@ import os
 from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.output.messages import summary, warning
-from edge_vpr_tools.output.progress import status
-from edge_vpr_tools.sweep.comparison import rows_of
-from edge_vpr_tools.sweep.comparison_files import markdown
-from edge_vpr_tools.sweep.plan import read_plan
-from edge_vpr_tools.sweep.store import Store
-from edge_vpr_tools.sweep.sweeping import failures, run_sweep
-from edge_vpr_tools.sweep.workers import cluster, processes
+from edge_vpr_tools.console import summary, warning
+
+EXAMPLES = """\
+  edge-vpr sweep sweep.toml -o sweeps/pixels --workers 4
+  edge-vpr sweep sweep.toml -o sweeps/pixels --scheduler tcp://10.0.0.1:8786
+  edge-vpr sweep sweep.toml -o sweeps/pixels --retry-failed"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("plan", metavar="SWEEP.toml", help="plan with variants, drives and seeds")
+    parser.add_argument_group("output").add_argument(
+        "-o", "--output", metavar="DIR", required=True,
+        help="folder of the results; results that it has already are not computed again",
+    )  # fmt: skip
+    group = parser.add_argument_group("workers")
+    group.add_argument(
+        "--workers", type=int, metavar="N",
+        help="number of processes on this machine (default: its number of cores)",
+    )  # fmt: skip
+    group.add_argument(
+        "--scheduler", metavar="ADDRESS",
+        help="run on the Dask cluster of this scheduler instead, for example tcp://10.0.0.1:8786",
+    )  # fmt: skip
+    group.add_argument("--retry-failed", action="store_true", help="try again what failed before")
+
 
 _MOST_SHOWN = 5
 
 
 def run(args: argparse.Namespace) -> None:
     """Run the missing trials, and print the table of all."""
+    from edge_vpr_tools.progress import status
+    from edge_vpr_tools.research.sweep.comparison import markdown, rows_of
+    from edge_vpr_tools.research.sweep.plan import read_plan
+    from edge_vpr_tools.research.sweep.running import cluster, failures, processes, run_sweep
+    from edge_vpr_tools.research.sweep.store import Store
+
     if args.workers is not None and args.scheduler is not None:
         raise UsageError("--workers are of this machine, --scheduler of a cluster: leave one out")
     plan, store = read_plan(Path(args.plan)), Store(Path(args.output))

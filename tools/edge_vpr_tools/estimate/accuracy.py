@@ -8,15 +8,15 @@ from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.drive_matching import match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.pipeline import EventSource, coded_map, describe, map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr.simulate import simulate_pair
-from edge_vpr_tools.estimate.candidates import Evaluated
-from edge_vpr_tools.experiments.simulated import TOLERANCE_M, truth_of_pair
-from edge_vpr_tools.experiments.trial import TruthOf
-from firmware_model.design import Design
+from edge_vpr.simulation import simulate_pair
+from edge_vpr_tools.estimate.search import Evaluated
+from edge_vpr_tools.research.experiments.simulated import TOLERANCE_M, truth_of_pair
+from edge_vpr_tools.research.experiments.trial import TruthOf
+from firmware_model.model.design import Design
 
 #: J and bits that are tried, as far as the sensor has pixels and the code bits
 PIXELS = (10, 25, 50, 75, 100, 150, 250, 400)

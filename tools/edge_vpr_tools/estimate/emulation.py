@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from firmware_model import Design, Memories
-from firmware_model.build import EMULATED, Target, build
-from firmware_model.emulator import Emulator
+from firmware_model.emulation.build import EMULATED, Target, build
+from firmware_model.emulation.emulator import Emulator
+from firmware_model.emulation.instructions import FirmwareRun, compiler
 from firmware_model.image import stride
-from firmware_model.instructions import FirmwareRun, compiler
 
 SCALING = Path(__file__).parent / "scaling.csv"
 
@@ -113,7 +113,7 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
     ----------
     target : Target
     elf : path
-        What `firmware_model.build.build` made for it.
+        What `firmware_model.emulation.build.build` made for it.
     design : Design
     seed : int
         Of the places and counts.

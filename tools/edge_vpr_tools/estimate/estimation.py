@@ -1,23 +1,168 @@
-"""An estimate as a value: a question about a design, and everything that is counted and modelled.
-
-`estimate` answers a `Question`; the modules beside it print the answer.
-"""
+"""An estimate as a value: the question, its answers, comparison and calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.estimate.candidates import Asked, Candidate, Evaluated, answer, candidates
-from edge_vpr_tools.estimate.comparison import Comparison, Side, compare
-from edge_vpr_tools.estimate.counts import Sizes, Work, sizes
-from edge_vpr_tools.estimate.fit import Budget, Fit, fit
-from edge_vpr_tools.estimate.model import Cost, Mission, cost, work
-from edge_vpr_tools.estimate.targets import Constant, Target
-from edge_vpr_tools.output.json_records import to_json
-from firmware_model.design import Design
+from edge_vpr.files import understood
+from edge_vpr_tools.estimate.model import (
+    Cost,
+    Mission,
+    Sizes,
+    Work,
+    block_memories,
+    cost,
+    large_and_small_blocks,
+    sizes,
+    work,
+)
+from edge_vpr_tools.estimate.search import (
+    Asked,
+    Budget,
+    Candidate,
+    Evaluated,
+    Fit,
+    answer,
+    broken_by,
+    candidates,
+    fit,
+    memory_bytes,
+)
+from edge_vpr_tools.estimate.targets import (
+    UNKNOWN,
+    Constant,
+    Spread,
+    Target,
+    busy,
+    matching,
+    size_text,
+    spread,
+)
+from edge_vpr_tools.profile.measurement import Energy
+from edge_vpr_tools.profile.record import Profile
+from edge_vpr_tools.results import to_json
+from firmware_model.model.design import Design
+
+# Two designs side by side in every layer: counts, bytes, instructions, time, modelled energy.
+
+
+class Side(NamedTuple):
+    """A design, and what it has to keep up with."""
+
+    design: Design
+    mission: Mission
+
+
+class Pair(NamedTuple):
+    """A number of this design, and of the other one."""
+
+    ours: float
+    theirs: float
+
+
+class Costs(NamedTuple):
+    """Costs of this design on a target, and of the other one."""
+
+    target: Target
+    ours: Cost
+    theirs: Cost
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two designs in every layer.
+
+    Attributes
+    ----------
+    ours, theirs : Side
+    counts : dict of str to Pair
+        Exact counts, by name.
+    costs : tuple of Costs
+        On each target.
+    """
+
+    ours: Side
+    theirs: Side
+    counts: dict[str, Pair]
+    costs: tuple[Costs, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold: ``[this design, the other]``."""
+        return {
+            "counts": {name: list(pair) for name, pair in self.counts.items()},
+            "targets": {
+                target.name: [to_json(one) | {"energy_is": "modelled"} for one in (ours, theirs)]
+                for target, ours, theirs in self.costs
+            },
+        }
+
+
+def compare(
+    ours: Side, theirs: Side, targets: Iterable[Target], measured: Constant | None = None
+) -> Comparison:
+    """Count and model two designs.
+
+    Parameters
+    ----------
+    ours, theirs : Side
+    targets : iterable of Target
+    measured : Constant, optional
+        See `cost`.
+    """
+    a, b = counted(*ours), counted(*theirs)
+    return Comparison(
+        ours,
+        theirs,
+        {name: Pair(a.get(name, 0), value) for name, value in b.items()},
+        tuple(
+            Costs(
+                target,
+                *(cost(side.design, target, side.mission, measured) for side in (ours, theirs)),
+            )
+            for target in targets
+        ),
+    )
+
+
+def counted(design: Design, mission: Mission) -> dict[str, float]:
+    """Return operations and bytes of a match and of a second, and memory."""
+    units, rates, size = work(design), mission.rates, sizes(design)
+    match = units["match"]
+    found: dict[str, float] = {"counters": design.slots}
+    found |= {f"{name}, a match": n for name, n in match.operations.items() if n}
+    found |= {
+        "bytes read, a match": match.bytes_read,
+        "bytes written, a match": match.bytes_written,
+    }
+    found |= {"bytes read and written, a window's end": _bytes(units["window"])}
+    for name in match.operations:
+        total = sum(units[unit].operations[name] * rate for unit, rate in rates.items())
+        if total:
+            found[f"{name}, a second"] = total
+    found["bytes read and written, a second"] = sum(
+        _bytes(units[unit]) * rate for unit, rate in rates.items()
+    )
+    return found | {
+        "bytes a place": size.place_bytes,
+        "bytes of all places": design.places * size.place_bytes,
+        "bytes of all memories, packed": size.packed_bytes,
+        "flash of the firmware in C": size.flash_bytes,
+        "RAM of the firmware in C": size.ram_bytes,
+    }
+
+
+def _bytes(unit: Work) -> float:
+    return unit.bytes_read + unit.bytes_written
+
+
+# An estimate as a value: a question about a design, and everything that is counted and modelled.
+#
+# `estimate` answers a `Question`; the modules beside it print the answer.
 
 
 class Tried(NamedTuple):
@@ -190,3 +335,134 @@ def _answers(question: Question, tried: Tried) -> Answers:
         said[target.name] = answer(found, asked, tried.drives)
         told[target.name] = found
     return Answers(said, told)
+
+
+# The answer of an estimate in sentences: what fits, memory, time, power and accuracy.
+
+
+def answer_lines(found: Estimation) -> list[str]:
+    """Return the answer: a sentence for each target, and one on the accuracy."""
+    asked = found.question
+    if found.answers is not None:
+        return [
+            *found.answers.text.values(),
+            "an accuracy is of those drives: a longer route has more places to be mistaken for "
+            "one another",
+        ]
+    of = asked.design
+    head = (
+        f"{of.pixels} pixels, codes of {of.code_bits} bits ({of.code}), {of.places:,} places, "
+        f"{matching(of)}:"
+    )
+    lines = [
+        f"{target.name}: {_verdict(asked, target, found.costs[target.name])}"
+        for target in asked.targets
+    ]
+    return [head, *lines, "accuracy is not estimated: --accuracy-on tries designs on two drives"]
+
+
+def _verdict(asked: Question, target: Target, cost: Cost) -> str:
+    """Return whether a design fits, and what it takes."""
+    of = asked.design
+    budgets = asked.budgets if asked.alone is not None else ()
+    over = broken_by(of, target, asked.mission, budgets, asked.measured)
+    problems = [f"over {over}"] if over else []
+    memory = size_text(memory_bytes(of, target))
+    if target.blocks:
+        blocks, enough = _blocks(of, target)
+        memory += f" in {blocks}"
+        if not enough:
+            problems.append("too few block memories")
+    if cost.logic_cells is not None:
+        memory += f"; {cells_text(cost.logic_cells, target)} (predicted)"
+        if cost.logic_cells > target.logic_cells:
+            problems.append("too few logic cells")
+    if cost.load.low >= 1:
+        problems.append("too slow for the mission")
+    fits = f"does not fit ({', '.join(problems)})" if problems else "fits"
+    energy = f"energy {UNKNOWN}"
+    if cost.energy_j is not None:
+        energy = f"{spread(cost.energy_j['match'], 'J')} modelled"
+    known = ((cost.marginal_w, "added by the work"), (cost.idle_w, "at rest"))
+    power = [f"{spread(value, 'W')} {what}" for value, what in known if value is not None]
+    return (
+        f"{fits}; memory {memory}; a match takes {spread(cost.seconds['match'], 's')}, {energy}; "
+        f"busy {busy(cost.load)}; power {', '.join(power) or UNKNOWN}"
+    )
+
+
+def memory_text(of: Design, target: Target) -> str:
+    """Return the memory that a design takes on a target, and whether that is too much."""
+    if target.kind == "processor":
+        limit = broken_by(of, target, Mission(0.0, 0.0, 1.0), ())
+        return size_text(memory_bytes(of, target)) + (f": over {limit}" if limit else "")
+    if not target.blocks:
+        return size_text(sizes(of).packed_bytes)
+    blocks, enough = _blocks(of, target)
+    return blocks if enough else f"{blocks}: too many"
+
+
+def cells_text(taken: int, target: Target) -> str:
+    """Return the logic cells that the core takes, and those that there are."""
+    return f"{taken:,} of {target.logic_cells:,} logic cells"
+
+
+def _blocks(of: Design, target: Target) -> tuple[str, bool]:
+    """Return the block memories that a design takes, and whether there are as many."""
+    needed = block_memories(of, target.block_shapes)
+    if needed <= target.blocks or not target.large_blocks:
+        return f"{needed} of {target.blocks} blocks", needed <= target.blocks
+    large, rest = large_and_small_blocks(of, target.large_block_shapes, target.block_shapes)
+    enough = rest <= target.blocks and large <= target.large_blocks
+    return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large", enough
+
+
+# Energy of a processor's clock cycle, from the profile of a board with a power sensor.
+
+
+def calibrated(path: Path) -> Constant:
+    """Return the energy of a cycle that a profile measured.
+
+    It is a single point: marginal joules per second of processor time, divided by the clock.
+
+    Parameters
+    ----------
+    path : path
+        Of a ``profile.json``.
+
+    Returns
+    -------
+    Constant
+        In picojoules a cycle.
+
+    Raises
+    ------
+    UsageError
+        If the file is no profile, or its energy was not measured or not resolved.
+    """
+    profile = Profile.load_file(path)
+    energy, clock = profile.energy, profile.conditions.loaded.frequency_hz
+    figures = energy.figures if isinstance(energy, Energy) else None
+    marginal = None if figures is None else figures.marginal_j_per_match
+    if not isinstance(energy, Energy) or figures is None or marginal is None or not clock:
+        raise UsageError(
+            f"{path}: energy was not measured or not resolved, or the clock is not known: "
+            "profile a board with a power sensor, for longer"
+        )
+    # periods of an external meter have no processor time, which is taken from the throughput
+    seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
+    low, high = figures.marginal_j_per_match_interval
+    with understood(path, "energy and clock", "profile the board again"):
+        picojoules = [1e12 * joules / (seconds * clock) for joules in (low, marginal, high)]
+        if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
+            raise ValueError(f"{picojoules} pJ a cycle are no interval")
+        year = int(profile.run.finished_utc[:4])
+    return Constant(
+        "a cycle of this board",
+        "pJ/cycle",
+        Spread(*picojoules),
+        year,
+        profile.run.machine.processor,
+        f"calibrated on the profile {path}",
+        "interval of the measurement; one point: another load may cost another energy a cycle",
+    )

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_vpr.descriptors.descriptors import narrow
-from edge_vpr.descriptors.pauses import mean_activity
-from edge_vpr.matching.step_prices import StepPrices
+from edge_vpr.descriptors.windows import mean_activity, narrow
+from edge_vpr.matching.transitions import StepPrices
 from edge_vpr.reference_map import ReferenceMap
-from firmware_model.design import Design
-from firmware_model.design_ranges import DeviceCode
 from firmware_model.errors import DesignError
-from firmware_model.memories import Memories
+from firmware_model.model.design import Design, DeviceCode
+from firmware_model.model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
 
 

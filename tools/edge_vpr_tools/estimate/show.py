@@ -3,27 +3,132 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
-from edge_vpr_tools.estimate.answers import answer_lines, cells_text, memory_text
-from edge_vpr_tools.estimate.candidates import Candidate
-from edge_vpr_tools.estimate.estimation import Estimation, Question
-from edge_vpr_tools.estimate.fit import Fit
-from edge_vpr_tools.estimate.model import Cost, Mission, per_second
-from edge_vpr_tools.estimate.show_comparison import show_comparison
-from edge_vpr_tools.estimate.sources import sources
-from edge_vpr_tools.estimate.targets import Target
-from edge_vpr_tools.estimate.wording import (
+from edge_vpr_tools.console import say, table
+from edge_vpr_tools.estimate import core_area
+from edge_vpr_tools.estimate.estimation import (
+    Comparison,
+    Costs,
+    Estimation,
+    Question,
+    answer_lines,
+    cells_text,
+    memory_text,
+)
+from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, per_second
+from edge_vpr_tools.estimate.search import Candidate, Fit, memory_bytes
+from edge_vpr_tools.estimate.targets import (
     UNKNOWN,
+    Constant,
+    Target,
     busy,
     count,
     joules,
     matching,
     size_text,
     spread,
+    three,
+    times,
     watts,
 )
-from edge_vpr_tools.output.tables import say, table
-from edge_vpr_tools.report.quantities import quantity
+from edge_vpr_tools.report.page import quantity
+
+# Two designs side by side on the terminal.
+
+
+def show_comparison(found: Comparison, name: str) -> None:
+    """Print both, and how many times the other one takes.
+
+    Parameters
+    ----------
+    found : Comparison
+    name : str
+        Of the other design.
+    """
+    rows = [
+        [key, f"{pair.ours:,.6g}", f"{pair.theirs:,.6g}", times(pair.theirs, pair.ours)]
+        for key, pair in found.counts.items()
+    ]
+    table(["exact counts", "this design", name, "times"], rows)
+    for kind, unit in (("processor", "instructions"), ("fpga", "cycles"), ("datapath", "cycles")):
+        those = [one for one in found.costs if one.target.kind == kind]
+        if those:
+            _modelled(found, name, those, unit)
+    if isinstance(found.theirs.design, EveryPixel):
+        say(
+            "all pixels: no firmware or device of this kind holds as many counters; its "
+            "instructions continue those of the emulated designs, an event's are taken as with a "
+            "look-up, and memories are counted without one"
+        )
+
+
+def _modelled(found: Comparison, name: str, costs: Sequence[Costs], unit: str) -> None:
+    rows = []
+    for target, a, b in costs:
+        taken = [_taken(one) for one in (a, b)]
+        memory = [memory_bytes(side.design, target) for side in (found.ours, found.theirs)]
+        lines = [
+            (f"{unit} a match", *(f"{n:,.0f}" for n in taken), times(taken[1], taken[0])),
+            ("time of a match", *(spread(c.seconds["match"], "s") for c in (a, b)),
+             times(b.seconds["match"].central, a.seconds["match"].central)),
+            ("busy", *(busy(c.load) for c in (a, b)), times(b.load.central, a.load.central)),
+            ("memory", *map(size_text, memory), times(memory[1], memory[0])),
+        ]  # fmt: skip
+        if a.energy_j and b.energy_j and a.marginal_w and b.marginal_w:
+            for what, x, y, sign in (
+                ("energy of a match, modelled", a.energy_j["match"], b.energy_j["match"], "J"),
+                ("added power, modelled", a.marginal_w, b.marginal_w, "W"),
+            ):
+                lines.append((what, spread(x, sign), spread(y, sign), times(y.central, x.central)))
+        else:
+            lines.append(("energy", UNKNOWN, UNKNOWN, "-"))
+        rows += [[target.name if i == 0 else "", *line] for i, line in enumerate(lines)]
+    table(["target", "", "this design", name, "times"], rows)
+
+
+def _taken(found: Cost) -> float:
+    """Return the instructions of a match, or its cycles where there is no program."""
+    if found.instructions is None:
+        return found.cycles["match"].central
+    return found.instructions["match"]
+
+
+# Assumptions, sources and unknown values of an estimate.
+
+
+def sources(found: Estimation) -> list[str]:
+    """Return a sentence for each assumption, and for each cited constant."""
+    said = []
+    cited: dict[Constant, None] = {}
+    for target in found.question.targets:
+        if target.kind == "processor":
+            told = firmware()[target.core]
+            said.append(
+                f"{target.name}: instructions of the reference firmware ({told.compiler}, "
+                f"{target.core}); cycles an instruction {three(target.cpi)}: {target.cpi_source}"
+            )
+        if target.logic_cells:
+            furthest = max(map(abs, core_area.errors().values()))
+            said.append(
+                f"{target.name}: logic cells are predicted from {len(core_area.FITTED_ON)} "
+                f"netlists of the hardware core; of {len(core_area.JUDGED_ON)} others they were "
+                f"{furthest:.1%} off at most"
+            )
+        if target.note:
+            said.append(f"{target.name}: {target.note}")
+        if target.unknown and found.question.measured is None:
+            remedy = "; --calibrate takes a profile of your board"
+            said.append(f"{target.name}: {target.unknown}" + remedy * (target.kind == "processor"))
+        cited |= dict.fromkeys(found.costs[target.name].basis)
+    said += [
+        f"modelled, {constant.name}: {three(asdict(constant.value).values())} "
+        f"{constant.unit} (year {constant.year}, {constant.node}): {constant.source}; "
+        f"{constant.uncertainty}"
+        for constant in cited
+    ]
+    return said
+
 
 #: rows of a table of designs
 _SHOWN = 12

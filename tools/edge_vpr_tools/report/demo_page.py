@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from edge_vpr.evaluation.place_positions import with_positions
-from edge_vpr.evaluation.tracks import Track
-from edge_vpr_tools.experiments import simulated
-from edge_vpr_tools.experiments.latency import Latency
-from edge_vpr_tools.experiments.trial import Trial
-from edge_vpr_tools.output import results
-from edge_vpr_tools.output.provenance import read_json
+from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr_tools import results
 from edge_vpr_tools.report import figures
-from edge_vpr_tools.report.page import Page
-from edge_vpr_tools.report.run_section import add_run
-from edge_vpr_tools.report.scales import along_route, seconds
-from edge_vpr_tools.report.style import save
+from edge_vpr_tools.report.page import Page, add_run
+from edge_vpr_tools.report.style import along_route, save, seconds
 from edge_vpr_tools.report.traverse import shown_distances
+from edge_vpr_tools.research.experiments import simulated
+from edge_vpr_tools.research.experiments.simulated import Latency
+from edge_vpr_tools.research.experiments.trial import Trial
+from edge_vpr_tools.results import read_json
 
 
 def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:

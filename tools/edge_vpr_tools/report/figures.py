@@ -14,15 +14,24 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from edge_vpr.descriptors.descriptors import Descriptors
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.report.scales import Scale, add_scale
-from edge_vpr_tools.report.style import BLUE, CYCLE, ORANGE, RED, SKY, figure, look
-from edge_vpr_tools.report.wording import MISSED
+from edge_vpr_tools.report.page import MISSED
+from edge_vpr_tools.report.style import (
+    BLUE,
+    CYCLE,
+    ORANGE,
+    RED,
+    SKY,
+    Scale,
+    add_scale,
+    figure,
+    look,
+)
 
 
 def selected_pixels(reference: ReferenceMap) -> Figure:

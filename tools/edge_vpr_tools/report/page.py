@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from edge_vpr import __version__
-from edge_vpr.archive import replacing
+from edge_vpr.files import replacing
+
+# A self-contained HTML page: text, tables and figures in one file that can be sent on.
+
 
 #: Matplotlib draws at 130 dots an inch, a browser shows 96
 _SHOWN = 96 / 130
@@ -120,3 +124,107 @@ class Page:
 def _is_number(cell: str) -> bool:
     """Return whether a cell is a short number, perhaps with unit, bounds or spread."""
     return not cell or (len(cell) <= _LONGEST_NUMBER and _NUMBER.match(cell) is not None)
+
+
+# The section of a report on settings, versions, machine and inputs.
+
+
+_HASH_SHOWN = 16
+_NAMES = {"edge-vpr": "edge-vpr", "python": "Python", "numpy": "NumPy", "numba": "Numba"}
+
+
+def add_run(page: Page, record: Mapping[str, Any]) -> None:
+    """Add the contents of ``run.json``.
+
+    Parameters
+    ----------
+    page : Page
+    record : mapping
+        A `RunRecord`, as read from the file. What an older file lacks is left out.
+    """
+    page.heading("Settings and versions")
+    if record.get("command"):
+        program, *words = map(str, record["command"])
+        command = " ".join([Path(program).name, *words])
+        page.text(f"Made by: {command} ({record.get('finished_utc', 'time not recorded')}).")
+    settings = record.get("settings", {})
+    if settings:
+        page.table(("setting", "value"), [(name, plain(one)) for name, one in settings.items()])
+    versions = [(_NAMES.get(name, name), one) for name, one in record.get("versions", {}).items()]
+    machine = record.get("machine", {})
+    where = [("system", machine.get("system")), ("processor", machine.get("processor"))]
+    page.table(
+        ("software and machine", ""),
+        [(name, str(one)) for name, one in (*versions, *where) if one],
+    )
+    inputs = record.get("inputs", ())
+    if inputs:
+        page.heading("Inputs")
+        page.table(
+            ("file", "bytes", f"SHA-256, first {_HASH_SHOWN} digits"),
+            [
+                (str(one["path"]), f"{one['bytes']:,}", str(one["sha256"])[:_HASH_SHOWN])
+                for one in inputs
+            ],
+        )
+    page.folded("The whole record of the run", json.dumps(record, indent=2))
+
+
+def plain(value: object) -> str:
+    """Write a plain value in words: yes and no, none, lists without brackets."""
+    match value:
+        case None:
+            return "none"
+        case bool():
+            return "yes" if value else "no"
+        case Mapping():
+            return ", ".join(f"{name} {plain(one)}" for name, one in value.items())
+        case list() | tuple():
+            return ", ".join(map(plain, value)) or "none"
+    return str(value)
+
+
+# Text of quantities, with a suitable unit prefix and with bounds.
+
+
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+
+
+def quantity(
+    value: float, unit: str, low: float | None = None, high: float | None = None, digits: int = 3
+) -> str:
+    """Write a value with its bounds, all three in one unit.
+
+    Parameters
+    ----------
+    value : float
+        Tells the prefix, from pico to none.
+    unit : str
+    low, high : float, optional
+        Left out where both are equal.
+    digits : int
+        That count, below a thousand.
+
+    Examples
+    --------
+    >>> quantity(0.004294, "J", 0.00397, 0.004325)
+    '4.29 (3.97 to 4.33) mJ'
+    """
+    factor, prefix = next(((f, p) for f, p in _PREFIXES if abs(value) >= f), _PREFIXES[-1])
+
+    def told(number: float) -> str:
+        scaled = number / factor
+        return f"{scaled:,.0f}" if abs(scaled) >= 1_000 else f"{scaled:.{digits}g}"
+
+    bounds = "" if low is None or high is None or low == high else f" ({told(low)} to {told(high)})"
+    return f"{told(value)}{bounds} {prefix}{unit}"
+
+
+# Names of choices in words, for pages and figures.
+
+
+#: queries that recall counts as missed, by the name of the denominator
+MISSED: dict[str, str] = {
+    "rejected-correct": "rejected ones whose best match was right",
+    "all-with-place": "all with a place in the map that they did not get",
+}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,50 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from edge_vpr.archive import replacing
-from edge_vpr.errors import UsageError, printable
-from edge_vpr_tools.report.formats import FORMATS
+from edge_vpr.errors import UsageError, did_you_mean, printable
+from edge_vpr.files import replacing
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Route
+
+# File formats of figures: the flag ``--figures``.
+
+
+#: that Matplotlib writes without further libraries, and papers and pages take
+FORMATS = ("png", "pdf", "svg")
+
+
+def read_formats(text: str) -> tuple[str, ...]:
+    """Read names of formats, separated by commas.
+
+    Parameters
+    ----------
+    text : str
+        For example ``pdf,svg``.
+
+    Returns
+    -------
+    tuple of str
+        Each once, in the order given.
+
+    Raises
+    ------
+    UsageError
+        If one is unknown, or none is given.
+    """
+    names = tuple(dict.fromkeys(name.strip().lower() for name in text.split(",")))
+    for name in names:
+        if name not in FORMATS:
+            raise UsageError(
+                f"--figures {text!r}: {name!r} is no format of figures"
+                f"{did_you_mean(name, FORMATS)}: choose from {', '.join(FORMATS)}"
+            )
+    return names
+
+
+# One look for every figure: colour-blind safe (Okabe and Ito, 2008), legible in print.
+
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#0072B2",
@@ -191,3 +231,148 @@ def drawn(drawing: Figure, kind: str) -> bytes:
             target, format=kind, dpi=130, metadata=None if date is None else {date: None}
         )
     return target.getvalue()
+
+
+# Means and spreads of trials, a row for each variant.
+
+
+#: values of the trials by row
+Rows = Mapping[str, Sequence[float]]
+#: from none to all
+SHARE = (-0.03, 1.03)
+_LINE_HEIGHT = 0.32
+
+
+def dot_plot(
+    measures: Mapping[str, Mapping[str, Rows]], limits: tuple[float, float] | None = SHARE
+) -> Figure:
+    """Draw a panel for each measure: a dot for the mean of a row's trials, a bar for their spread.
+
+    Parameters
+    ----------
+    measures : mapping of measure to mapping of series to mapping of row to sequence of float
+        Values of the trials. A series has a colour; several are listed in a legend. All have the
+        same rows, which are drawn from top to bottom.
+    limits : (float, float), optional
+        Of the horizontal axes; None chooses them by the values.
+
+    Examples
+    --------
+    >>> drawing = dot_plot({"P@100R": {"": {"25 pixels": [0.7, 0.8], "all": [0.9, 0.9]}}})
+    >>> [label.get_text() for label in drawing.axes[0].get_yticklabels()]
+    ['25 pixels', 'all']
+    """
+    some = next(iter(measures.values()))
+    names = list(next(iter(some.values())))
+    lines = len(names) * (1 + len(some)) / 2
+    size = 3.4 + 3.2 * len(measures), 1.4 + _LINE_HEIGHT * lines
+    with panels(1, len(measures), *size, sharey=True) as (drawing, (row,)):
+        for axes, (measure, series) in zip(row, measures.items(), strict=True):
+            for i, (title, rows) in enumerate(series.items()):
+                found = [mean_and_spread(rows[name]) for name in names]
+                axes.errorbar(
+                    [mean for mean, _ in found],
+                    # several dots of a row stand below each other
+                    [line + 0.5 * ((i + 0.5) / len(series) - 0.5) for line in range(len(names))],
+                    xerr=[spread for _, spread in found],
+                    color=CYCLE[i % len(CYCLE)],
+                    marker=MARKERS[i % len(MARKERS)],
+                    ms=5,
+                    linestyle="none",
+                    label=name_label(title),
+                )
+            axes.set(xlabel=measure, xlim=limits)
+        row[0].set_yticks(range(len(names)), [name_label(name) for name in names], fontsize=9)
+        row[0].set_ylim(len(names) - 0.5, -0.5)
+        if len(some) > 1:
+            legend_below(drawing, row, len(some))
+    return drawing
+
+
+# Second axes of figures: seconds or metres beside the numbers of windows and places.
+
+
+_TICKS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """A quantity that grows from window to window of a drive.
+
+    Attributes
+    ----------
+    values : ndarray of float64, shape (n,)
+        Of each window, not falling; NaN where it is not known.
+    label : str
+        With the unit.
+    """
+
+    values: npt.NDArray[np.float64]
+    label: str
+
+    def ticks(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return round values, and between which windows each of them was reached.
+
+        Returns
+        -------
+        positions, values : ndarray of float64, shape (m,)
+            m is 0 where fewer than two different values are known.
+        """
+        known = np.flatnonzero(np.isfinite(self.values))
+        values = self.values[known]
+        if known.size < 2 or values[0] == values[-1]:
+            return np.empty(0), np.empty(0)
+        round_values = MaxNLocator(_TICKS, steps=[1, 2, 5, 10]).tick_values(values[0], values[-1])
+        inside = round_values[(round_values >= values[0]) & (round_values <= values[-1])]
+        return np.interp(inside, values, known), inside
+
+
+def seconds(centre_us: npt.NDArray[np.int64], drive: str) -> Scale:
+    """Return the time of each window.
+
+    Parameters
+    ----------
+    centre_us : ndarray of int64, shape (n,)
+        Centres of the windows, in microseconds.
+    drive : str
+        Name for the label.
+    """
+    return Scale(centre_us / 1e6, f"time of the {drive} drive (s)")
+
+
+def along_route(reference: ReferenceMap, route: Route | None) -> Scale:
+    """Return the metres to each place where a track says them, and else the seconds.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    route : Route or None
+        Positions of its places.
+    """
+    if route is None:
+        return seconds(reference.places.centre_us, "reference")
+    return Scale(route.along_m, "way along the route (m)")
+
+
+def add_scale(axes: Axes, side: str, scale: Scale) -> None:
+    """Draw a second axis; nothing is drawn where the quantity is not known.
+
+    Parameters
+    ----------
+    axes : Axes
+        With windows or places, from 0, on the opposite axis.
+    side : {"top", "right"}
+    scale : Scale
+    """
+    positions, values = scale.ticks()
+    if not positions.size:
+        return
+    texts = [f"{value:g}" for value in values]
+    if side == "top":
+        second = axes.secondary_xaxis("top")
+        second.set_xticks(positions, texts)
+        second.set_xlabel(scale.label)
+    else:
+        second = axes.secondary_yaxis("right")
+        second.set_yticks(positions, texts)
+        second.set_ylabel(scale.label)

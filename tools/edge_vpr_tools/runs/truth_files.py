@@ -9,12 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.evaluation.tracks import Track
-from edge_vpr.evaluation.truth_from_alignment import from_alignment, load_alignment
-from edge_vpr.evaluation.truth_from_matrix import from_matrix, load_matrix
-from edge_vpr.evaluation.truth_from_tracks import from_tracks
+from edge_vpr.evaluation.ground_truth import (
+    GroundTruth,
+    from_alignment,
+    from_matrix,
+    from_tracks,
+    load_alignment,
+    load_matrix,
+)
+from edge_vpr.evaluation.tracks import Track, load_track
 from edge_vpr.recordings import parse_period
 
 #: Suffixes of files that hold a track and not an alignment.

@@ -1,1 +1,0 @@
-"""Published data sets: names of their files, and tonic data sets of them."""

@@ -1,0 +1,435 @@
+"""Removal of what is no scene: bursts, at once or with a delay, and hot pixels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import Box, kernel
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
+
+# Removal of bursts, moments at which most pixels fire at once, from a stream of events.
+
+
+#: a burst: more than half of all pixels fire within two neighbouring slots of this length
+BURST_SLOT_US = 2_000
+BURST_SHARE = (1, 2)
+
+
+class BurstFilter:
+    """Removes bursts from a stream: moments at which most pixels fire within a few milliseconds.
+
+    Time is divided into slots of 2 ms. If more than half of all pixels fire in two neighbouring
+    slots together, the events of both are removed. Events leave the filter up to two slots late;
+    `finish` returns the rest.
+
+    Parameters
+    ----------
+    sensor : Sensor
+
+    Attributes
+    ----------
+    removed : int
+        Events removed so far.
+    """
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.removed = 0
+        self._sensor = sensor
+        self._least = sensor.pixels * BURST_SHARE[0] // BURST_SHARE[1]
+        self._hold_nothing()
+
+    def _hold_nothing(self) -> None:
+        # The newest two slots with events: the last may get more, and the one before it may still
+        # become the first half of a burst. Rows: number and size; size 0 means none yet.
+        self._events = np.empty(0, dtype=EVENT_DTYPE)
+        self._newest = np.array([[-4, 0], [-2, 0]], dtype=np.int64)
+        # whether the first of the two slots is a burst together with the slot before it
+        self._first_is_burst = False
+
+    def update(self, events: Events) -> Events:
+        """Feed the next events.
+
+        Parameters
+        ----------
+        events : ndarray of EVENT_DTYPE, shape (n,)
+            In time order and on the sensor, after all those before.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (m,)
+            The events known by now to belong to no burst, in order.
+        """
+        return np.concatenate([*self.pieces(events), self._events[:0]])
+
+    def pieces(self, events: Events) -> list[Events]:
+        """Feed the next events as `update` does, and yield the kept ones without copying.
+
+        Returns
+        -------
+        list of ndarray of EVENT_DTYPE
+            The events that `update` would return, one array after another; they may be views.
+        """
+        if events.size == 0:
+            return []
+        held, newest = self._events, self._newest.copy()
+        most, cut = _newest_slots(events["t"], held.size, newest)
+        keep = None
+        if most > self._least or self._first_is_burst:
+            slots = _joined(self._slots(), _slots_of(events["t"]))
+            burst = self._bursts(slots, held, events)
+            decided = max(0, len(slots.number) - 2)
+            keep = np.repeat(~burst[:decided], slots.size[:decided])
+            if decided:
+                self._first_is_burst = bool(burst[decided])
+        if keep is None or keep.all():
+            pieces = [held[:cut], events[: max(0, cut - held.size)]]
+        else:
+            self.removed += int(np.count_nonzero(~keep))
+            pieces = [np.concatenate([held, events])[:cut][keep]]
+        self._events = join_events([held[cut:], events[max(0, cut - held.size) :]])
+        self._newest = newest
+        return [piece for piece in pieces if piece.size]
+
+    def _slots(self) -> _Slots:
+        known = self._newest[self._newest[:, 1] > 0]
+        return _Slots(known[:, 0], known[:, 1])
+
+    def advance(self, until_us: int) -> Events:
+        """Advance the time without events, to T = `until_us`.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (m,)
+            The events known by now to belong to no burst, in order.
+        """
+        held = self._events
+        if held.size and until_us // BURST_SLOT_US > int(held["t"][-1]) // BURST_SLOT_US + 1:
+            return self.finish()
+        return held[:0]
+
+    @property
+    def known_us(self) -> int:
+        """Time before which all events have left the filter; the largest time if none is held."""
+        if self._events.size == 0:
+            return np.iinfo(np.int64).max
+        return int(self._events["t"][0]) // BURST_SLOT_US * BURST_SLOT_US
+
+    def finish(self) -> Events:
+        """End the stream.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (m,)
+            The remaining events that belong to no burst.
+        """
+        held = self._events
+        slots = self._slots()
+        keep = np.repeat(~self._bursts(slots, held, held[:0]), slots.size)
+        self.removed += int(np.count_nonzero(~keep))
+        self._hold_nothing()
+        return held[keep]
+
+    def _bursts(self, slots: _Slots, held: Events, events: Events) -> npt.NDArray[np.bool_]:
+        """Return which slots belong to a burst; for the last slot as far as is known."""
+        burst = np.zeros(len(slots.number), dtype=np.bool_)
+        burst[:1] = self._first_is_burst
+        follows = np.diff(slots.number, prepend=-2) == 1
+        together = slots.size + np.where(follows, np.concatenate([[0], slots.size[:-1]]), 0)
+        # pixels need to be counted only if there are enough events
+        candidates = np.flatnonzero(together > self._least)
+        if candidates.size == 0:
+            return burst
+        joined = np.concatenate([held, events])
+        flat = joined["y"].astype(np.int64) * self._sensor.width + joined["x"]
+        ends = np.cumsum(slots.size)
+        for i in candidates.tolist():
+            pixels = np.unique(flat[ends[i] - together[i] : ends[i]]).size
+            if pixels * BURST_SHARE[1] > BURST_SHARE[0] * self._sensor.pixels:
+                burst[i] = True
+                burst[i - 1 : i] |= follows[i]
+        return burst
+
+
+@kernel
+def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
+    """Assign events at times `t` to slots, after `held` events in two slots.
+
+    Returns the largest number of events in two neighbouring slots together, and the number of
+    events before the newest two slots. Writes the numbers and sizes of these two to `newest`.
+    """
+    before, before_size, last, last_size = newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1]
+    before_at, last_at = 0, before_size
+    most = last_size + (before_size if last == before + 1 else 0)
+    for i in range(t.size):
+        slot = t[i] // BURST_SLOT_US
+        if slot != last:
+            before, before_size, before_at = last, last_size, last_at
+            last, last_size, last_at = slot, 0, held + i
+        last_size += 1
+        together = last_size + (before_size if last == before + 1 else 0)
+        most = max(most, together)
+    newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1] = before, before_size, last, last_size
+    return most, before_at
+
+
+class _Slots(NamedTuple):
+    """Numbers and sizes of the slots that have events."""
+
+    number: npt.NDArray[np.int64]
+    size: npt.NDArray[np.int64]
+
+
+def _slots_of(t: npt.NDArray[np.int64]) -> _Slots:
+    if t.size == 0:
+        return _Slots(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
+    first, last = int(t[0]) // BURST_SLOT_US, int(t[-1]) // BURST_SLOT_US
+    if last - first > t.size:
+        number, size = np.unique(t // BURST_SLOT_US, return_counts=True)
+        return _Slots(number, size.astype(np.int64))
+    number = np.arange(first, last + 1)
+    ends = np.searchsorted(t, (number + 1) * BURST_SLOT_US)
+    size = np.diff(ends, prepend=0)
+    return _Slots(number[size > 0], size[size > 0])
+
+
+def _joined(older: _Slots, newer: _Slots) -> _Slots:
+    """Join the slots of two successive parts of a stream, which may share one slot."""
+    if len(older.number) and older.number[-1] == newer.number[0]:
+        sizes = [older.size[:-1], older.size[-1:] + newer.size[:1], newer.size[1:]]
+        return _Slots(np.concatenate([older.number, newer.number[1:]]), np.concatenate(sizes))
+    return _Slots(*map(np.concatenate, zip(older, newer, strict=True)))
+
+
+# Removal of bursts without delay, for live matching.
+
+
+_STATE = np.dtype(
+    [("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8"), ("removed", "<i8")]
+)
+#: Initial room for events.
+_ROOM = 256
+
+
+class _Fired(NamedTuple):
+    """State of the kernel: the slot in which each pixel last fired, and room for events."""
+
+    fired: npt.NDArray[np.int64]
+    width: int
+    state: npt.NDArray[np.void]
+    room: Events
+
+
+class CausalBurstFilter:
+    """Removes the events of a burst from the moment at which it is recognised.
+
+    Like `BurstFilter`, it checks whether more than half of all pixels have fired in a slot of 2 ms
+    and the one before it, but it counts only the events so far. No event is delayed. The events of
+    a burst before that moment pass: up to one of half of the pixels, and repeated events of these.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Without pixels: nothing is removed.
+
+    Attributes
+    ----------
+    box : Box
+        State for `keep`; call `make_room` before it.
+    """
+
+    #: Time before which all events have left the filter: the largest one, as no event is held.
+    known_us = np.iinfo(np.int64).max
+
+    def __init__(self, sensor: Sensor) -> None:
+        state = np.zeros(1, dtype=_STATE)
+        state["slot"] = -2
+        fired = np.full(sensor.pixels, -2, dtype=np.int64)
+        self._fired = _Fired(fired, sensor.width, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
+        self.box = Box(self._fired)
+
+    @property
+    def removed(self) -> int:
+        """Events removed so far."""
+        return int(self._fired.state["removed"][0])
+
+    def make_room(self, n: int) -> None:
+        """Make room for `n` events."""
+        if n > self._fired.room.size:
+            self._fired = self._fired._replace(room=np.empty(n, dtype=EVENT_DTYPE))
+            self.box = Box(self._fired)
+
+    def update(self, events: Events) -> Events:
+        """Feed the next events; see `BurstFilter.update`."""
+        if not events.size:
+            return events
+        self.make_room(events.size)
+        return self.kept(events, keep(self.box.boxed, events))
+
+    def kept(self, events: Events, n: int) -> Events:
+        """Return the `n` of these events that `keep` has kept."""
+        return events if n == events.size else self._fired.room[:n].copy()
+
+    def pieces(self, events: Events) -> list[Events]:
+        """See `BurstFilter.pieces`."""
+        kept = self.update(events)
+        return [kept] if kept.size else []
+
+    def advance(self, until_us: int) -> Events:
+        """See `BurstFilter.advance`; nothing is held."""
+        return self._fired.room[:0]
+
+    def finish(self) -> Events:
+        """See `BurstFilter.finish`; nothing is held."""
+        return self._fired.room[:0]
+
+
+@kernel
+def keep(box, events):  # type: ignore[no-untyped-def]
+    """Copy the events outside of bursts known so far to `_Fired.room`; return their number."""
+    fired, width, states, room = box.value
+    if fired.size == 0:
+        room[: events.size] = events
+        return events.size
+    s = states[0]
+    slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
+    for i in range(events.size):
+        event = events[i]
+        now = event["t"] // BURST_SLOT_US
+        if now != slot:
+            before = pixels if now == slot + 1 else 0
+            slot, pixels = now, 0
+        at = np.int64(event["y"]) * width + np.int64(event["x"])
+        last = fired[at]
+        if last != now:
+            # a pixel that fired in both slots is counted once
+            before -= last == now - 1
+            pixels += 1
+            fired[at] = now
+        if (pixels + before) * BURST_SHARE[1] <= fired.size * BURST_SHARE[0]:
+            room[n] = event
+            n += 1
+    s["slot"], s["pixels"], s["pixels_before"] = slot, pixels, before
+    s["removed"] += events.size - n
+    return n
+
+
+# Hot pixels, which fire without a cause: found by counts, or read from a list.
+
+
+#: a pixel is hot if it has more than this many times the events of its neighbourhood
+HOT_FACTOR = 5
+#: largest size of a list of hot pixels, in bytes
+_LONGEST_LIST = 1 << 26
+
+
+def find_hot_pixels(
+    totals: npt.NDArray[np.integer], *, factor: int = HOT_FACTOR
+) -> npt.NDArray[np.bool_]:
+    """Find the pixels with far more events than their neighbours (method.md section 1).
+
+    A pixel is hot if it has more than `factor` times the events of its 5 x 5 neighbourhood (the
+    upper median of the others, plus one) and more than `factor` times the sensor's mean.
+
+    Parameters
+    ----------
+    totals : ndarray of int, shape (height, width)
+        Events of each pixel over the whole traverse.
+    factor : int
+        1 or more.
+
+    Returns
+    -------
+    ndarray of bool, shape (height, width)
+
+    Raises
+    ------
+    UsageError
+        If `factor` is below 1 or `totals` is not an image.
+    """
+    if totals.ndim != 2:
+        raise UsageError(f"totals have shape {totals.shape}: expected (height, width)")
+    if factor < 1:
+        raise UsageError(f"hot-pixel factor {factor} is below 1: every pixel would be hot")
+    totals = np.ascontiguousarray(totals, dtype=np.int64)
+    # above the mean, in integers: n * size > factor * sum
+    candidates = totals * totals.size > factor * int(totals.sum())
+    return candidates & _above_neighbours(totals, factor)
+
+
+@kernel
+def _above_neighbours(totals, factor):  # type: ignore[no-untyped-def]
+    height, width = totals.shape
+    above = np.zeros((height, width), dtype=np.bool_)
+    around = np.empty(24, dtype=np.int64)
+    for y in range(height):
+        for x in range(width):
+            n = 0
+            for v in range(max(0, y - 2), min(height, y + 3)):
+                for u in range(max(0, x - 2), min(width, x + 3)):
+                    if u != x or v != y:
+                        around[n] = totals[v, u]
+                        n += 1
+            median = np.sort(around[:n])[n // 2] if n > 0 else 0
+            above[y, x] = totals[y, x] > factor * (median + 1)
+    return above
+
+
+def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
+    """Read a list of hot pixels, ``x, y`` in each line, as in the data set Brisbane-Event-VPR.
+
+    Parameters
+    ----------
+    path : path
+        Text file; empty lines, lines that start with ``#``, and a header are skipped.
+    sensor : Sensor
+
+    Returns
+    -------
+    ndarray of bool, shape (height, width)
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read or is larger than 64 MiB, or a line is not a pixel of the sensor.
+    """
+    try:
+        if Path(path).stat().st_size > _LONGEST_LIST:
+            raise RecordingError(
+                f"{path} has more than {_LONGEST_LIST:,} bytes: name a file with a line x, y for "
+                "each hot pixel"
+            )
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            f"cannot read hot pixels from {path}: {error}: name a file with a line x, y for each"
+        ) from error
+    hot = np.zeros((sensor.height, sensor.width), dtype=np.bool_)
+    for number, line in enumerate(lines, 1):
+        fields = line.replace(",", " ").split()
+        if not fields or fields[0].startswith("#") or (number == 1 and fields[0].isalpha()):
+            continue
+        try:
+            x, y = (_whole(field) for field in fields)
+        except (ValueError, OverflowError) as error:
+            raise RecordingError(
+                f"line {number} of {path} is {line!r}: expected the column and row of a hot pixel"
+            ) from error
+        if not (0 <= x < sensor.width and 0 <= y < sensor.height):
+            raise RecordingError(
+                f"line {number} of {path} names the pixel ({x}, {y}), off the {sensor} sensor: "
+                "give the list that belongs to this camera"
+            )
+        hot[y, x] = True
+    return hot
+
+
+def _whole(text: str) -> int:
+    number = float(text)
+    if not number.is_integer():  # infinity too
+        raise ValueError(text)
+    return int(number)

@@ -1,0 +1,566 @@
+"""Event counters of selected pixels, or of every pixel, and streams of windows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import kernel
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import (
+    MAX_WINDOWS,
+    Descriptors,
+    FixedTime,
+    Window,
+    WindowCounts,
+    collect,
+)
+from edge_vpr.errors import EventError, UsageError
+from edge_vpr.events import EVENT_DTYPE, Events, check_events
+
+# Kernels that count events at selected pixels.
+#
+# A table gives the slot of each pixel of the sensor, or -1 for pixels that are not selected. Almost
+# all events are at such pixels, so that sixteen look-ups share one branch.
+
+
+# Coordinates are checked in blocks, in a loop that vectorises, so that no event can reach memory
+# outside the table. The block is then still in the cache, and the check costs a tenth of the time.
+# Fields of a structured array are first copied to contiguous columns, which is faster.
+_BLOCK = 16384
+_GROUP = 16
+# returned in place of a number of events
+OFF_SENSOR = -1
+OFF_COUNTS = -2
+
+
+@kernel
+def _below(column: Any, limit: int) -> bool:
+    highest = np.uint16(0)
+    for i in range(column.size):
+        highest = np.uint16(max(highest, column[i]))
+    return bool(highest < limit)
+
+
+@kernel
+def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
+    """Skip groups of events without any at a selected pixel."""
+    while start + _GROUP <= x.size:
+        # loops over slices vectorise and unroll: no index can be negative
+        xs, ys = x[start : start + _GROUP], y[start : start + _GROUP]
+        # the AND of the slots is negative only if all of them are -1
+        common = np.int64(-1)
+        for i in range(_GROUP):
+            common &= table[np.uint64(ys[i]) * row + np.uint64(xs[i])]
+        if common >= 0:
+            break
+        start += _GROUP
+    return start
+
+
+@kernel
+def _scan(table: Any, width: int, x: Any, y: Any, first: int, index: Any, slots: Any) -> int:
+    """Find events at selected pixels in the block from event `first` on; return their number."""
+    xs = np.ascontiguousarray(x[first : first + _BLOCK])
+    ys = np.ascontiguousarray(y[first : first + _BLOCK])
+    if not (_below(xs, width) and _below(ys, table.size // width)):
+        return OFF_SENSOR
+    row = np.uint64(width)
+    found = start = 0
+    while start < xs.size:
+        start = _skip(table, row, xs, ys, start)
+        end = min(start + _GROUP, xs.size)
+        for i in range(start, end):
+            slot = table[np.uint64(ys[i]) * row + np.uint64(xs[i])]
+            if slot >= 0:
+                index[found], slots[found] = first + i, slot
+                found += 1
+        start = end
+    return found
+
+
+@kernel
+def count_slots(
+    table: Any, width: int, x: Any, y: Any, p: Any, counts: Any, slots_end: int, budget: int
+) -> tuple[int, int]:
+    """Count until the budget is spent; the OFF counts start at `slots_end`."""
+    block = min(x.size, _BLOCK)
+    index, slots = np.empty(block, np.int64), np.empty(block, np.int32)
+    counted = 0
+    for first in range(0, x.size, _BLOCK):
+        found = _scan(table, width, x, y, first, index, slots)
+        if found < 0:
+            return OFF_SENSOR, counted
+        for i in range(found):
+            slot = np.int64(slots[i])
+            if slot >= slots_end:
+                return OFF_COUNTS, counted
+            if p is not None and not p[index[i]]:
+                slot += slots_end
+            counts[slot] += 1
+            counted += 1
+            if counted == budget:
+                return index[i] + 1, counted
+    return x.size, counted
+
+
+@kernel
+def select_slots(
+    table: Any, width: int, x: Any, y: Any, p: Any, slots_end: int, index: Any, slots: Any
+) -> int:
+    """List the events at selected pixels; the slots of OFF events start at `slots_end`."""
+    selected = 0
+    for first in range(0, x.size, _BLOCK):
+        found = _scan(table, width, x, y, first, index[selected:], slots[selected:])
+        if found < 0:
+            return OFF_SENSOR
+        if p is not None:
+            for i in range(selected, selected + found):
+                slots[i] += 0 if p[index[i]] else slots_end
+        selected += found
+    return selected
+
+
+@kernel
+def count_pixels(x: Any, y: Any, flat: Any, width: int) -> int:
+    """Count every event at its own pixel."""
+    height, row = flat.size // width, np.uint64(width)
+    for first in range(0, x.size, _BLOCK):
+        xs = np.ascontiguousarray(x[first : first + _BLOCK])
+        ys = np.ascontiguousarray(y[first : first + _BLOCK])
+        if not (_below(xs, width) and _below(ys, height)):
+            return OFF_SENSOR
+        for i in range(xs.size):
+            flat[np.uint64(ys[i]) * row + np.uint64(xs[i])] += 1
+    return x.size
+
+
+# Event counters of selected pixels, or of every pixel.
+#
+# Coordinates are given as columns in chunks of any size, contiguous or as fields of an event array.
+
+
+Column = npt.NDArray[Any]
+Counts = npt.NDArray[np.signedinteger[Any]]
+
+_NO_LIMIT = np.iinfo(np.int64).max
+
+
+def count_events(
+    table: npt.NDArray[np.signedinteger[Any]],
+    x: Column,
+    y: Column,
+    counts: Counts,
+    p: Column | None = None,
+) -> int:
+    """Add a chunk of events to the counters of the selected pixels.
+
+    Parameters
+    ----------
+    table : ndarray of int16 or int32, shape (H, W)
+        Slot of each pixel, 0 to J-1, or -1 where no event counts.
+    x, y : ndarray of uint16, shape (n,)
+        Columns and rows, contiguous or fields of a structured array.
+    counts : ndarray of int32 or int64, shape (J,), or (2J,) with polarity
+        Counters, added to in place; with polarity the OFF counts follow the ON counts.
+    p : ndarray of bool, shape (n,), optional
+        Polarities (True = ON), to count ON and OFF events apart.
+
+    Returns
+    -------
+    int
+        Number of events counted, that is, of events at selected pixels.
+
+    Raises
+    ------
+    UsageError
+        If a dtype or shape differs from the above.
+    EventError
+        If an event lies outside the table; the events before it may be counted already.
+    """
+    return count_until(table, x, y, counts, _NO_LIMIT, p)[1]
+
+
+def count_until(
+    table: npt.NDArray[np.signedinteger[Any]],
+    x: Column,
+    y: Column,
+    counts: Counts,
+    budget: int,
+    p: Column | None = None,
+) -> tuple[int, int]:
+    """Count as :func:`count_events` does, but stop after the event that spends the budget.
+
+    Parameters
+    ----------
+    table, x, y, counts, p
+        As for :func:`count_events`.
+    budget : int
+        Number of events at selected pixels after which to stop, 0 or more.
+
+    Returns
+    -------
+    consumed : int
+        Number of events read; the next chunk starts with event `consumed`.
+    counted : int
+        Number of them counted; `budget` if it was spent.
+
+    Raises
+    ------
+    UsageError, EventError
+        As for :func:`count_events`; also if `budget` is negative.
+    """
+    _check_pixels(table, "table", (np.int16, np.int32))
+    _check_columns(x, y, p)
+    if counts.ndim != 1 or counts.dtype not in (np.int32, np.int64):
+        raise UsageError(
+            f"counters are {counts.dtype} of shape {counts.shape}: give int32 or int64, 1-D"
+        )
+    _check_writeable(counts, "counters")
+    if p is not None and counts.size % 2:
+        raise UsageError(
+            f"{counts.size} counters cannot hold as many ON as OFF counts: give two per slot"
+        )
+    if budget < 0:
+        raise UsageError(f"budget of {budget} events is negative: give 0 or more")
+    if budget == 0:
+        return 0, 0
+    height, width = table.shape
+    slots_end = counts.size if p is None else counts.size // 2
+    consumed, counted = count_slots(
+        table.reshape(-1), width, x, y, p, counts, slots_end, min(budget, _NO_LIMIT)
+    )
+    if consumed == OFF_SENSOR:
+        raise _off_sensor(x, y, width, height)
+    if consumed == OFF_COUNTS:
+        raise UsageError(
+            f"table names slot {table.max()} and there are counters for {slots_end} slots: "
+            f"give counters for {table.max() + 1}"
+        )
+    return int(consumed), int(counted)
+
+
+def select_events(
+    table: npt.NDArray[np.signedinteger[Any]], x: Column, y: Column, p: Column | None = None
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+    """Find the events at selected pixels.
+
+    Parameters
+    ----------
+    table, x, y, p
+        As for :func:`count_events`.
+
+    Returns
+    -------
+    index : ndarray of int64, shape (m,)
+        Which events of the chunk, in order.
+    slots : ndarray of int32, shape (m,)
+        Their slots; with polarity, those of OFF events follow those of ON events.
+
+    Raises
+    ------
+    UsageError, EventError
+        As for :func:`count_events`.
+    """
+    _check_pixels(table, "table", (np.int16, np.int32))
+    _check_columns(x, y, p)
+    height, width = table.shape
+    slots_end = 0 if p is None else int(table.max()) + 1
+    index, slots = np.empty(x.size, dtype=np.int64), np.empty(x.size, dtype=np.int32)
+    selected = select_slots(table.reshape(-1), width, x, y, p, slots_end, index, slots)
+    if selected == OFF_SENSOR:
+        raise _off_sensor(x, y, width, height)
+    return index[:selected], slots[:selected]
+
+
+def count_frame(x: Column, y: Column, frame: Counts) -> None:
+    """Add a chunk of events to a count image of the whole sensor.
+
+    Parameters
+    ----------
+    x, y : ndarray of uint16, shape (n,)
+        Columns and rows, contiguous or fields of a structured array.
+    frame : ndarray of int32 or int64, shape (H, W)
+        Count image, added to in place.
+
+    Raises
+    ------
+    UsageError
+        If a dtype or shape differs from the above.
+    EventError
+        If an event lies outside the image; the events before it may be counted already.
+    """
+    _check_pixels(frame, "count image", (np.int32, np.int64))
+    _check_writeable(frame, "count image")
+    _check_columns(x, y, None)
+    height, width = frame.shape
+    if count_pixels(x, y, frame.reshape(-1), width) == OFF_SENSOR:
+        raise _off_sensor(x, y, width, height)
+
+
+def _check_pixels(pixels: npt.NDArray[Any], name: str, dtypes: tuple[type, ...]) -> None:
+    if (
+        pixels.ndim != 2
+        or not pixels.size
+        or pixels.dtype not in dtypes
+        or not pixels.flags.c_contiguous
+    ):
+        raise UsageError(
+            f"{name} is {pixels.dtype} of shape {pixels.shape}: give a contiguous (H, W) array of "
+            + " or ".join(dtype.__name__ for dtype in dtypes)
+        )
+
+
+def _check_writeable(counts: Counts, name: str) -> None:
+    if not counts.flags.writeable:
+        raise UsageError(f"{name}: the array may only be read: give a copy to count in")
+
+
+def _check_columns(x: Column, y: Column, p: Column | None) -> None:
+    for name, column in (("x", x), ("y", y)):
+        if column.dtype != np.uint16:
+            raise UsageError(
+                f"column {name} is {column.dtype}, not uint16: build events with make_events"
+            )
+    if p is not None and p.dtype != np.bool_:
+        raise UsageError(f"column p is {p.dtype}, not bool: build events with make_events")
+    shapes = {column.shape for column in (x, y, p) if column is not None}
+    if len(shapes) > 1 or x.ndim != 1:
+        raise UsageError(
+            f"event columns have the shapes {sorted(shapes)}: give one value per event in each"
+        )
+
+
+def _off_sensor(x: Column, y: Column, width: int, height: int) -> EventError:
+    return EventError(
+        f"event at column {x.max()} or row {y.max()} lies off the {width}x{height} sensor: "
+        "name the right sensor, or drop such events when reading"
+    )
+
+
+# Conversion of a stream of events to descriptors; decides which events belong to a window.
+
+
+class DescriptorStream:
+    """Turns a stream of events into descriptors, however the stream is cut into chunks.
+
+    Parameters
+    ----------
+    pixel_map : PixelMap
+    window : FixedTime or FixedCount
+    polarity : bool
+        Count ON and OFF events apart.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from edge_vpr.events import Sensor, make_events
+    >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
+    >>> stream = DescriptorStream(two, FixedTime(tau_us=10))
+    >>> stream.update(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0])).counts
+    array([[2, 1]], dtype=uint8)
+    """
+
+    def __init__(self, pixel_map: PixelMap, window: Window, *, polarity: bool = False) -> None:
+        self._table = pixel_map.table()
+        self._window = window
+        self._polarity = polarity
+        # if every pixel is its own slot, the counters are an image and no table is needed
+        dense = not polarity and pixel_map == PixelMap.all_of(pixel_map.sensor)
+        self._image_shape = self._table.shape if dense else None
+        self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
+        self._counted = 0  # events still missing in a fixed-count window
+        self._events = 0  # events of the open window at any pixel
+        self._start = 0
+        self._last = 0
+
+    def update(self, events: Events) -> Descriptors:
+        """Feed the next events.
+
+        Parameters
+        ----------
+        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+            In time order and on the sensor, after all those before (see `check_events`).
+
+        Returns
+        -------
+        Descriptors
+            Of the windows that these events completed; may be none.
+
+        Raises
+        ------
+        UsageError
+            If the recording lasts more than a million windows.
+        """
+        return collect(self.windows(events), self._counts.size)
+
+    def windows(self, events: Events) -> Iterator[WindowCounts]:
+        """Feed the next events and yield the completed windows; `update` returns all at once."""
+        if events.size == 0:
+            return
+        if isinstance(self._window, FixedTime):
+            yield from self._fixed_time(events, self._window.tau_us)
+        else:
+            yield from self._fixed_count(events, self._window.events)
+        self._last = int(events["t"][-1])
+
+    def finish(self) -> Descriptors:
+        """Return the incomplete last window, if it has events."""
+        return collect(self.last(), self._counts.size)
+
+    def last(self) -> Iterator[WindowCounts]:
+        """Yield the incomplete last window, if it has events."""
+        if self._events:
+            # the end of a fixed-time window does not belong to it
+            end = self._last + 1 if isinstance(self._window, FixedTime) else self._last
+            yield self._take(self._start, end)
+
+    def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
+        t = events["t"]
+        windows = (int(t[-1]) - self._start) // tau
+        if int(t[-1]) // tau > MAX_WINDOWS:
+            raise UsageError(
+                f"time runs to {t[-1]} us, over more than {MAX_WINDOWS} windows of {tau} us: "
+                "check the recording's clock, or take longer windows"
+            )
+        ends = self._start + tau * np.arange(1, windows + 1)
+        cut = 0
+        for end, upto in zip(ends.tolist(), np.searchsorted(t, ends).tolist(), strict=True):
+            self._count(events[cut:upto])
+            yield self._take(end - tau, end)
+            self._start, cut = end, upto
+        self._count(events[cut:])
+
+    def _fixed_count(self, events: Events, budget: int) -> Iterator[WindowCounts]:
+        t, x, y = events["t"], events["x"], events["y"]
+        p = events["p"] if self._polarity else None
+        cut = 0
+        while cut < events.size:
+            if not self._events:
+                self._start = int(t[cut])
+            consumed, counted = count_until(
+                self._table,
+                x[cut:],
+                y[cut:],
+                self._counts,
+                budget - self._counted,
+                None if p is None else p[cut:],
+            )
+            cut += consumed
+            self._events += consumed
+            self._counted += counted
+            if self._counted == budget:
+                yield self._take(self._start, int(t[cut - 1]))
+
+    def _count(self, events: Events) -> None:
+        if events.size:
+            if self._image_shape is not None:
+                count_frame(events["x"], events["y"], self._counts.reshape(self._image_shape))
+            else:
+                p = events["p"] if self._polarity else None
+                count_events(self._table, events["x"], events["y"], self._counts, p)
+            self._events += events.size
+
+    def _take(self, start: int, end: int) -> WindowCounts:
+        """Return the finished window and clear the counters."""
+        taken = WindowCounts(self._counts, start, end, self._events)
+        self._counts = np.zeros_like(self._counts)
+        self._counted = self._events = 0
+        return taken
+
+
+# Counts at the selected pixels as a tonic transform; tonic itself is not needed.
+
+
+@dataclass(frozen=True)
+class CountPixels:
+    """Count the events at the selected pixels, of a whole array or of each of its windows.
+
+    It replaces `tonic.transforms.ToFrame`: after the steps of a `tonic.transforms.Compose`, or as
+    the transform of a dataset or of a `tonic.SlicedDataset`. Counts are 64 bits wide.
+
+    Parameters
+    ----------
+    pixel_map : PixelMap
+    window : FixedTime or FixedCount, optional
+        Cut the array into windows, without the incomplete last one. Fixed-time windows start at
+        time 0. If absent, all events are one window, which suits the slices of a slicer.
+    polarity : bool
+        Count ON and OFF events separately.
+
+    Examples
+    --------
+    >>> from edge_vpr.events import Sensor, make_events
+    >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
+    >>> CountPixels(two)(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0]))
+    array([3, 1])
+    """
+
+    pixel_map: PixelMap
+    window: Window | None = None
+    polarity: bool = False
+    _table: npt.NDArray[np.signedinteger] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_table", self.pixel_map.table())
+
+    def __call__(self, events: Events) -> npt.NDArray[np.int64]:
+        """Count the events of an array.
+
+        Parameters
+        ----------
+        events : structured ndarray, shape (n,)
+            With the fields x and y of any integer dtype, p for polarity (greater than 0 is ON) and
+            t for windows; the fields of tonic's arrays may be in any order. The array is not
+            changed.
+
+        Returns
+        -------
+        ndarray of int64, shape (J,), or (2 J,) with polarity
+            The J counts of ON events precede those of OFF events. With `window`, there is one row
+            for each window, shape (K, J) or (K, 2 J).
+
+        Raises
+        ------
+        EventError
+            If a field is missing, a pixel lies off the sensor, or, with `window`, time runs
+            backwards or begins before 0.
+        """
+        columns = self._columns(events)
+        if self.window is not None:
+            check_events(columns, self.pixel_map.sensor, after=0)
+            stream = DescriptorStream(self.pixel_map, self.window, polarity=self.polarity)
+            return stream.update(columns).counts.astype(np.int64)
+        counts = np.zeros(len(self.pixel_map) * (2 if self.polarity else 1), dtype=np.int64)
+        p = columns["p"] if self.polarity else None
+        count_events(self._table, columns["x"], columns["y"], counts, p)
+        return counts
+
+    def _columns(self, events: Events) -> Events:
+        """Convert to the project's dtype; wider coordinates are checked instead of wrapped."""
+        needed = (
+            {"x", "y"} | ({"p"} if self.polarity else set()) | ({"t"} if self.window else set())
+        )
+        if not needed <= set(events.dtype.names or ()):
+            raise EventError(
+                f"event array has dtype {events.dtype}, without all of the fields "
+                f"{', '.join(sorted(needed))}: give a structured array as tonic's datasets do"
+            )
+        if events.dtype == EVENT_DTYPE:
+            return events
+        columns = np.empty(events.shape, EVENT_DTYPE)
+        for name, size in zip("xy", self.pixel_map.sensor, strict=True):
+            column = events[name]
+            if column.size and not (column.min() >= 0 and column.max() < size):
+                raise EventError(
+                    f"field {name} spans {column.min()} to {column.max()}, off the "
+                    f"{self.pixel_map.sensor} sensor: give the pixel map of this camera"
+                )
+            columns[name] = column
+        for name in needed - {"x", "y"}:
+            columns[name] = events[name] > 0 if name == "p" else events[name]
+        return columns

@@ -1,0 +1,361 @@
+"""Writing of files and folders whole or not at all, whatever ends the run.
+
+Unfinished results are in a hidden folder next to the result, ``.edge-vpr-*.part``, which the run
+keeps locked. After a crash, a kill or a power cut this folder remains. The next run that writes to
+the same place finds it unlocked and removes it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import json
+import os
+import re
+import secrets
+import shutil
+import stat
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from edge_vpr.errors import EdgeVprError, UsageError, printable
+
+_WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
+# from <linux/fs.h> and <fcntl.h>
+_RENAME_EXCHANGE = 2
+_AT_FDCWD = -100
+_NEW, _OLD = "new", "old"
+#: errors that only writing raises, often without the name of a file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Yield the path of a temporary file that replaces `path` if the block succeeds.
+
+    After an error or an interrupt, `path` is unchanged. If it is a link, its target is replaced.
+    The file keeps the permissions of the old one, or gets those of the umask. File and folder are
+    on the disk (fsync) when this returns.
+
+    Yields
+    ------
+    Path
+        Of the same name, in a folder of its own; an empty file is there.
+
+    Raises
+    ------
+    UsageError
+        If the folder does not exist or cannot be written to, or `path` is not a file.
+    """
+    target = _followed(Path(path))
+    mode = _mode_of_file(target)
+    with work_folder(target) as work:
+        temporary = work / target.name
+        temporary.touch()
+        yield temporary
+        if mode is not None:
+            temporary.chmod(mode)
+        _sync(temporary)
+        temporary.replace(target)
+        _sync(target.parent)
+
+
+@contextmanager
+def replacing_folder(path: str | Path) -> Iterator[Path]:
+    """Yield an empty temporary folder that replaces `path` if the block succeeds.
+
+    After an error or an interrupt, `path` is unchanged. Old and new folder are exchanged in one
+    step if the file system can do that. If not, a power cut between two steps can leave neither in
+    place; `clear_dead_runs` then puts the new one in place.
+
+    Parameters
+    ----------
+    path : path
+        A folder, all of which is replaced, or nothing.
+
+    Raises
+    ------
+    UsageError
+        If the folder around it does not exist or cannot be written to, or `path` is a file.
+    """
+    target = _followed(Path(path))
+    if target.exists() and not target.is_dir():
+        raise UsageError(f"cannot write the folder {path}: there is a file of this name")
+    with work_folder(target) as work:
+        new = work / _NEW / target.name
+        new.mkdir(parents=True)
+        yield new
+        for folder, _, files in os.walk(new):
+            for name in files:
+                _sync(Path(folder) / name)
+            _sync(Path(folder))
+        if not target.exists():
+            new.rename(target)
+        elif not _exchanged(new, target):
+            old = work / _OLD / target.name
+            old.parent.mkdir()
+            _sync(work)
+            target.rename(old)
+            new.rename(target)
+        _sync(target.parent)
+
+
+def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> None:
+    """Raise if writing an output would destroy or change an input of the same run.
+
+    Parameters
+    ----------
+    output : path
+        File or folder to write; need not exist.
+    inputs : iterable of path
+        Files or folders to read, or None; those that do not exist are left to their readers.
+
+    Raises
+    ------
+    UsageError
+        If an input is the output by whatever name or link, lies in it, or is a folder around it.
+    """
+    wanted = _followed(Path(output))
+    for given in inputs:
+        if given is None:
+            continue
+        source = Path(given)
+        if not source.exists():
+            continue
+        real = source.resolve()
+        if real == wanted or (wanted.exists() and wanted.samefile(real)):
+            raise UsageError(f"output {output} is the input {given}: name another output")
+        if real.is_relative_to(wanted):
+            raise UsageError(
+                f"output {output} is a folder that holds the input {given}: name another output"
+            )
+        if real.is_dir() and wanted.is_relative_to(real):
+            raise UsageError(f"output {output} lies in the input {given}: name an output outside")
+
+
+def clear_dead_runs(folder: str | Path) -> None:
+    """Remove what killed runs left in a folder, and finish replacements that they had begun.
+
+    Folders of running processes are locked and left alone, and so are folders that cannot be locked
+    or removed.
+    """
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _WORK.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False):
+                with suppress(OSError):
+                    _clear(Path(entry.path))
+
+
+def _clear(work: Path) -> None:
+    lock = _locked(work)
+    if lock is None:
+        return
+    try:
+        if (work / _OLD).is_dir():
+            # stopped between the two renames of a folder: the new folder is complete
+            for kept in (_NEW, _OLD):
+                for folder in (work / kept).iterdir():
+                    target = work.parent / folder.name
+                    if not os.path.lexists(target):
+                        folder.rename(target)
+            _sync(work.parent)
+        shutil.rmtree(work)
+    finally:
+        os.close(lock)
+
+
+@contextmanager
+def work_folder(target: Path) -> Iterator[Path]:
+    """Yield a hidden folder next to the target, which is removed at the end or by a later run.
+
+    Parameters
+    ----------
+    target : path
+        What is to be written; the folder is locked as long as this process lives.
+
+    Raises
+    ------
+    UsageError
+        If the folder around the target does not exist or cannot be written to.
+    """
+    clear_dead_runs(target.parent)
+    try:
+        work, lock = _made_and_locked(target.parent)
+    except OSError as error:
+        raise UsageError(
+            f"cannot write {target}: {error.strerror}: name a folder that exists and is writable"
+        ) from error
+    try:
+        yield work
+    except OSError as error:
+        if error.errno in _FULL and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(target)) from error
+        raise
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _made_and_locked(parent: Path) -> tuple[Path, int | None]:
+    while True:
+        work = parent / f".edge-vpr-{secrets.token_hex(8)}.part"
+        work.mkdir(mode=0o700)
+        try:
+            lock = _locked(work)
+        except FileNotFoundError:
+            continue  # another run removed it before it was locked
+        except OSError:
+            return work, None  # on a file system without locks, no other run removes anything
+        if lock is not None and work.exists():
+            return work, lock
+
+
+def _locked(work: Path) -> int | None:
+    """Lock a folder; None if another process has locked it."""
+    handle = os.open(work, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        return None
+    except BaseException:
+        os.close(handle)
+        raise
+    return handle
+
+
+def _followed(path: Path) -> Path:
+    """Follow links to the final path, which need not exist."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError) as error:
+        raise UsageError(f"{path} is a link that leads back to itself: remove it") from error
+
+
+def _mode_of_file(target: Path) -> int | None:
+    """Return the permissions of a file; None if it does not exist."""
+    try:
+        found = target.stat()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise UsageError(
+            f"cannot write {target}: {error.strerror}: name a folder that exists and is writable"
+        ) from error
+    if not stat.S_ISREG(found.st_mode):
+        raise UsageError(f"cannot write {target}: it is not a file: name another one")
+    return stat.S_IMODE(found.st_mode)
+
+
+def _exchanged(new: Path, target: Path) -> bool:
+    """Exchange two folders in one step; False if the kernel or the file system cannot."""
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError):
+        return False
+    names = os.fsencode(new), os.fsencode(target)
+    if renameat2(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP):
+        return False
+    raise OSError(number, os.strerror(number), str(target))
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or the entries of a folder, are on the disk."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # some file systems cannot sync folders; other errors are raised
+        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
+            raise
+    finally:
+        os.close(handle)
+
+
+# Reading of TOML and JSON files; any fault in them raises one `UsageError`.
+
+
+#: longest file; a manifest has some megabytes
+MOST_BYTES = 64 << 20
+
+
+def read_toml(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What is read from it, for the message: "settings".
+    remedy : str
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read, has more than 1 MiB, or is no TOML.
+    """
+    return _read(path, what, remedy, 1 << 20, tomllib.loads)
+
+
+def read_json(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
+    """Read a JSON file with an object of names and values; see `read_toml`.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read, is longer than `MOST_BYTES`, or holds something else.
+    """
+    return _read(path, what, remedy, MOST_BYTES, json.loads)
+
+
+def _read(
+    path: str | Path, what: str, remedy: str, most: int, parse: Callable[[str], Any]
+) -> dict[str, Any]:
+    begin = f"cannot read {what} from {path}"
+    try:
+        with Path(path).open("rb") as file:
+            raw = file.read(most + 1)
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"{begin}: {reason}: {remedy}") from error
+    if len(raw) > most:
+        raise UsageError(f"{begin}: it has more than {most} bytes: {remedy}")
+    try:
+        values = parse(raw.decode("utf-8-sig"))
+    # parsers also raise other errors for deep nesting, long numbers and invalid dates
+    except Exception as error:
+        raise UsageError(f"{begin}: {printable(error, 200)}: {remedy}") from error
+    if not isinstance(values, dict):
+        raise UsageError(
+            f"{begin}: it holds a {type(values).__name__}, not names and values: {remedy}"
+        )
+    return values
+
+
+@contextmanager
+def understood(path: str | Path, what: str, remedy: str) -> Iterator[None]:
+    """Convert errors that the values of a file raise to a `UsageError` that names the file.
+
+    Parameters
+    ----------
+    path : path
+    what, remedy : str
+        As for `read_toml`.
+    """
+    try:
+        yield
+    except EdgeVprError:
+        raise
+    except KeyError as error:
+        raise UsageError(f"cannot read {what} from {path}: it lacks {error}: {remedy}") from error
+    except Exception as error:
+        reason = printable(error, 200) or type(error).__name__
+        raise UsageError(f"cannot read {what} from {path}: {reason}: {remedy}") from error

@@ -1,0 +1,225 @@
+"""Imitation of a camera bridge: sends a recording over a link as a device would."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events
+from edge_vpr.live.links import Link, LinkClosed, TcpServerLink, VirtualLink
+from edge_vpr.live.protocols.protocol import Encoder
+
+#: Intervals at which events are sent, and at which an idle device reports that it is idle.
+SLICE_US = 5_000
+IDLE_US = 100_000
+#: A host that has sent no request for this time is taken as gone.
+GONE_S = 10.0
+_AT_ONCE = 1 << 16
+
+
+@dataclass(frozen=True)
+class LineFaults:
+    """Faults of a bad line.
+
+    Parameters
+    ----------
+    drop, flip, insert : float
+        Chance of each byte to vanish, to have one bit inverted, to be followed by a random one.
+    garbage : int
+        Random bytes before the start.
+    stall : float
+        Seconds of silence, once, a second into the recording; events queue up.
+    """
+
+    drop: float = 0.0
+    flip: float = 0.0
+    insert: float = 0.0
+    garbage: int = 0
+    stall: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> LineFaults:
+        """Read ``drop=1e-4,flip=1e-5,stall=2``.
+
+        Raises
+        ------
+        UsageError
+            If a name is unknown or a value is no chance, count or time.
+        """
+        known = {"drop": 1.0, "flip": 1.0, "insert": 1.0, "garbage": 1e6, "stall": 3_600.0}
+        values: dict[str, float] = {}
+        for item in filter(None, text.split(",")):
+            name, _, value = item.partition("=")
+            try:
+                values[name] = float(value)
+            except ValueError:
+                values[name] = -1.0
+            if name not in known or not 0 <= values[name] <= known[name]:
+                raise UsageError(
+                    f"fault {item!r}: expected one of {', '.join(known)} and a value, for example "
+                    "drop=1e-4,stall=2"
+                )
+        garbage = int(values.pop("garbage", 0))
+        return cls(garbage=garbage, **values)
+
+    def corrupt(self, data: bytes, rng: np.random.Generator) -> bytes:
+        """Return the bytes that arrive when `data` is sent."""
+        raw = np.frombuffer(data, dtype=np.uint8).copy()
+        if self.flip:
+            hit = rng.random(raw.size) < self.flip
+            raw[hit] ^= (1 << rng.integers(0, 8, int(hit.sum()))).astype(np.uint8)
+        if self.insert:
+            at = np.flatnonzero(rng.random(raw.size) < self.insert)
+            raw = np.insert(raw, at, rng.integers(0, 256, at.size).astype(np.uint8))
+        if self.drop:
+            raw = raw[rng.random(raw.size) >= self.drop]
+        return raw.tobytes()
+
+
+class Bridge:
+    """Replays events.
+
+    Parameters
+    ----------
+    link : Link
+    encoder : Encoder
+    speed : float
+        Times real time; 0 is as fast as the link takes it.
+    faults : LineFaults
+    seed : int
+        Of the faults.
+
+    Raises
+    ------
+    UsageError
+        If the host has to ask for events, and the link does not carry what it asks.
+
+    Attributes
+    ----------
+    sent_events, sent_bytes : int
+        Before the faults.
+    dropped_events : int
+        What a device that waits to be asked had no room for.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        encoder: Encoder,
+        *,
+        speed: float = 1.0,
+        faults: LineFaults | None = None,
+        seed: int = 0,
+    ) -> None:
+        if encoder.capacity and not link.two_way:
+            raise UsageError(
+                f"{link.address} carries nothing from the host, which has to ask for events by "
+                "this protocol: take TCP or a serial line"
+            )
+        self._link, self._encoder, self._speed = link, encoder, speed
+        self._faults = LineFaults() if faults is None else faults
+        self._rng = np.random.default_rng(seed)
+        self.stopping = threading.Event()
+        self.sent_events = self.sent_bytes = self.dropped_events = 0
+
+    def wait_for_host(self) -> None:
+        """Wait until a host has connected and, if the protocol requires it, has sent a request."""
+        while not self.stopping.is_set():
+            if self._encoder.waits_for_host and self._link.two_way:
+                command = self._link.read(0.1)
+                if command:
+                    self._send(self._encoder.respond(command), corrupt=False)
+                    return
+            elif isinstance(self._link, TcpServerLink):
+                if self._link.accepted(0.1):
+                    return
+            elif isinstance(self._link, VirtualLink) and not self._link.opened():
+                self.stopping.wait(0.05)
+            else:
+                # opening a terminal discards bytes that came before
+                self.stopping.wait(0.5)
+                return
+
+    def run(self, recording: Iterable[Events]) -> None:
+        """Send everything; stop early if `stopping` is set or the host has gone."""
+        try:
+            self.wait_for_host()
+            garbage = self._rng.integers(0, 256, self._faults.garbage).astype(np.uint8)
+            self._put(garbage.tobytes())
+            self._send(self._encoder.start(), corrupt=False)
+            self._replay(recording)
+            self._serve_until_held(0)
+            self._link.drain(1.0 if self.stopping.is_set() else 10.0)
+        except LinkClosed:
+            return
+        finally:
+            self.sent_events -= self._encoder.held
+
+    def _replay(self, recording: Iterable[Events]) -> None:
+        begin, stalled, now = time.monotonic(), self._faults.stall == 0, 0
+        for chunk in recording:
+            cuts = np.flatnonzero(np.diff(chunk["t"] // SLICE_US)) + 1
+            for events in np.split(chunk, cuts) if self._speed else [chunk]:
+                if self.stopping.is_set():
+                    return
+                due = int(events["t"][-1]) if events.size else now
+                while self._speed and now + IDLE_US < due and not self.stopping.is_set():
+                    now += IDLE_US
+                    self._serve_until(begin + now / 1e6 / self._speed)
+                    self._send(self._encoder.idle(now))
+                now = due
+                if self._speed:
+                    self._serve_until(begin + now / 1e6 / self._speed)
+                else:
+                    self._serve_until_held(self._encoder.capacity)
+                if not stalled and now >= 1_000_000:
+                    stalled = True
+                    self.stopping.wait(self._faults.stall)
+                self._encode(events)
+        self._send(self._encoder.idle(now))
+
+    def _encode(self, events: Events) -> None:
+        if self._speed and self._encoder.held > self._encoder.capacity:
+            self.dropped_events += events.size
+            return
+        self._send(self._encoder.encode(events))
+        self.sent_events += events.size
+
+    def _serve(self, timeout: float) -> bool:
+        """Answer the host for at most `timeout` seconds; return whether it sent anything."""
+        command = self._link.read(timeout)
+        if command:
+            self._send(self._encoder.respond(self._faults.corrupt(command, self._rng)))
+        self._send(self._encoder.to_send(time.monotonic()))
+        return bool(command)
+
+    def _serve_until(self, moment: float) -> None:
+        while not self.stopping.is_set():
+            wait = moment - time.monotonic()
+            self._serve(min(max(wait, 0.0), 0.1))
+            if wait <= 0:
+                return
+
+    def _serve_until_held(self, most: int) -> None:
+        """Let the host fetch events until at most `most` are waiting for it."""
+        heard = time.monotonic()
+        self._serve(0.0)
+        while self._encoder.held > most and not self.stopping.is_set():
+            if self._serve(0.1):
+                heard = time.monotonic()
+            elif time.monotonic() - heard > GONE_S:
+                return
+
+    def _send(self, data: bytes, *, corrupt: bool = True) -> None:
+        self.sent_bytes += len(data)
+        self._put(self._faults.corrupt(data, self._rng) if data and corrupt else data)
+
+    def _put(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view and not self.stopping.is_set():
+            view = view[self._link.write(bytes(view[:_AT_ONCE]), 0.1) :]

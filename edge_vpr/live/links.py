@@ -1,0 +1,851 @@
+"""Links to a camera: serial lines, TCP, UDP, pipes and files; opened, read and opened again."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+import os
+import select
+import socket
+import struct
+import sys
+import termios
+import threading
+import time
+import tty
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from edge_vpr.errors import EdgeVprError, UsageError
+
+# Interface of a link to a device or to a host, and its errors.
+
+
+READ_BYTES = 1 << 16
+
+
+class LinkError(EdgeVprError):
+    """A link cannot be opened, or has broken."""
+
+
+class LinkClosed(LinkError):  # noqa: N818, an end is no error of its own
+    """The other side has closed the link, or the file has ended."""
+
+
+class Link(ABC):
+    """A link to a device (or, for a bridge, to a host).
+
+    Attributes
+    ----------
+    address : str
+    live : bool
+        Whether the other side goes on without waiting for us, so that a late reader must drop.
+    two_way : bool
+        Whether a host and a device hear each other, or only the host the device.
+    remark : str
+        What the user should know of the link now, if anything.
+    """
+
+    live = True
+    two_way = True
+    remark = ""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+
+    @abstractmethod
+    def read(self, timeout: float) -> bytes:
+        """Return the bytes that have arrived, after at most `timeout` seconds; may be empty.
+
+        Raises
+        ------
+        LinkClosed, LinkError
+        """
+
+    @abstractmethod
+    def write(self, data: bytes, timeout: float) -> int:
+        """Send as much as possible within `timeout` seconds; return the number of bytes sent."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the link; may be called again."""
+
+    def line_errors(self) -> int:
+        """Return the number of characters that the system reports as damaged or dropped."""
+        return 0
+
+    def began_anew(self) -> bool:
+        """Return whether another stream began with the bytes that were read last."""
+        return False
+
+    def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
+        """Wait until the other side has received what was sent."""
+
+
+class DescriptorLink(Link):
+    """Link over a file descriptor."""
+
+    def __init__(self, address: str, descriptor: int, *, live: bool = True) -> None:
+        super().__init__(address)
+        self.live = live
+        self._fd = descriptor
+        # one buffer for all reads: allocating the largest size and truncating it would fragment
+        # the memory
+        self._room = memoryview(bytearray(READ_BYTES))
+        if live:
+            # standard input is shared (on a terminal even with the output), and is not changed
+            os.set_blocking(descriptor, False)
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`."""
+        try:
+            if not select.select([self._fd], [], [], timeout)[0]:
+                return b""
+            size = os.readv(self._fd, [self._room])
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise link_error(self.address, error) from error
+        if not size:
+            raise LinkClosed(f"{self.address} has ended")
+        return bytes(self._room[:size])
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """See `Link.write`."""
+        with as_link_error(self.address):
+            if not select.select([], [self._fd], [], timeout)[1]:
+                return 0
+            try:
+                return os.write(self._fd, data)
+            except BlockingIOError:
+                return 0
+
+    def fileno(self) -> int:
+        """Return the descriptor; -1 once the link is closed."""
+        return self._fd
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+
+@contextlib.contextmanager
+def as_link_error(address: str) -> Iterator[None]:
+    """Convert errors of the system to `LinkError`."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        raise link_error(address, error) from error
+
+
+def link_error(address: str, error: Exception) -> LinkError:
+    """Return what an error of the system means for a link."""
+    # select raises ValueError for a closed descriptor
+    kind = LinkClosed if isinstance(error, (ConnectionError, ValueError)) else LinkError
+    return kind(f"{address}: {error}: check that the other side is there")
+
+
+# Links over serial ports, and over a pseudo-terminal that imitates one.
+
+
+# Linux's struct serial_icounter_struct: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk,
+# buf_overrun, and nine that are spare
+_COUNTERS = struct.Struct("20i")
+
+
+class VirtualLink(DescriptorLink):
+    """The device's end of a pseudo-terminal; a host opens its `address`."""
+
+    def __init__(self) -> None:
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        super().__init__(os.ttyname(slave), master)
+        # held open, so that a host can connect and disconnect
+        self._slave = slave
+        self._as_made = termios.tcgetattr(slave)
+
+    def opened(self) -> bool:
+        """Return whether a host has configured the terminal, as hosts do with a serial port."""
+        return termios.tcgetattr(self._slave) != self._as_made
+
+    def drain(self, timeout: float) -> None:
+        """Wait until the host has read everything, because closing a terminal discards the rest."""
+        import fcntl
+
+        end, quiet = time.monotonic() + timeout, 0
+        while time.monotonic() < end and quiet < 3:
+            waiting = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
+            quiet = 0 if any(waiting) else quiet + 1
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        if self._fd >= 0:
+            os.close(self._slave)
+        super().close()
+
+
+class SerialLink(DescriptorLink):
+    """Serial port that is configured by pyserial, and read without it.
+
+    pyserial configures the port again for each change of the time-out, and waits for single bytes
+    where thousands arrive together.
+    """
+
+    def __init__(self, address: str, port: Any) -> None:
+        super().__init__(address, port.fileno())
+        self._port = port
+        self._errors_before = 0
+        self._errors_before = self.line_errors()
+
+    def line_errors(self) -> int:
+        """See `Link.line_errors`; also 0 if the driver of the port does not count."""
+        import fcntl
+
+        try:
+            raw = fcntl.ioctl(self._fd, termios.TIOCGICOUNT, bytes(_COUNTERS.size))
+        except (OSError, ValueError, AttributeError):
+            return 0
+        *_, framing, overrun, parity, _, buffer_overrun = _COUNTERS.unpack(raw)[:11]
+        return int(framing + overrun + parity + buffer_overrun) - self._errors_before
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`; an error means that the cable was disconnected."""
+        try:
+            return super().read(timeout)
+        except LinkError as error:
+            raise LinkClosed(f"{self.address} was lost: {error}") from error
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """See `Link.write`."""
+        try:
+            return super().write(data, timeout)
+        except LinkError as error:
+            raise LinkClosed(f"{self.address} was lost: {error}") from error
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        self._fd = -1
+        with contextlib.suppress(Exception):
+            self._port.close()
+
+
+class UrlLink(Link):
+    """Link over an address of pyserial that is no device file, such as ``rfc2217://``."""
+
+    def __init__(self, address: str, port: Any) -> None:
+        super().__init__(address)
+        port.timeout = 0
+        self._port = port
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`."""
+        import serial
+
+        end = time.monotonic() + timeout
+        while True:
+            try:
+                data: bytes = self._port.read(READ_BYTES)
+            except (serial.SerialException, OSError, TypeError) as error:
+                # pyserial raises TypeError for a port that another thread has closed
+                raise LinkClosed(f"{self.address} was lost: {error}") from error
+            left = end - time.monotonic()
+            if data or left <= 0:
+                return data
+            time.sleep(min(0.001, left))
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """See `Link.write`."""
+        import serial
+
+        try:
+            return int(self._port.write(data) or 0)
+        except serial.SerialTimeoutException:
+            return 0
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise LinkClosed(f"{self.address} was lost: {error}") from error
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        with contextlib.suppress(Exception):
+            self._port.close()
+
+
+def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
+    """Open a serial port, or any other address that pyserial's ``serial_for_url`` accepts."""
+    import io
+
+    import serial
+
+    try:
+        port = serial.serial_for_url(
+            address,
+            baudrate=baud,
+            timeout=0,
+            write_timeout=1,
+            rtscts=flow_control,
+            exclusive=True,  # exclusive, because two readers would each get a part of the bytes
+        )
+    except (serial.SerialException, OSError, ValueError, termios.error) as error:
+        raise LinkError(f"cannot open {address or 'no port'}: {_why(error)}") from error
+    try:
+        port.fileno()
+    except (AttributeError, io.UnsupportedOperation, OSError):
+        return UrlLink(address, port)
+    return SerialLink(address, port)
+
+
+def _why(error: Exception) -> str:
+    """Return what is wrong with a port, and what to do."""
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        return "there is no such file or port: `edge-vpr ports` lists those that are attached"
+    if number in (errno.EACCES, errno.EPERM):
+        return "permission denied: join the group that owns it, often dialout"
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "another program has it: end that one first"
+    return f"{error}: check that it is a serial port, its cable and its permissions"
+
+
+# Links over TCP and UDP.
+
+
+# a peer that vanished without closing, for example without power, is noticed after 11 s
+_KEEP_ALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
+#: Largest datagram, which fits into one Ethernet packet.
+DATAGRAM_BYTES = 1_400
+#: When the sender was silent for this time, another one may take its place.
+GIVES_WAY_S = 2.0
+
+
+class SocketLink(DescriptorLink):
+    """Link over a connected or bound socket."""
+
+    def __init__(self, address: str, sock: socket.socket) -> None:
+        self._socket = sock
+        super().__init__(address, sock.fileno())
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        self._socket.close()
+        self._fd = -1
+
+
+class TcpLink(SocketLink):
+    """A TCP connection."""
+
+    def __init__(self, address: str, sock: socket.socket) -> None:
+        super().__init__(address, sock)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in _KEEP_ALIVE:
+            if option := getattr(socket, name, None):
+                sock.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
+class UdpHostLink(SocketLink):
+    """A bound UDP socket, which receives from one sender at a time and cannot send.
+
+    The first sender is received until it is silent for `GIVES_WAY_S`. Mixed bytes of two senders
+    could not be decoded, so that bytes of others are ignored meanwhile, and counted in `strangers`.
+    """
+
+    two_way = False
+
+    def __init__(self, host: str, port: int) -> None:
+        with as_link_error(f"udp://{host}:{port}"):
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            sock = socket.socket(found[0], socket.SOCK_DGRAM)
+            sock.bind(found[4])
+        super().__init__(address_of("udp", sock), sock)
+        self._sender: object = None
+        self._heard_s = 0.0
+        self._anew = False
+        self.strangers = 0
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`; an empty datagram is no end."""
+        end = time.monotonic() + timeout
+        with as_link_error(self.address):
+            while select.select([self._fd], [], [], max(0.0, end - time.monotonic()))[0]:
+                try:
+                    data, sender = self._socket.recvfrom(READ_BYTES)
+                except BlockingIOError:  # a datagram with a wrong checksum
+                    continue
+                now = time.monotonic()
+                if data and self._is_heard(sender, now):
+                    self._heard_s = now
+                    return data
+                if now >= end:
+                    break
+        return b""
+
+    def _is_heard(self, sender: tuple[object, ...], now_s: float) -> bool:
+        self._anew = False
+        if sender == self._sender:
+            return True
+        if self._sender is None or now_s - self._heard_s > GIVES_WAY_S:
+            self._anew = self._sender is not None
+            self._sender, self.remark = sender, ""
+            return True
+        self.strangers += 1
+        # of many, only the first is reported
+        self.remark = self.remark or (
+            f"{sender[0]}:{sender[1]} sends to {self.address} as well and is left out: give each "
+            "device a port of its own"
+        )
+        return False
+
+    def began_anew(self) -> bool:
+        """See `Link.began_anew`: another sender is heard."""
+        return self._anew
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Raise `LinkError`."""
+        raise LinkError(f"{self.address} only hears: take TCP for a device that is asked")
+
+
+class TcpServerLink(Link):
+    """TCP port of a bridge, for one host; others are refused."""
+
+    def __init__(self, host: str, port: int) -> None:
+        try:
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self._server = socket.create_server(found[4][:2], family=found[0])
+        except OSError as error:
+            raise LinkError(
+                f"cannot listen on tcp://{bracketed(host)}:{port}: {error.strerror}: name an "
+                "address of this machine, and a port that is free (0: any)"
+            ) from error
+        self._server.setblocking(False)
+        super().__init__(address_of("tcp", self._server))
+        self._host: TcpLink | None = None
+
+    def accepted(self, timeout: float) -> TcpLink | None:
+        """Return the link to the host once one is connected, after at most `timeout` seconds."""
+        if self._host is None and select.select([self._server], [], [], timeout)[0]:
+            self._host = TcpLink(self.address, self._server.accept()[0])
+            self._server.close()
+        return self._host
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`."""
+        host = self.accepted(timeout)
+        return host.read(timeout) if host else b""
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """See `Link.write`."""
+        host = self.accepted(timeout)
+        return host.write(data, timeout) if host else 0
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        if self._host is not None:
+            self._host.close()
+        self._server.close()
+
+
+class UdpSenderLink(SocketLink):
+    """UDP sender of a bridge, which cannot know whether its datagrams arrive."""
+
+    two_way = False
+
+    def __init__(self, host: str, port: int) -> None:
+        with as_link_error(f"udp://{host}:{port}"):
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            # not connected, because a missing receiver would then be an error
+            sock = socket.socket(found[0], socket.SOCK_DGRAM)
+        self._to = found[4]
+        super().__init__(f"udp://{bracketed(host)}:{port}", sock)
+
+    def read(self, timeout: float) -> bytes:
+        """Wait."""
+        time.sleep(timeout)
+        return b""
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Send one datagram; see `Link.write`."""
+        with as_link_error(self.address):
+            if not select.select([], [self._fd], [], timeout)[1]:
+                return 0
+            try:
+                return self._socket.sendto(data[:DATAGRAM_BYTES], self._to)
+            except BlockingIOError:
+                return 0
+
+
+def address_of(kind: str, sock: socket.socket) -> str:
+    """Return the own address of a socket, in the form of a link's address."""
+    host, port = sock.getsockname()[:2]
+    return f"{kind}://{bracketed(host)}:{port}"
+
+
+def bracketed(host: str) -> str:
+    """Put an IPv6 address into brackets, to separate its colons from that of the port."""
+    return f"[{host}]" if ":" in host else host
+
+
+# Links by address: serial lines, TCP, UDP, pipes, files, and a virtual line.
+
+
+def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
+    """Open the host's end of a link; only UDP listens.
+
+    Parameters
+    ----------
+    address : str
+        ``/dev/ttyACM0`` or another address of pyserial, ``tcp://HOST:PORT``, ``udp://[HOST]:PORT``
+        (bound to loopback unless a host is named), ``-`` for standard input, or a file of raw
+        bytes.
+    baud : int
+        Of a serial port.
+    flow_control : bool
+        Use RTS and CTS.
+
+    Raises
+    ------
+    LinkError
+        If it cannot be opened.
+    UsageError
+        If the address makes no sense.
+    """
+    if address == "-":
+        return DescriptorLink("standard input", os.dup(sys.stdin.fileno()), live=False)
+    if address.startswith("tcp://"):
+        with as_link_error(address):
+            return TcpLink(address, socket.create_connection(_host_port(address), timeout=5))
+    if address.startswith("udp://"):
+        return UdpHostLink(*_host_port(address))
+    path = Path(address)
+    if path.is_file():
+        try:
+            return DescriptorLink(address, os.open(path, os.O_RDONLY), live=False)
+        except OSError as error:
+            raise LinkError(
+                f"cannot read {address}: {error.strerror}: check its permissions"
+            ) from error
+    return open_serial(address, baud, flow_control=flow_control)
+
+
+def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
+    """Open the device's end of a link, for a bridge.
+
+    Parameters
+    ----------
+    address : str
+        ``virtual`` for a pseudo-terminal, ``tcp://[HOST]:PORT`` to listen (port 0: any free one;
+        loopback unless a host is named), ``udp://HOST:PORT`` to send to, or a serial port.
+    baud, flow_control
+        See `open_link`.
+    """
+    if address == "virtual":
+        return VirtualLink()
+    if address.startswith("tcp://"):
+        return TcpServerLink(*_host_port(address))
+    if address.startswith("udp://"):
+        return UdpSenderLink(*_host_port(address))
+    return open_serial(address, baud, flow_control=flow_control)
+
+
+def _host_port(address: str) -> tuple[str, int]:
+    host, colon, port = address.split("://", 1)[1].rpartition(":")
+    if not (colon and port.isdigit() and int(port) < 65_536):
+        raise UsageError(
+            f"address {address!r} names no port: write for example tcp://127.0.0.1:5000"
+        )
+    return host.strip("[]") or "127.0.0.1", int(port)
+
+
+# Reading of a link, with a bounded buffer while the caller is late, and with reopening.
+#
+# A caller that is in time reads the link itself, so that no thread has to be woken between bytes
+# and their match. A thread of the reader checks every `_HELP_S` whether the caller is late, and
+# then reads in its place until the caller is back. Until then the system buffers the bytes: 64 KiB
+# for a serial line, which are 54 ms at 12 Mbaud.
+
+
+#: Size of the buffer: 0.9 s of a line of 12 Mbaud.
+BUFFER_BYTES = 1 << 20
+#: When bytes have waited for this time, they and all later waiting bytes are dropped.
+MAX_LAG_S = 0.5
+_WAIT_S = 0.1
+#: A caller that has not come back for this time is late.
+_HELP_S = 0.02
+#: Interval at which the system's count of errors is read.
+_LOOK_S = 0.25
+_FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
+
+
+class Chunk(NamedTuple):
+    """Bytes that arrived together.
+
+    Attributes
+    ----------
+    data : bytes
+    at_s : float
+        When, on the host's monotonic clock.
+    lost : int
+        Bytes dropped right before these, because the reader was late.
+    reopened : bool
+        Whether the link was lost and opened again before these.
+    """
+
+    data: bytes
+    at_s: float
+    lost: int = 0
+    reopened: bool = False
+
+
+class LinkReader:
+    """Reads a link for one caller; while the caller is late, a thread reads.
+
+    Parameters
+    ----------
+    open_link : callable
+        Opens the link, at first and again.
+    setup, teardown : bytes
+        What to send when it opens and before it closes.
+    retry : bool
+        Open a live link again when it is lost; else, and for files and pipes, that is the end.
+    drop : bool or None
+        When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
+        that no bytes are missing within what follows; else let the link wait. None: drop if live.
+    buffer_bytes : int
+    max_lag_s : float
+
+    Attributes
+    ----------
+    error : Exception or None
+        Why it ended, if that was no ordinary end.
+    line_errors : int
+        Characters that the system says the line damaged or dropped.
+    lost_link : str
+        Why the link is closed right now, until it is open again; else empty.
+    """
+
+    def __init__(
+        self,
+        open_link: Callable[[], Link],
+        *,
+        setup: bytes = b"",
+        teardown: bytes = b"",
+        retry: bool = False,
+        drop: bool | None = None,
+        buffer_bytes: int = BUFFER_BYTES,
+        max_lag_s: float = MAX_LAG_S,
+    ) -> None:
+        self._open, self._setup, self._teardown = open_link, setup, teardown
+        self._retry, self._drop = retry, drop
+        self._most, self._max_lag_s = buffer_bytes, max_lag_s
+        self._chunks: deque[Chunk] = deque()
+        self._held, self._ended = 0, False
+        self._changed = threading.Condition()
+        self._stopping = threading.Event()
+        self.error: Exception | None = None
+        self.line_errors = 0
+        self.lost_link = ""
+        # held while sending and while closing, so that nothing is sent to a closed link
+        self._sending = threading.Lock()
+        # whether the caller reads; changed only under the lock that is held for reading
+        self._lent, self._reading = False, threading.Lock()
+        self._wanted = False  # whether the caller waits, and could read itself
+        self._left_s = time.monotonic()  # time at which the caller left with bytes
+        self._failure: Exception | None = None  # error while reading
+        self._reopened = False  # whether the link was reopened before the next bytes
+        self._awake = threading.Event()  # set to end a pause of the thread
+        self._link = open_link()  # an error of the first opening is raised to the caller
+        self.address = self._link.address
+        self._thread = threading.Thread(target=self._run, name="edge-vpr reader", daemon=True)
+        self._thread.start()
+
+    def take(self, timeout: float) -> Chunk | None:
+        """Return all waiting bytes, or None if none arrive within `timeout` seconds.
+
+        A late host gets fewer and longer pieces, and so catches up with the link.
+        """
+        end = time.monotonic() + timeout
+        self._left_s = math.inf
+        chunk, left = None, timeout
+        while chunk is None and left >= 0 and not self._ended:
+            # first the reader, then the waiting bytes: the thread has stored all that it read
+            if self._lent and not self._chunks:
+                chunk = self._read_directly(min(left, _WAIT_S))
+            else:
+                chunk = self._read_by_thread(left)
+            left = end - time.monotonic()
+        if chunk is None:
+            chunk = self._read_by_thread(0)
+        self._left_s = time.monotonic()
+        return chunk
+
+    def _read_directly(self, timeout: float) -> Chunk | None:
+        with self._reading:
+            if not self._lent or self._chunks:
+                return None
+            try:
+                data = self._link.read(timeout)
+                return self._chunk(self._link, data) if data else None
+            except Exception as error:
+                # the thread has to open the link again, or has to end
+                self._failure, self._lent = error, False
+                self._awake.set()
+                return None
+
+    def _read_by_thread(self, timeout: float) -> Chunk | None:
+        with self._changed:
+            if not self._chunks and not self._ended and timeout > 0:
+                self._wanted = True
+                self._changed.wait(timeout)
+                self._wanted = False
+            if not self._chunks:
+                return None
+            first = self._chunks.popleft()
+            parts = [first.data]
+            # a loss is reported before the bytes that follow it
+            while self._chunks and not (self._chunks[0].lost or self._chunks[0].reopened):
+                parts.append(self._chunks.popleft().data)
+            data = b"".join(parts)
+            self._held -= len(data)
+            self._changed.notify_all()
+            return first._replace(data=data)
+
+    def send(self, data: bytes) -> None:
+        """Send to the device from any thread, if the link is open; other bytes are lost."""
+        if data:
+            with self._sending, contextlib.suppress(LinkError):
+                self._send(self._link, data)
+
+    @property
+    def remark(self) -> str:
+        """Message to the user about the present state of the link; empty if there is none."""
+        return self._link.remark
+
+    @property
+    def ended(self) -> bool:
+        """Whether the link has ended for good."""
+        with self._changed:
+            return self._ended and not self._chunks
+
+    def stop(self) -> None:
+        """Stop reading and close the link; returns within about a second."""
+        self._stopping.set()
+        self._awake.set()
+        with self._changed:
+            self._changed.notify_all()
+        self._thread.join(timeout=2)
+
+    def _run(self) -> None:
+        link = self._link
+        try:
+            while not self._stopping.is_set():
+                try:
+                    self._send(link, self._setup)
+                    self._read(link)
+                except LinkError as error:
+                    self._close(link)
+                    if not (self._retry and link.live):
+                        # the end of a link is no error; anything else is reported
+                        self.error = None if isinstance(error, LinkClosed) else error
+                        return
+                    self.lost_link = str(error)
+                again = self._reopen()
+                if again is None:
+                    return
+                with self._sending:
+                    self._link = again
+                link, self._reopened, self.lost_link = again, True, ""
+        except Exception as error:
+            # an error in the thread would go unnoticed: pass it to the caller
+            self.error = error
+        finally:
+            with self._reading:  # the caller is not reading the closed link
+                self._lent = False
+            with contextlib.suppress(LinkError):
+                self._send(link, self._teardown)
+            self._close(link)
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
+
+    def _read(self, link: Link) -> None:
+        drop = link.live if self._drop is None else self._drop
+        errors_before, look = self.line_errors, 0.0
+        while not self._stopping.is_set():
+            if time.monotonic() >= look:
+                look = time.monotonic() + _LOOK_S
+                self.line_errors = errors_before + link.line_errors()
+            if self._lent:
+                self._watch_caller()
+                continue
+            data = link.read(_WAIT_S)
+            if data:
+                self._put(self._chunk(link, data), drop)
+            if self._wanted:
+                self._awake.clear()
+                self._lent = True
+                with self._changed:
+                    self._changed.notify_all()
+
+    def _chunk(self, link: Link, data: bytes) -> Chunk:
+        anew, self._reopened = self._reopened or link.began_anew(), False
+        return Chunk(data, time.monotonic(), 0, anew)
+
+    def _watch_caller(self) -> None:
+        """Pause; then read in the place of a late caller, and raise an error that it found."""
+        self._awake.wait(_HELP_S)
+        late = time.monotonic() - self._left_s > _HELP_S
+        if late and self._reading.acquire(blocking=False):
+            self._lent = False
+            self._reading.release()
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+
+    def _put(self, piece: Chunk, drop: bool) -> None:
+        with self._changed:
+            while not drop and self._held and self._held + len(piece.data) > self._most:
+                if self._stopping.is_set():
+                    return
+                self._changed.wait(_WAIT_S)
+            if drop and self._chunks:
+                oldest = self._chunks[0]
+                full = self._held + len(piece.data) > self._most
+                if full or piece.at_s - oldest.at_s > self._max_lag_s:
+                    piece = piece._replace(
+                        lost=self._held + sum(each.lost for each in self._chunks),
+                        reopened=piece.reopened or any(each.reopened for each in self._chunks),
+                    )
+                    self._chunks.clear()
+                    self._held = 0
+            self._chunks.append(piece)
+            self._held += len(piece.data)
+            self._changed.notify_all()
+
+    def _reopen(self) -> Link | None:
+        wait = _FIRST_RETRY_S
+        while not self._stopping.wait(wait):
+            try:
+                return self._open()
+            except LinkError:
+                wait = min(2 * wait, _LAST_RETRY_S)
+        return None
+
+    def _close(self, link: Link) -> None:
+        with self._sending:
+            link.close()
+
+    @staticmethod
+    def _send(link: Link, data: bytes) -> None:
+        end = time.monotonic() + 1
+        while data and time.monotonic() < end:
+            try:
+                data = data[link.write(data, 0.1) :]
+            except LinkClosed:
+                raise
+            except LinkError:
+                return  # a link that cannot be written to, such as a file

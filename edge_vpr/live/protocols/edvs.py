@@ -1,0 +1,485 @@
+"""eDVS: 128 x 128 pixels, formats E0 to E4, no checksum and no sequence number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from edge_vpr.compiling import kernel
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events, Sensor, join_events
+from edge_vpr.live.clock import Clock, no_columns
+from edge_vpr.live.protocols.layout import (
+    NOTICE_WORDS,
+    SEARCH_WORDS,
+    Field,
+    Layout,
+    LayoutDecoder,
+    LayoutEncoder,
+    Raw,
+    read_words,
+)
+from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.recordings.recording import Columns
+
+# Recognition of the eDVS format of a device from its bytes.
+
+
+#: Number of bits of the time for each format; -1 stands for steps, whose size varies.
+STEPS = -1
+BITS = {
+    "new": {"E0": 0, "E1": STEPS, "E2": 16, "E3": 24, "E4": 32},
+    "old": {"E0": 0, "E1": 16, "E2": 24, "E3": 32},
+}
+#: A format fits if more than this share of its words looks right; half of the words of noise do.
+FITS = 0.75
+#: The same share for formats without a time of fixed size.
+FITS_WITHOUT_TIME = 0.9
+
+
+def layout_of(bits: int, sync: int) -> Layout:
+    """Return the layout of an event with `bits` bits of time and the value of the sync bit."""
+    return Layout(
+        size=2 + bits // 8,
+        big=True,
+        x=Field(bits, 7),
+        p=Field(bits + 7, 1),
+        y=Field(bits + 8, 7),
+        t=Field(0, bits),
+        sync_mask=1 << (bits + 15),
+        sync_value=sync << (bits + 15),
+    )
+
+
+def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int, int] | None:
+    """Find the bits of the time and the sync bit of a stretch of bytes; None if nothing fits.
+
+    A wrong format may also fit, if one of its bytes hardly changes; time then runs faster. Formats
+    with steps or without time are chosen only if no other format fits.
+
+    Parameters
+    ----------
+    data : bytes
+    bits : iterable of int
+        Candidates for the number of bits of the time.
+    syncs : iterable of {0, 1}
+    """
+    raw, bits = np.frombuffer(data, dtype=np.uint8), set(bits)
+    fits = []
+    for sync in syncs:
+        for candidate in bits:
+            if candidate == STEPS:
+                share, pace = _share_of_steps(raw, sync), 0.0
+            else:
+                share, pace = _share(raw, layout_of(candidate, sync))
+            rank = {0: 2, STEPS: 1}.get(candidate, 0)
+            if share > (FITS_WITHOUT_TIME if rank else FITS):
+                fits.append((rank, pace, -share, candidate, sync))
+    if not fits:
+        return None
+    *_, candidate, sync = min(fits)
+    return candidate, sync
+
+
+def _share(raw: Raw, layout: Layout) -> tuple[float, float]:
+    """Return the share of plausible words at the best offset, and how fast time runs there."""
+    found = [(0.0, 0.0)]
+    if raw.size >= layout.size:
+        for offset, reading in enumerate(read_words(raw, raw.size, layout.form())):
+            words = (raw.size - offset) // layout.size
+            # equal words come from a dead line; of few words, many are plausible by chance
+            share = reading.good / words * reading.moves - words**-0.5
+            found.append((share, reading.pace))
+    best = max(share for share, _ in found)
+    return best, min(pace for share, pace in found if share > best - 0.1)
+
+
+@kernel
+def _share_of_steps(raw, sync):  # type: ignore[no-untyped-def]
+    """Return the readable events with steps, as a share of these and the unreadable places.
+
+    No device sends a step in more bytes than it needs.
+    """
+    at, read, breaks = 0, 0, 0
+    while at + 2 < raw.size:
+        end = at + 2
+        while end < raw.size and raw[end] < 128 and end < at + 5:
+            end += 1
+        if end == raw.size:
+            break
+        if raw[at] >> 7 != sync or raw[end] < 128 or raw[at + 2] == 0:
+            breaks += 1
+            at += 1
+        else:
+            read += 1
+            at = end + 1
+    return read / max(1, read + breaks)
+
+
+# The eDVS format E1: 3 to 6 bytes an event, with the time since the previous event.
+
+
+_LONGEST = 6
+
+
+class StepDecoder(Decoder):
+    """Decodes E1, whose events are 3 to 6 bytes long.
+
+    A shifted stream is noticed at the first byte without the expected sync bit, or at the first
+    step that does not end.
+    """
+
+    def __init__(self, sensor: Sensor, sync: int) -> None:
+        super().__init__(sensor, Clock())
+        self._sync = sync
+        self._now = 0
+        self._searching = True
+        self._room = no_columns()
+        self.resync_bytes = (SEARCH_WORDS + NOTICE_WORDS + 1) * _LONGEST
+
+    def _lose_sync(self) -> None:
+        self._searching = True
+
+    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+        raw = np.frombuffer(data, dtype=np.uint8)
+        if raw.size // 3 >= self._room.t.size:
+            self._room = no_columns(raw.size // 3 + 1)
+        t, x, y, p = self._room
+        at, count = 0, 0
+        while True:
+            if self._searching:
+                # a start is judged by the events after it, and by the possible starts next to it
+                starts = raw.size - at - (0 if final else (SEARCH_WORDS + 1) * _LONGEST)
+                if starts <= 0:
+                    break
+                skip, found = _search_steps(raw[at:], self._sync, SEARCH_WORDS, starts)
+                self.health.skipped_bytes += skip
+                at += skip
+                if not found:
+                    continue
+                self._searching = False
+            used, n_found, self._now, lost = _take_steps(
+                raw[at:], self._sync, self._now, t[count:], x[count:], y[count:], p[count:]
+            )
+            at, count = at + used, count + n_found
+            if not lost:
+                break
+            self.health.resyncs += 1
+            self._searching = True
+        return [Columns(t[:count], x[:count], y[:count], p[:count])], data[at:]
+
+
+@kernel
+def _event_at(raw, at, sync):  # type: ignore[no-untyped-def]
+    """Return the length of an event and its time step.
+
+    The length is 0 if bytes of the event are still to come, and -1 if this cannot be an event.
+    """
+    step, end = np.int64(0), at + 2
+    if raw[at] >> 7 != sync:
+        return -1, step
+    while end < raw.size and raw[end] < 128 and end < at + 5:
+        step = step << 7 | np.int64(raw[end])
+        end += 1
+    if end >= raw.size:
+        return 0, step
+    if raw[end] < 128:
+        return -1, step
+    return end + 1 - at, step << 7 | (np.int64(raw[end]) & 127)
+
+
+@kernel
+def _take_steps(raw, sync, now, t, x, y, p):  # type: ignore[no-untyped-def]
+    """Decode whole events; stop at the first bytes that cannot be an event."""
+    at, n = 0, 0
+    while at < raw.size:
+        length, step = _event_at(raw, at, sync)
+        if length <= 0:
+            return at, n, now, length < 0
+        now += step
+        t[n], x[n], y[n], p[n] = now, raw[at + 1] & 127, raw[at] & 127, raw[at + 1] >> 7
+        n += 1
+        at += length
+    return at, n, now, False
+
+
+@kernel
+def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
+    """Find the first byte from which `words` events (or as many as there are) can be read.
+
+    Returns the number of bytes before it, and whether there is one before `starts`. A shifted
+    reading takes every row for a part of a step, and time then runs faster. Of the next offsets
+    that can be read, the first is therefore right, unless another takes less than half of its time.
+    """
+    best, best_time, first = starts, np.int64(-1), -1
+    for start in range(raw.size):
+        if start >= (first + _LONGEST if first >= 0 else starts):
+            break
+        at, n, time, bad = start, 0, np.int64(0), False
+        while n < words and at < raw.size:
+            length, step = _event_at(raw, at, sync)
+            if length <= 0:
+                bad = length < 0
+                break
+            time += step
+            at += length
+            n += 1
+        if not bad and n > 0:
+            if first < 0:
+                first = start
+            # from a later event, the same reading takes one step less; the right reading takes far
+            # less time than a shifted one
+            if best_time < 0 or 2 * time < best_time:
+                best, best_time = start, time
+    return best, first >= 0
+
+
+def encode_steps(events: Events, since_us: int, sync: int) -> bytes:
+    """Encode events; the step of the first event counts from `since_us`."""
+    if events.size == 0:
+        return b""
+    steps = np.diff(events["t"], prepend=since_us)
+    # a longer silence than 28 bits can hold is shortened
+    steps = np.clip(steps, 0, (1 << 28) - 1)
+    groups = (steps[:, None] >> np.array([21, 14, 7, 0])) & 127
+    needed = np.maximum.accumulate(groups > 0, axis=1)
+    needed[:, 3] = True
+    groups[:, 3] |= 128
+    y = sync << 7 | events["y"].astype(np.int64)
+    x = events["p"].astype(np.int64) << 7 | events["x"]
+    rows = np.concatenate([np.stack([y, x], axis=1), groups], axis=1)
+    sent = np.concatenate([np.ones((steps.size, 2), dtype=np.bool_), needed], axis=1)
+    return rows[sent].astype(np.uint8).tobytes()
+
+
+# EDVS: 128 x 128 pixels, formats E0 to E4, no checksum and no sequence number.
+#
+# Byte 0 holds a sync bit and the row, byte 1 polarity and column. The time follows: none (E0), the
+# step since the previous event in 7-bit groups (E1), or 16, 24, 32 bits (E2, E3, E4). Firmware
+# older than the format with steps calls 16, 24 and 32 bits E1, E2 and E3. Some drivers and
+# firmware invert the sync bit. The format of a device is therefore found from its bytes, unless
+# given.
+
+
+SENSOR = Sensor(128, 128)
+#: Number of bytes from which the format is found.
+DETECT_BYTES = 1_024
+#: The format is searched for again if most of this number of bytes do not fit it.
+DOUBT_BYTES = 16_384
+
+
+class EdvsDecoder(Decoder):
+    """Finds the format from the first bytes, sends the set-up commands, and decodes.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    bits : sequence of int
+        Candidates for the number of bits of the time, longest first.
+    syncs : sequence of {0, 1}
+        Candidates for the sync bit.
+    command : str
+        Format to request from the device.
+    """
+
+    def __init__(
+        self, sensor: Sensor, bits: tuple[int, ...], syncs: tuple[int, ...], command: str
+    ) -> None:
+        if max(sensor) > 128:
+            raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: pass --sensor 128x128")
+        super().__init__(sensor, Clock())
+        self._bits, self._syncs, self._command = bits, syncs, command
+        self._given = len(bits) == 1 and len(syncs) == 1
+        self._inner: Decoder | None = None
+        self._since = self._so_far()
+        if self._given:
+            self._settle(bits[0], syncs[0])
+        else:
+            self.resync_bytes = 2 * (DOUBT_BYTES + DETECT_BYTES)
+
+    def setup(self) -> bytes:
+        """Return commands: stop events, echo off, set the format, clock to zero, start events."""
+        return f"E-\n!U0\n!{self._command}\n!ET0\nE+\n".encode("ascii")
+
+    def teardown(self) -> bytes:
+        """Return the command that stops events."""
+        return b"E-\n"
+
+    def feed(self, data: bytes, host_us: int = 0) -> Events:
+        """Decode the next bytes; see `Decoder.feed`."""
+        if self._given and self._inner is not None:
+            return self._inner.feed(data, host_us)
+        events = []
+        while data:
+            if self._inner is None:
+                data = self._find_format(data)
+                continue
+            # the format is checked after the same bytes, whatever the sizes of the pieces
+            left = DOUBT_BYTES - (self.health.bytes - self._since[0])
+            events.append(self._inner.feed(data[:left], host_us))
+            data = data[left:]
+            self._doubt()
+        return join_events(events)
+
+    def gap(self, lost_bytes: int = 0) -> Events:
+        """Handle missing bytes; see `Decoder.gap`."""
+        return super().gap(lost_bytes) if self._inner is None else self._inner.gap(lost_bytes)
+
+    def finish(self) -> Events:
+        """End the stream; see `Decoder.finish`."""
+        events = []
+        if self._inner is None and (early := self._find_format(b"", last=True)):
+            events.append(self.feed(early))
+        events.append(super().finish() if self._inner is None else self._inner.finish())
+        return join_events(events)
+
+    def warm_up(self) -> None:
+        """Compile the kernels for decoding; see `Decoder.warm_up`."""
+        if self._given:
+            super().warm_up()
+            return
+        for bits in {32, STEPS} & set(self._bits) or self._bits:
+            given = EdvsDecoder(self.sensor, (bits,), self._syncs[:1], self._command)
+            given.warm_up()
+            for sample in given._samples():
+                detect(sample, self._bits, self._syncs)
+
+    def _samples(self) -> Iterable[bytes]:
+        yield damaged_sample(
+            EdvsEncoder(self.sensor, self._bits[0], self._syncs[0], "new", echo=False)
+        )
+
+    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+        return [], data
+
+    def _find_format(self, data: bytes, *, last: bool = False) -> bytes:
+        """Collect bytes until their format is found, then return the bytes to decode."""
+        health = self.health
+        health.bytes += len(data)
+        early = self._pending + data
+        found = None
+        while found is None and len(early) >= (1 if last else DETECT_BYTES):
+            found = detect(early[:DETECT_BYTES], self._bits, self._syncs)
+            if found is None:
+                # only noise so far: half of it is dropped to make room for later bytes
+                health.skipped_bytes += len(early[: DETECT_BYTES // 2])
+                early = early[DETECT_BYTES // 2 :]
+        if found is None:
+            self._pending = early
+            health.pending_bytes = len(early)
+            return b""
+        self._pending = b""
+        health.bytes -= len(early)  # counted when they are decoded
+        health.pending_bytes = 0
+        self._settle(*found)
+        return early
+
+    def _settle(self, bits: int, sync: int) -> None:
+        inner: Decoder
+        if bits == STEPS:
+            inner = StepDecoder(self.sensor, sync)
+        else:
+            inner = LayoutDecoder("edvs", layout_of(bits, sync), self.sensor)
+        inner.adopt(self.health)
+        inner._timestamps.take_over_from(self._timestamps)
+        self._inner, self._timestamps = inner, inner._timestamps
+        self._since = self._so_far()
+        self.resync_bytes = inner.resync_bytes
+
+    def _so_far(self) -> tuple[int, int, int, int]:
+        health = self.health
+        return health.bytes, health.skipped_bytes, health.decoded, health.rejected
+
+    def _doubt(self) -> None:
+        """Search for the format again if most bytes or times do not fit it."""
+        now = self._so_far()
+        received, skipped, decoded, rejected = np.subtract(now, self._since).tolist()
+        if received < DOUBT_BYTES or self._inner is None:
+            return
+        self._since = now
+        if 4 * skipped > 3 * received or 4 * rejected > 3 * decoded:
+            self.health.resyncs += 1
+            self._pending, self._inner = self._inner._pending, None
+
+
+class EdvsEncoder(Encoder):
+    """Device that starts on ``E+``, and answers commands as the maker's firmware does."""
+
+    waits_for_host = True
+
+    def __init__(self, sensor: Sensor, bits: int, sync: int, dialect: str, *, echo: bool) -> None:
+        if max(sensor) > 128:
+            raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: crop the recording")
+        super().__init__(sensor)
+        self._sync, self._dialect, self._echo = sync, dialect, echo
+        self._last = 0
+        self._commands = b""
+        self._set(bits)
+
+    def _set(self, bits: int) -> None:
+        self._bits = bits
+        if bits != STEPS:
+            self._words = LayoutEncoder("edvs", layout_of(bits, self._sync), self.sensor)
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if self._bits != STEPS:
+            return self._words.encode(events)
+        data = encode_steps(events, self._last, self._sync)
+        self._last = int(events["t"][-1]) if events.size else self._last
+        return data
+
+    def respond(self, command: bytes) -> bytes:
+        """Answer commands; a new format applies from the next event on."""
+        *lines, self._commands = (self._commands + command).split(b"\n")
+        self._commands = self._commands[-64:]
+        answer = []
+        for line in lines:
+            word = line.strip().decode("ascii", "replace")
+            if self._echo and word:
+                answer.append(word)
+            if word == "!U0":
+                self._echo = False
+            elif word == "?V":
+                answer.append("EDVS128 V2.3")
+            elif word.startswith("!E") and word[1:] in BITS[self._dialect]:
+                self._set(BITS[self._dialect][word[1:]])
+                answer.append(f"-{word}")
+        return "".join(f"{text}\n" for text in answer).encode("ascii")
+
+
+def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
+    """Make a decoder; format, dialect and sync bit are found from the bytes unless given."""
+    wanted = options.choice("format", ("auto", "E0", "E1", "E2", "E3", "E4"))
+    dialect = options.choice("dialect", ("auto", "new", "old"))
+    sync = options.choice("sync", ("auto", "1", "0"))
+    dialects = ("new", "old") if dialect == "auto" else (dialect,)
+    if wanted == "auto":
+        # any bytes look like events without time, so that this format is not searched for
+        bits = {32, 24, 16, STEPS}
+    else:
+        bits = {BITS[each][wanted] for each in dialects if wanted in BITS[each]}
+    if not bits:
+        raise UsageError("edvs: the old dialect has no E4: its E3 has 32 bits")
+    return EdvsDecoder(
+        sensor,
+        tuple(sorted(bits, reverse=True)),
+        (1, 0) if sync == "auto" else (int(sync),),
+        "E3" if wanted == "auto" else wanted,
+    )
+
+
+def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
+    """Make an encoder."""
+    wanted = options.choice("format", ("E3", "E0", "E1", "E2", "E4"))
+    dialect = options.choice("dialect", ("new", "old"))
+    if wanted not in BITS[dialect]:
+        raise UsageError("edvs: the old dialect has no E4: its E3 has 32 bits")
+    return EdvsEncoder(
+        sensor,
+        BITS[dialect][wanted],
+        int(options.choice("sync", ("1", "0"))),
+        dialect,
+        echo=options.choice("echo", ("on", "off")) == "on",
+    )

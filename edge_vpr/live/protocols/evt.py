@@ -1,0 +1,206 @@
+"""Raw Prophesee words over a line: EVT 2.0, 2.1 and 3.0, without header or frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import kernel
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.live.clock import Clock
+from edge_vpr.live.protocols.layout import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
+from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.recordings.prophesee import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
+from edge_vpr.recordings.prophesee import Decoder as WordsDecoder
+from edge_vpr.recordings.recording import Columns
+
+#: Number of bytes that are copied at once; a multiple of each word size.
+_COPIED_BYTES = 4_096
+#: Cameras send the high bits of the time every 16 us, whether changed or not.
+_SLOT_BITS = 4
+#: Existing kinds of words, one bit each.
+_KINDS_EVT2 = sum(1 << kind for kind in EVT2_KINDS)
+_KINDS_EVT3 = sum(1 << kind for kind in EVT3_KINDS)
+
+
+class EvtDecoder(WordDecoder):
+    """Decodes words; a word of an unknown kind, or off the sensor, shows a shifted stream."""
+
+    def __init__(self, name: str, sensor: Sensor) -> None:
+        if max(sensor) > 2048:
+            raise UsageError(f"{name} holds up to 2048x2048 pixels, and not {sensor}")
+        self._words = WordsDecoder(name, 1)
+        super().__init__(
+            sensor, Clock(self._words.clock_bits), self._words.dtype.itemsize,
+            search_words=2 * SEARCH_WORDS if name == "evt3" else SEARCH_WORDS,
+            notice_words=64 if name == "evt3" else 16,
+        )  # fmt: skip
+        self._name = name
+        self._shift = np.uint64(32 if name == "evt21" else 0)  # to the upper half of a long word
+
+    def _samples(self) -> Iterable[bytes]:
+        yield damaged_sample(ENCODERS[self._name](self.sensor))
+
+    def _readings(self, raw: Raw, most: int) -> list[Reading]:
+        found = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)
+        return [Reading(*row) for row in found.tolist()]
+
+    def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
+        if raw.ctypes.data % self._size:
+            # The kernels would be compiled again for words that are not aligned, or that are
+            # writeable. Only a part is copied, so that a fault does not cause all the rest to be
+            # copied again.
+            raw = raw[:_COPIED_BYTES].copy()
+            raw.flags.writeable = False
+        words = raw.view(self._words.dtype)
+        used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
+        columns = self._words.decode(words[:used])
+        self.health.reject_undated(self._words.take_undated())
+        return used, columns, used < words.size
+
+    def _lose_sync(self) -> None:
+        super()._lose_sync()
+        # time and row of the words before are no longer valid
+        self._words = WordsDecoder(self._name, 1)
+
+
+@kernel
+def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
+    """Return whether a word, or the upper half of a longer one, is not valid."""
+    if evt3:
+        kind, value = word >> 12, word & 2047
+        if not (_KINDS_EVT3 >> kind) & 1:
+            return True
+        return value >= (height if kind == 0 else width if kind == 2 or kind == 3 else 2048)
+    kind = word >> 28
+    if kind < 2:
+        return (word >> 11) & 2047 >= width or word & 2047 >= height
+    return not (_KINDS_EVT2 >> kind) & 1
+
+
+@kernel
+def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
+    """Return the number of words before the first invalid one."""
+    for i in range(words.size):
+        if _bad(np.int64(words[i] >> shift), evt3, width, height):
+            return i
+    return words.size
+
+
+@kernel
+def _read(raw, most, size, evt3, shift, width, height):  # type: ignore[no-untyped-def]
+    """Return the number of valid words, and the first of them, for each offset."""
+    readings = np.zeros((min(size, raw.size - size + 1), 2))
+    for offset in range(len(readings)):
+        words = min(most, (raw.size - offset) // size)
+        good, first = 0, words
+        for i in range(words):
+            word = np.int64(word_at(raw, offset + i * size, size, False) >> shift)
+            if not _bad(word, evt3, width, height):
+                good += 1
+                first = min(first, i)
+        readings[offset, 0], readings[offset, 1] = good, first
+    return readings
+
+
+class EvtEncoder(Encoder):
+    """Decides when the high bits of the time are sent again, as a camera does."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._slot = -1
+
+    def _says_time(self, t: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Return before which events, at least one, the high bits are sent."""
+        slot = t >> _SLOT_BITS
+        new = np.diff(slot, prepend=self._slot) != 0
+        self._slot = int(slot[-1])
+        return new
+
+
+class Evt2Encoder(EvtEncoder):
+    """Encodes EVT 2.0: high time bits as often as cameras send them, and a word an event."""
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if events.size == 0:
+            return b""
+        new = self._says_time(events["t"])
+        return _interleaved(evt2_time_words(events["t"]), new, evt2_event_words(events))
+
+
+class Evt21Encoder(EvtEncoder):
+    """Encodes EVT 2.1 words of one event each."""
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if events.size == 0:
+            return b""
+        new = self._says_time(events["t"])
+        # the upper half is a word of EVT 2.0 whose column is a multiple of 32; the lower half has a
+        # bit for each of the 32 columns from there on
+        x = events["x"].astype(np.uint64)
+        top = evt2_event_words(events).astype("<u8") & ~np.uint64(31 << 11)
+        word = top << np.uint64(32) | np.uint64(1) << (x & np.uint64(31))
+        return _interleaved(evt2_time_words(events["t"]).astype("<u8") << np.uint64(32), new, word)
+
+
+class Evt3Encoder(EvtEncoder):
+    """Encodes EVT 3.0: times, the row when it changes, and a column an event."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._low, self._y = -1, -1
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if events.size == 0:
+            return b""
+        t, y = events["t"], events["y"].astype(np.int64)
+        high, low = t >> 12, t & 4095
+        new_high = self._says_time(t)
+        new_low = new_high | (np.diff(low, prepend=self._low) != 0)
+        new_y = np.diff(y, prepend=self._y) != 0
+        self._low, self._y = int(low[-1]), int(y[-1])
+        words = np.stack(
+            [
+                8 << 12 | (high & 4095),
+                6 << 12 | low,
+                y,
+                2 << 12 | events["p"].astype(np.int64) << 11 | events["x"],
+            ],
+            axis=1,
+        )
+        sent = np.stack([new_high, new_low, new_y, np.ones(t.size, dtype=np.bool_)], axis=1)
+        return words[sent].astype("<u2").tobytes()
+
+
+def _interleaved(
+    time: npt.NDArray[Any], new: npt.NDArray[np.bool_], word: npt.NDArray[Any]
+) -> bytes:
+    """Put a time word before each event that needs one."""
+    sent = np.stack([new, np.ones(new.size, dtype=np.bool_)], axis=1)
+    pairs = np.stack([time, word], axis=1)[sent]
+    return pairs.tobytes()
+
+
+#: Encoders of the words, by the name of the protocol.
+ENCODERS: dict[str, type[Encoder]] = {
+    "evt2": Evt2Encoder,
+    "evt21": Evt21Encoder,
+    "evt3": Evt3Encoder,
+}
+
+
+def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
+    """Make a decoder."""
+    return EvtDecoder(name, sensor)
+
+
+def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
+    """Make an encoder."""
+    return ENCODERS[name](sensor)

@@ -1,0 +1,424 @@
+"""Matching of all windows of a recorded drive, by sequences or by the place filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.confidence import Confidence, Judge, default_confidence
+from edge_vpr.descriptors.windows import Descriptors, mean_activity
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
+from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, WindowRows
+from edge_vpr.matching.sequences import (
+    BestSequences,
+    anchor_offset,
+    check_length,
+    sequence_matches,
+    sequence_sums,
+)
+from edge_vpr.matching.smoother import QUIET_EVIDENCE_SHIFT, Decided, FixedLag, Onward, Way, runs
+from edge_vpr.matching.transitions import Metrics, Moves, StepPrices
+from edge_vpr.route import Odometry
+from edge_vpr.settings import Settings
+
+# The place filter over a recorded drive: at once, some windows late, or by the whole drive.
+
+
+#: number of distances in memory at a time, so that memory does not grow with the drive
+_BLOCK_DISTANCES = 4_000_000
+#: largest memory for smoothing a drive, which takes 3 bytes for each window and place
+MOST_BYTES = 2 << 30
+#: number of windows before and after a window that its trust uses in a smoothed drive
+NEIGHBOURS = 4
+
+
+class FilteredDrive(NamedTuple):
+    """Matches of n windows.
+
+    Attributes
+    ----------
+    columns : ndarray of int64, shape (n, 6)
+        Of `FilterMatch`.
+    candidates : ndarray of int64, shape (n, 25)
+        Places of the least metrics, see `nearest_places`.
+    """
+
+    columns: npt.NDArray[np.int64]
+    candidates: npt.NDArray[np.int64]
+
+
+class _Kept(NamedTuple):
+    """Values of all windows that smoothing needs: those of `WindowRows`, in fewer bits."""
+
+    metrics: npt.NDArray[np.uint16]
+    evidence: npt.NDArray[np.uint8]
+    quiet: npt.NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, windows: int, places: int) -> _Kept:
+        shape = (windows, places)
+        return cls(
+            np.empty(shape, dtype=np.uint16),
+            np.empty(shape, dtype=np.uint8),
+            np.empty(windows, dtype=np.bool_),
+        )
+
+    def keep(self, first: int, last: int, rows: WindowRows) -> None:
+        """Keep the values of the windows from `first` to before `last`."""
+        self.metrics[first:last], self.evidence[first:last] = rows.metrics, rows.evidence
+        self.quiet[first:last] = rows.quiet
+
+    def rows(self, first: int, last: int) -> WindowRows:
+        """Return the values of these windows, with columns to be filled."""
+        columns = np.empty((last - first, len(FilterMatch._fields)), dtype=np.int64)
+        metrics = self.metrics[first:last].astype(np.int32)
+        return WindowRows(columns, metrics, self.evidence[first:last], self.quiet[first:last])
+
+
+def filter_drive(
+    place_filter: PlaceFilter,
+    index: ReferenceIndex,
+    queries: Descriptors,
+    odometry: Odometry | None = None,
+    *,
+    smooth: bool = False,
+    delay: int = 0,
+    metrics: npt.NDArray[np.float64] | None = None,
+) -> FilteredDrive:
+    """Advance a filter over all windows of a drive.
+
+    Parameters
+    ----------
+    place_filter : PlaceFilter
+        Before its first window.
+    index : ReferenceIndex
+        Of the K places.
+    queries : Descriptors
+        n windows in the map's codes.
+    odometry : Odometry, optional
+        Of this drive.
+    smooth : bool
+        Let all windows after each one decide with.
+    delay : int
+        If not, the number of windows after each one that decide with.
+    metrics : ndarray of float64, shape (K, n), optional
+        Filled with the metric of each place after each window, the least of which is the match.
+
+    Returns
+    -------
+    FilteredDrive
+        If smoothed, the trust is the mean margin of the summed metrics over the window and the
+        four before and after it, in units of 1/16 of a metric; a window counts as 0 where a match
+        between does not follow from the one before. Else it is that of `trust_after`.
+
+    Raises
+    ------
+    UsageError
+        If the map takes no odometry, or too much memory would be needed to smooth.
+    """
+    n, places = len(queries), index.places
+    if smooth and 3 * n * places > MOST_BYTES:
+        raise UsageError(
+            f"smoothing {n} windows over {places} places takes {3 * n * places / 1e9:.1f} GB: "
+            "match with --no-smooth, or split the drive"
+        )
+    ways: list[Way] = [None] * n
+    if odometry is not None:
+        place_filter.moves.check_odometry()
+        travelled, known = odometry.of_windows(queries.end_us)
+        ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
+    events, block = queries.activity, max(1, _BLOCK_DISTANCES // places)
+    kept = _Kept.empty(n, places if smooth else 0)
+    found = _Found.empty(n, metrics)
+    lag = FixedLag(place_filter.moves, place_filter.exclusion, delay) if delay else None
+    for first, last in runs(ways, block):
+        way = ways[first]
+        if way is not None:
+            place_filter.travel(way)
+        distances = index.rows(queries.counts[first:last])
+        rows = place_filter.advance_windows(distances, events[first:last])
+        if smooth:
+            kept.keep(first, last, rows)
+        elif lag is not None:
+            late = (lag.add(rows.part(i, i + 1), ways[first + i]) for i in range(last - first))
+            found.put_decided(last - delay, late)
+        else:
+            found.put(first, rows.columns, rows.metrics)
+    if smooth:
+        _smooth(place_filter, kept, ways, block, found)
+    elif lag is not None:
+        found.put_decided(n, lag.finish())
+    return FilteredDrive(found.columns, found.candidates)
+
+
+class _Found(NamedTuple):
+    """Matches of n windows, filled in parts; `metrics` are those of `filter_drive`."""
+
+    columns: npt.NDArray[np.int64]
+    candidates: npt.NDArray[np.int64]
+    metrics: npt.NDArray[np.float64] | None
+
+    @classmethod
+    def empty(cls, windows: int, metrics: npt.NDArray[np.float64] | None) -> _Found:
+        columns = np.empty((windows, len(FilterMatch._fields)), dtype=np.int64)
+        return cls(columns, np.empty((windows, CANDIDATES), dtype=np.int64), metrics)
+
+    def put(self, first: int, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
+        """Put the matches of some windows, with the metrics of all places, shape (n, K)."""
+        last = first + len(columns)
+        self.columns[first:last] = columns
+        self.candidates[first:last] = nearest_places(metrics.T)
+        if self.metrics is not None:
+            self.metrics[:, first:last] = metrics.T
+
+    def put_decided(self, last: int, decided: Iterable[Decided | None]) -> None:
+        """Put the matches of the windows before `last`; None where there is no window yet."""
+        some = [one for one in decided if one is not None]
+        if some:
+            columns = np.array([one.match for one in some], dtype=np.int64)
+            self.put(last - len(some), columns, np.stack([one.metrics for one in some]))
+
+
+def _smooth(
+    place_filter: PlaceFilter, kept: _Kept, ways: Sequence[Way], block: int, found: _Found
+) -> None:
+    """Smooth the whole drive, some windows at a time, from the last ones."""
+    onward = Onward(place_filter.moves, place_filter.exclusion)
+    for first in reversed(range(0, len(ways), block)):
+        rows = kept.rows(first, min(first + block, len(ways)))
+        onward.add_to(rows, ways[first : first + block])
+        found.put(first, rows.columns, rows.metrics)
+    found.columns[:, -1] = _mean_trust(found.columns, ways, place_filter.moves)
+
+
+def _mean_trust(
+    columns: npt.NDArray[np.int64], ways: Sequence[Way], moves: Moves
+) -> npt.NDArray[np.int64]:
+    """Return the mean trust of each window and its neighbours, with 0 for those beyond a jump."""
+    place, margin = columns[:, 0].tolist(), columns[:, -1]
+    total = np.concatenate([[0], np.cumsum(margin)])
+    chain = np.zeros(len(place), dtype=np.int64)  # runs without a jump
+    for j in range(1, len(place)):
+        chain[j] = chain[j - 1] + (not moves.lead_to(place[j - 1], place[j], ways[j]))
+    at = np.arange(len(place))
+    first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
+    last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
+    return np.asarray((total[last + 1] - total[first]) // (2 * NEIGHBOURS + 1))
+
+
+# Matching of all query windows of a recorded drive, by sequences or by the place filter.
+
+
+def match_descriptors(
+    places: Descriptors,
+    queries: Descriptors,
+    settings: Settings,
+    confidence: Confidence | None = None,
+    *,
+    jumps: npt.NDArray[np.int32] | None = None,
+    along_mm: npt.NDArray[np.int64] | None = None,
+    odometry: Odometry | None = None,
+) -> Matches:
+    """Match every query window, by sequences of L windows or by the place filter.
+
+    Parameters
+    ----------
+    places : Descriptors
+        Reference, K of them.
+    queries : Descriptors
+        Q of them, counted at the same pixels.
+    settings : Settings
+        `matching` and its settings, `exclusion` and `precision` are used.
+    confidence : Confidence, optional
+        Table of probabilities; by default the shipped one for the place filter, and none for
+        sequences.
+    jumps : ndarray of int32, shape (n, 2), optional
+        Of the map, see `ReferenceMap`; only the place filter takes them.
+    along_mm : ndarray of int64, shape (K,), optional
+        `ReferenceMap.along_mm`.
+    odometry : Odometry, optional
+        Of the query drive; takes `along_mm`, and the place filter.
+
+    Returns
+    -------
+    Matches
+        Of all Q windows by the filter. By sequences, of Q - L + 1: those that a whole sequence is
+        centred on (or ends with).
+
+    Raises
+    ------
+    MapError
+        If the descriptors differ in length.
+    UsageError
+        If L is longer than a traverse, or the table does not promise the wanted precision, or
+        jumps or odometry are given to sequences.
+    """
+    if confidence is None and settings.matching == "filter":
+        confidence = default_confidence(settings.smooth, settings.late)
+    judge = Judge(confidence, settings.precision)
+    check_counts(places, queries)
+    if settings.matching == "filter":
+        place_filter = filter_of(places, settings, jumps, along_mm)
+        return _match_by_filter(place_filter, places, queries, settings, judge, odometry)
+    check_no_ways(jumps, odometry is not None)
+    length = settings.sequence_length
+    check_length(length, len(places), len(queries))
+    index = ReferenceIndex(places.counts)
+    n = len(queries) - length + 1
+    block = max(1, _BLOCK_DISTANCES // len(places))
+    parts = []
+    for j in range(0, n, block):
+        distances = index.matrix(queries.counts[j : min(j + block, n) + length - 1])
+        parts.append(BestSequences.of(sequence_sums(distances, length), settings.exclusion))
+    return sequence_matches(parts, settings, len(places), queries.centre_us, judge)
+
+
+def check_counts(places: Descriptors, queries: Descriptors) -> None:
+    """Check that places and queries have the same counters; raise MapError if not."""
+    if places.counts.shape[1] != queries.counts.shape[1]:
+        raise MapError(
+            f"reference descriptors have {places.counts.shape[1]} counts and the query's "
+            f"{queries.counts.shape[1]}: describe both with the same map"
+        )
+
+
+def filter_of(
+    places: Descriptors,
+    settings: Settings,
+    jumps: npt.NDArray[np.int32] | None,
+    along_mm: npt.NDArray[np.int64] | None,
+) -> PlaceFilter:
+    """Return the place filter of a map, before its first window.
+
+    Parameters
+    ----------
+    places : Descriptors
+    settings : Settings
+    jumps, along_mm : ndarray or None
+        Of the map, see `match_descriptors`.
+    """
+    return PlaceFilter(
+        len(places), StepPrices.of(settings), settings.exclusion,
+        mean_activity(places.activity),
+        quiet_shift=QUIET_EVIDENCE_SHIFT if settings.smooth else 0, jumps=jumps, along_mm=along_mm,
+    )  # fmt: skip
+
+
+def check_no_ways(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
+    """Raise UsageError if sequences are asked to use jumps or odometry.
+
+    Parameters
+    ----------
+    jumps : ndarray of int32, shape (n, 2), optional
+    odometry : bool
+        Whether it is given.
+    """
+    given = "odometry" if odometry else "a map with jumps"
+    if odometry or (jumps is not None and len(jumps)):
+        raise UsageError(
+            f"{given} is for the place filter, and sequences follow neither: match with "
+            "--matching filter"
+        )
+
+
+def _match_by_filter(
+    place_filter: PlaceFilter,
+    places: Descriptors,
+    queries: Descriptors,
+    settings: Settings,
+    judge: Judge,
+    odometry: Odometry | None,
+) -> Matches:
+    index, n = ReferenceIndex(places.counts), len(queries)
+    found = filter_drive(
+        place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.late
+    )
+    place, metric, second, second_metric, ties, trust = found.columns.T
+    probability, lost = judge.judge(trust)
+    return Matches(
+        settings=settings,
+        places_in_map=len(places),
+        query=np.arange(n, dtype=np.int64),
+        time_us=queries.centre_us,
+        place=place,
+        distance_sum=metric,
+        second=second,
+        second_sum=second_metric,
+        ties=ties,
+        candidates=found.candidates,
+        trust=trust,
+        probability=probability,
+        lost=lost,
+    )
+
+
+# Matrix of the distances of all query windows of a drive to all places.
+
+
+def drive_distances(
+    places: Descriptors,
+    queries: Descriptors,
+    settings: Settings,
+    *,
+    jumps: npt.NDArray[np.int32] | None = None,
+    along_mm: npt.NDArray[np.int64] | None = None,
+    odometry: Odometry | None = None,
+) -> npt.NDArray[np.float64]:
+    """Return the distance of every place to every query window, as matching compares them.
+
+    Parameters
+    ----------
+    places, queries : Descriptors
+        K and Q of them.
+    settings : Settings
+    jumps, along_mm, odometry
+        As `match_descriptors` takes them.
+
+    Returns
+    -------
+    ndarray of float64, shape (K, Q)
+        All finite. By sequences, D_seq (method.md section 5): the mean distance of L windows
+        along the diagonal; where a sequence would leave the matrix, the mean of those inside it.
+        By the place filter, its metric at each place.
+
+    Raises
+    ------
+    MapError
+        If the descriptors differ in length.
+    UsageError
+        If the matrix is larger than 2 GiB, or as `match_descriptors` raises.
+    """
+    check_counts(places, queries)
+    size = len(places) * len(queries) * 8
+    if size > MOST_BYTES:
+        raise UsageError(
+            f"the distances of {len(queries):,} queries to {len(places):,} places take "
+            f"{size / 1e9:.1f} GB: read a part (--end), or take longer windows (--tau)"
+        )
+    index = ReferenceIndex(places.counts)
+    out = np.zeros((len(places), len(queries)), dtype=np.float64)
+    if settings.matching == "filter":
+        place_filter = filter_of(places, settings, jumps, along_mm)
+        filter_drive(
+            place_filter, index, queries, odometry,
+            smooth=settings.smooth, delay=settings.late, metrics=out,
+        )  # fmt: skip
+        return out
+    check_no_ways(jumps, odometry is not None)
+    length = settings.sequence_length
+    check_length(length, len(places), len(queries))
+    distances = index.matrix(queries.counts)
+    inside = np.zeros(out.shape, dtype=np.int32)
+    before = anchor_offset(length, settings.anchor)
+    for step in range(-before, length - before):
+        # D[k + step, q + step] at [k, q], where both are in the matrix
+        k, q = (slice(max(0, -step), n - max(0, step)) for n in out.shape)
+        k_on, q_on = (slice(max(0, step), n - max(0, -step)) for n in out.shape)
+        out[k, q] += distances[k_on, q_on]
+        inside[k, q] += 1
+    return out / inside

@@ -1,0 +1,402 @@
+"""Transitions: which places can be reached in one window, and at which cost.
+
+The prediction step of the place filter. Costs come from the settings, from odometry, and from jumps
+between places that the map names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import kernel
+from edge_vpr.errors import UsageError
+from edge_vpr.route import MOST_MM
+from edge_vpr.settings import Settings
+
+# Prices of steps from place to place, in the units of the metrics of the place filter.
+
+
+Metrics = npt.NDArray[np.int32]
+
+#: fraction bits of metrics, evidence and prices
+FRACTION_BITS = 2
+#: largest metric: 10 bits
+METRIC_TOP = (1 << 10) - 1
+#: prices of a step of 0, 1, 2 ... places in a quiet window
+QUIET_STEPS = (0, 0, 1)
+
+
+@dataclass(frozen=True)
+class StepPrices:
+    """Prices of moves from place to place in one window.
+
+    Parameters
+    ----------
+    forward : tuple of int
+        Price of a step of 0, 1, 2 ... places.
+    back : tuple of int
+        Price of a step of -1, -2 ... places; empty if the route is never driven backwards.
+    restart : int
+        Price of getting anywhere else: the robot was carried, or the filter is wrong.
+
+    Raises
+    ------
+    UsageError
+        If a price does not fit the metric, or there is none.
+    """
+
+    forward: tuple[int, ...] = (1, 0, 1)
+    back: tuple[int, ...] = ()
+    restart: int = 16
+
+    def __post_init__(self) -> None:
+        most = (METRIC_TOP >> FRACTION_BITS) - 1
+        prices = (*self.forward, *self.back, self.restart)
+        if not self.forward or min(prices) < 0 or max(prices) > most:
+            raise UsageError(
+                f"filter prices {self.forward} forward, {self.back} back and {self.restart} for a "
+                f"restart: expected 0 to {most}, and at least one step forward"
+            )
+
+    @classmethod
+    def of(cls, settings: Settings) -> StepPrices:
+        """Return the prices of the settings; the default depends on the kind of window."""
+        forward = settings.filter_steps
+        if forward is None:
+            forward = (1, 0, 1) if settings.window == "time" else (1, 0, 0, 1)
+        return cls(forward, settings.filter_back, settings.filter_restart)
+
+    @property
+    def first(self) -> int:
+        """Smallest step, in places: 0, or below."""
+        return -len(self.back)
+
+    @property
+    def last(self) -> int:
+        """Largest step, in places; a match that is farther away is a jump."""
+        return max(len(self.forward), len(QUIET_STEPS)) - 1
+
+    @property
+    def scaled(self) -> npt.NDArray[np.int32]:
+        """Prices from the smallest to the largest step, with fraction bits."""
+        return np.array([*reversed(self.back), *self.forward], dtype=np.int32) << FRACTION_BITS
+
+
+# Kernels for the prices of places one window later: by steps, and by a known distance.
+
+
+#: fraction bits of the price of a millimetre
+RATE_BITS = 16
+#: with odometry, a jump may be taken from this many places before it to as many after it
+JUMP_REACH = 8
+
+
+class StepTable(NamedTuple):
+    """The part of `Moves` that a kernel needs to predict by steps.
+
+    Attributes
+    ----------
+    prices : ndarray of int32, shape (steps,)
+        Of a step of ``first``, ``first + 1`` ... places, with fraction bits.
+    quiet : ndarray of int32, shape (steps,)
+        Of a step of 0, 1 ... places in a quiet window.
+    first, last : int
+        Smallest step, and the largest after which an answer follows from the one before.
+    restart : int
+        With fraction bits.
+    jumps : ndarray of int32, shape (n, 2)
+    """
+
+    prices: Metrics
+    quiet: Metrics
+    first: int
+    last: int
+    restart: int
+    jumps: npt.NDArray[np.int32]
+
+
+@kernel
+def leads_to(
+    place: int, next_place: int, first: int, last: int, jumps: npt.NDArray[np.int32]
+) -> bool:
+    """Return whether a step of ``first`` to ``last`` places, or one over a jump, leads there."""
+    if first <= next_place - place <= last:
+        return True
+    for n in range(len(jumps)):
+        before, beyond = jumps[n, 0] - place, next_place - jumps[n, 1]
+        if before >= 0 and beyond >= 0 and before + beyond < last:
+            return True
+    return False
+
+
+@kernel
+def mark_following(place: int, steps: StepTable, follows: npt.NDArray[np.bool_]) -> None:
+    """Write which places can be reached from `place` by `leads_to`, shape (K,)."""
+    for k in range(follows.size):
+        follows[k] = leads_to(place, k, steps.first, steps.last, steps.jumps)
+
+
+@kernel
+def predict(
+    metric: Metrics,
+    prices: Metrics,
+    first: int,
+    restart: int,
+    jumps: npt.NDArray[np.int32],
+) -> Metrics:
+    """Return the cheapest price of each place one window later.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+    prices : ndarray of int32, shape (steps,)
+        Of a step of ``first``, ``first + 1`` ... places.
+    first : int
+    restart : int
+    jumps : ndarray of int32, shape (n, 2)
+        Of places below K.
+
+    Returns
+    -------
+    ndarray of int32, shape (K,)
+        ``min(min_i (M[k - i] + price[i]), min M + restart) - min M``; over a jump from a to b,
+        k = b + o is i places from a - (i - 1 - o).
+    """
+    least = metric.min()
+    prediction = np.full(metric.size, restart, dtype=metric.dtype)
+    for i in range(prices.size):
+        step = first + i
+        # the price of this step to every place that it leads to
+        to, source = prediction[max(step, 0) :], metric[max(-step, 0) :]
+        offset = np.int32(prices[i] - least)
+        for k in range(min(to.size, source.size)):
+            to[k] = min(to[k], source[k] + offset)
+        for j in range(len(jumps)):
+            for over in range(step):
+                begin, end = jumps[j, 0] - (step - 1 - over), jumps[j, 1] + over
+                if begin >= 0 and end < metric.size:
+                    prediction[end] = min(prediction[end], metric[begin] + offset)
+    return prediction
+
+
+@kernel
+def predict_travelled(
+    metric: Metrics,
+    along: npt.NDArray[np.int64],
+    travelled: int,
+    rate_and_spacing: tuple[int, int],
+    restart: int,
+    jumps: npt.NDArray[np.int32],
+) -> Metrics:
+    """Return the cheapest price of each place after a known distance driven.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+    along : ndarray of int64, shape (K,)
+        Millimetres that the reference had driven at each place, not falling.
+    travelled : int
+        Millimetres since the window before; below 0 backwards.
+    rate_and_spacing : tuple of int
+        Price of a millimetre off in units of ``2**-16``, and millimetres between two places.
+    restart : int
+    jumps : ndarray of int32, shape (n, 2)
+
+    Returns
+    -------
+    ndarray of int32, shape (K,)
+        ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart) - min M``,
+        rounded down. A jump is a way of one mean spacing.
+    """
+    rate, spacing = rate_and_spacing
+    least, places = np.int64(metric.min()), metric.size
+    prediction = np.full(places, np.int64(restart) << RATE_BITS, dtype=np.int64)
+    # rounding down is monotone: the lowest exact price, rounded, is the lowest rounded price
+    best, j = np.int64(1) << 62, 0
+    for k in range(places):  # sources from which the distance ends at k or before it
+        while j < places and along[j] + travelled <= along[k]:
+            cost = ((metric[j] - least) << RATE_BITS) - (along[j] + travelled) * rate
+            best, j = min(best, cost), j + 1
+        if j > 0:
+            prediction[k] = min(prediction[k], best + along[k] * rate)
+    best, j = np.int64(1) << 62, places - 1
+    for k in range(places - 1, -1, -1):  # sources from which it ends beyond k
+        while j >= 0 and along[j] + travelled >= along[k]:
+            cost = ((metric[j] - least) << RATE_BITS) + (along[j] + travelled) * rate
+            best, j = min(best, cost), j - 1
+        if j < places - 1:
+            prediction[k] = min(prediction[k], best - along[k] * rate)
+    for n in range(len(jumps)):
+        begin, end = jumps[n, 0], jumps[n, 1]
+        for source in range(max(begin - JUMP_REACH + 1, 0), begin + 1):
+            for k in range(end, min(end + JUMP_REACH, places)):
+                way = along[begin] - along[source] + spacing + along[k] - along[end]
+                cost = ((metric[source] - least) << RATE_BITS) + abs(way - travelled) * rate
+                prediction[k] = min(prediction[k], cost)
+    return (prediction >> RATE_BITS).astype(np.int32)
+
+
+# Places that can be reached in one window, and their prices: by steps, odometry and jumps.
+
+
+#: with odometry, the price of being one mean spacing away from where the distance leads
+OFF_BY_A_PLACE = 2
+_NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
+
+
+class Moves:
+    """Places that can be reached from each place of a map in one window.
+
+    Parameters
+    ----------
+    places : int
+        K.
+    prices : StepPrices
+    jumps : ndarray of int32, shape (n, 2), optional
+        Pairs of places: from the first, one step leads to the second too, as where a loop closes
+        or two routes meet. Steps of more places may pass the pair.
+    along_mm : ndarray of int64, shape (K,), optional
+        Millimetres that the reference had driven at each place, not falling: what odometry of a
+        query is compared with.
+
+    Raises
+    ------
+    UsageError
+        If there is no place, or a jump or a way is none of this map.
+
+    Examples
+    --------
+    >>> moves = Moves(4, StepPrices(restart=5), jumps=np.array([[3, 0]], dtype=np.int32))
+    >>> moves.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
+    [0, 4, 9, 4]
+    """
+
+    def __init__(
+        self,
+        places: int,
+        prices: StepPrices,
+        jumps: npt.NDArray[np.int32] | None = None,
+        along_mm: npt.NDArray[np.int64] | None = None,
+    ) -> None:
+        if places < 1:
+            raise UsageError(f"a map of {places} places: expected at least 1")
+        self.places, self.prices = places, prices
+        self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
+        check_jumps(self.jumps, places)
+        self.by_step = StepTable(
+            prices.scaled, np.array(QUIET_STEPS, dtype=np.int32) << FRACTION_BITS,
+            prices.first, prices.last, prices.restart << FRACTION_BITS, self.jumps,
+        )  # fmt: skip
+        self._along = along_mm
+        self._spacing = self._rate = 0
+        if along_mm is not None:
+            check_along(along_mm, places)
+            self._spacing = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
+            self._rate = (OFF_BY_A_PLACE << FRACTION_BITS << RATE_BITS) // max(self._spacing, 1)
+
+    def reversed(self) -> Moves:
+        """Return the moves in the opposite direction, with the order of the places reversed."""
+        jumps = self.places - 1 - self.jumps[:, ::-1]
+        along = None if self._along is None else self._along[-1] - self._along[::-1]
+        return Moves(self.places, self.prices, jumps, along)
+
+    def check_odometry(self) -> None:
+        """Raise UsageError if the map does not hold the distances between its places."""
+        self._checked_along()
+
+    def by_steps(self, metric: Metrics) -> Metrics:
+        """Return the price of each place one window later, shape (K,)."""
+        steps = self.by_step
+        return predict(metric, steps.prices, steps.first, steps.restart, steps.jumps)
+
+    def if_quiet(self, metric: Metrics) -> Metrics:
+        """Return the price of each place after a quiet window, shape (K,)."""
+        steps = self.by_step
+        return predict(metric, steps.quiet, 0, steps.restart, steps.jumps)
+
+    def by_distance(self, metric: Metrics, travelled_mm: int) -> Metrics:
+        """Return the price of each place after a distance of `travelled_mm`, shape (K,).
+
+        Raises
+        ------
+        UsageError
+            If the map does not say how far its places are from each other.
+        """
+        return predict_travelled(
+            metric, self._checked_along(), _limited(travelled_mm), (self._rate, self._spacing),
+            self.by_step.restart, self.jumps,
+        )  # fmt: skip
+
+    def following(self, place: int, travelled_mm: int | None) -> npt.NDArray[np.bool_]:
+        """Return which places can be reached from `place` without a restart, shape (K,).
+
+        Parameters
+        ----------
+        place : int
+        travelled_mm : int or None
+            None where it is not known: what a step leads to follows.
+        """
+        follows = np.zeros(self.places, dtype=np.bool_)
+        if travelled_mm is None:
+            mark_following(place, self.by_step, follows)
+            return follows
+        along, travelled = self._checked_along(), _limited(travelled_mm)
+        off = np.abs(along - along[place] - travelled)
+        follows |= (off * self._rate) >> RATE_BITS < self.by_step.restart
+        for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
+            beyond = slice(end, end + JUMP_REACH)
+            way = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
+            price = (np.abs(way - travelled) * self._rate) >> RATE_BITS
+            follows[beyond] |= price < self.by_step.restart
+        return follows
+
+    def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
+        """Return whether `next_place` can be reached from `place` without a restart."""
+        steps = self.by_step
+        if travelled_mm is None:
+            return bool(leads_to(place, next_place, steps.first, steps.last, steps.jumps))
+        return bool(self.following(place, travelled_mm)[next_place])
+
+    def _jumps_near(self, place: int, reach: int) -> npt.NDArray[np.bool_]:
+        before = self.jumps[:, 0] - place
+        return np.asarray((before >= 0) & (before < reach))
+
+    def _checked_along(self) -> npt.NDArray[np.int64]:
+        if self._along is None:
+            raise UsageError(
+                "the map does not say how far its places are from each other: make it with the "
+                "reference drive's --odometry or --track"
+            )
+        if self._spacing < 1:
+            raise UsageError(
+                "the reference drive of this map did not move by its odometry or track: map a "
+                "drive that moves, or match without odometry"
+            )
+        return self._along
+
+
+def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
+    """Check that every jump leads from a place of the map to another one."""
+    for begin, end in jumps.tolist():
+        if not (0 <= begin < places and 0 <= end < places) or begin == end:
+            raise UsageError(
+                f"jump from place {begin} to {end}: expected two places from 0 to {places - 1}"
+            )
+
+
+def check_along(along_mm: npt.NDArray[np.int64], places: int) -> None:
+    """Check that there is a distance driven for each place, which never decreases."""
+    if along_mm.shape != (places,) or (np.diff(along_mm) < 0).any():
+        raise UsageError(
+            f"way to each of {places} places: expected as many millimetres, which do not fall"
+        )
+    if not 0 <= along_mm[0] <= along_mm[-1] <= MOST_MM:
+        raise UsageError(f"way of {along_mm[0]} to {along_mm[-1]} mm: expected 0 to {MOST_MM}")
+
+
+def _limited(travelled_mm: int) -> int:
+    return min(max(travelled_mm, -MOST_MM), MOST_MM)

@@ -1,0 +1,634 @@
+"""Kernels of the localiser: sums changed by one event, the end of a window, the best place."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from llvmlite import ir
+from numba import config, types
+from numba.extending import intrinsic
+
+from edge_vpr.compiling import kernel
+from edge_vpr.descriptors.counting import select_events
+from edge_vpr.descriptors.windows import is_pause, is_quiet
+from edge_vpr.errors import EventError
+from edge_vpr.events import TIME_LIMIT_US, Events
+from edge_vpr.matching.place_filter import (
+    add_evidence,
+    least_and_second,
+    margin_of,
+    reciprocal_of_spread,
+    trust_after,
+)
+from edge_vpr.matching.transitions import METRIC_TOP
+from fixedpoint.own_mean import LEVEL_BITS
+
+# Vector kernels of online matching: change all sums by +-1, find the smallest.
+#
+# When a counter of the window changes from v to v + 1, its distance to a place changes by +1 if
+# the count in the map is at most v, and by -1 if it is more. Several such steps (arrivals and
+# expiries at any pixels) are added up in 8-bit lanes and then added to the sums in one pass.
+#
+# The intrinsics emit generic vector IR, which LLVM compiles for any target. Plain loops would be
+# widened to 32 bits or more. With Numba's compiler off, the same steps run in NumPy.
+
+
+#: places in one vector; arrays end with this many spare elements
+LANES = 64
+#: steps of one pass; their sum must fit into 8 bits with sign
+MAX_STEPS = 120
+#: places whose sums stay in the first-level cache between update and search
+BLOCK = 4096
+
+_I8, _I32, _I64 = ir.IntType(8), ir.IntType(32), ir.IntType(64)
+
+
+def _splat(builder, value):
+    vector = ir.VectorType(value.type, LANES)
+    nothing = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(_I32, 0))
+    zeros = ir.Constant(ir.VectorType(_I32, LANES), [0] * LANES)
+    return builder.shuffle_vector(first, nothing, zeros)
+
+
+def _load(builder, data, index, vector):
+    pointer = builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+    return builder.load(pointer, align=1)
+
+
+def _loop(builder, start, stop, step, carried, body):
+    """``for i in range(start, stop, step): carried = body(i, carried)``."""
+    before = builder.block
+    head, inside, after = (builder.append_basic_block(name) for name in ("head", "body", "end"))
+    builder.branch(head)
+    builder.position_at_end(head)
+    i = builder.phi(_I64)
+    i.add_incoming(start, before)
+    value = builder.phi(carried.type)
+    value.add_incoming(carried, before)
+    builder.cbranch(builder.icmp_signed("<", i, stop), inside, after)
+    builder.position_at_end(inside)
+    new = body(i, value)
+    i.add_incoming(builder.add(i, ir.Constant(_I64, step)), builder.block)
+    value.add_incoming(new, builder.block)
+    builder.branch(head)
+    builder.position_at_end(after)
+    return value
+
+
+def _smaller(builder, a, b):
+    return builder.select(builder.icmp_unsigned("<", a, b), a, b)
+
+
+def _least_lane(builder, vector):
+    """Return the smallest lane, by halving the vector until one lane is left."""
+    width = LANES
+    while width > 1:
+        width //= 2
+        nothing = ir.Constant(vector.type, ir.Undefined)
+        low, high = (
+            builder.shuffle_vector(
+                vector,
+                nothing,
+                ir.Constant(ir.VectorType(_I32, width), list(range(first, first + width))),
+            )
+            for first in (0, width)
+        )
+        vector = _smaller(builder, low, high)
+    return builder.extract_element(vector, ir.Constant(_I32, 0))
+
+
+@intrinsic
+def _vector_step(typing_context, sums, columns, steps, arrivals, expiries, start, stop):
+    """Apply the first `arrivals` and the last `expiries` steps, and find the least sum."""
+    signature = sums.dtype(sums, columns, steps, arrivals, expiries, start, stop)
+
+    def codegen(context, builder, signature, arguments):
+        sums_a, columns_a, steps_a = (
+            context.make_array(signature.args[i])(context, builder, arguments[i]).data
+            for i in range(3)
+        )
+        arrivals, expiries, start, stop = arguments[3:]
+        end = ir.Constant(_I64, MAX_STEPS)
+        count_type = ir.IntType(columns.dtype.bitwidth)
+        sum_vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
+        byte_vector = ir.VectorType(_I8, LANES)
+        # every arrival adds 1 and every expiry subtracts 1, or the opposite if the map's count is
+        # above
+        change = builder.sub(arrivals, expiries)
+        base = _splat(builder, builder.trunc(change, sum_vector.element))
+
+        def one_vector(place, least):
+            def add_above(sign):
+                def one_step(o, total):
+                    offset = builder.load(builder.gep(steps_a, [o]))
+                    counts = _load(
+                        builder,
+                        columns_a,
+                        builder.add(offset, place),
+                        ir.VectorType(count_type, LANES),
+                    )
+                    level = builder.load(builder.gep(steps_a, [builder.add(o, end)]))
+                    level = _splat(builder, builder.trunc(level, count_type))
+                    # all ones, that is -1, where the map's count is above the level
+                    above = builder.sext(builder.icmp_unsigned(">", counts, level), byte_vector)
+                    return builder.add(total, above) if sign > 0 else builder.sub(total, above)
+
+                return one_step
+
+            total = ir.Constant(byte_vector, [0] * LANES)
+            total = _loop(builder, ir.Constant(_I64, 0), arrivals, 1, total, add_above(1))
+            total = _loop(builder, builder.sub(end, expiries), end, 1, total, add_above(-1))
+            wide = builder.sext(total, sum_vector)
+            pointer = builder.bitcast(builder.gep(sums_a, [place]), sum_vector.as_pointer())
+            old = builder.load(pointer, align=1)
+            new = builder.add(builder.add(old, base), builder.add(wide, wide))
+            builder.store(new, pointer, align=1)
+            return _smaller(builder, new, least)
+
+        largest = ir.Constant(sum_vector, [2**sums.dtype.bitwidth - 1] * LANES)
+        return _least_lane(builder, _loop(builder, start, stop, LANES, largest, one_vector))
+
+    return signature, codegen
+
+
+@intrinsic
+def _vector_least(typing_context, sums, start, stop):
+    """Return the smallest of ``sums[start:stop]``, which is at least one vector long."""
+
+    def codegen(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        start, stop = arguments[1:]
+        vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
+
+        # the last vector may overlap the one before it
+        last = builder.sub(stop, ir.Constant(_I64, LANES))
+        least = _loop(
+            builder,
+            start,
+            last,
+            LANES,
+            _load(builder, data, last, vector),
+            lambda i, value: _smaller(builder, value, _load(builder, data, i, vector)),
+        )
+        return _least_lane(builder, least)
+
+    return sums.dtype(sums, start, stop), codegen
+
+
+@intrinsic
+def _vector_find(typing_context, sums, start, value):
+    """Return the first i with ``sums[start + i] == value`` in one vector, or LANES."""
+
+    def codegen(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
+        equal = builder.icmp_unsigned(
+            "==", _load(builder, data, arguments[1], vector), _splat(builder, arguments[2])
+        )
+        # number of trailing zeros of the comparison; 64 if no bit is set
+        return builder.cttz(builder.bitcast(equal, _I64), ir.Constant(ir.IntType(1), 0))
+
+    return types.int64(sums, start, sums.dtype), codegen
+
+
+if config.DISABLE_JIT:
+
+    def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
+        """Apply +-1 steps to ``sums[start:stop]`` and find the smallest, as the kernel below."""
+        for o in (*range(arrivals), *range(MAX_STEPS - expiries, MAX_STEPS)):
+            offset, level = steps[:, o]
+            column = columns[offset + start : offset + stop]
+            change = np.where(column > level, -1, 1) * (1 if o < arrivals else -1)
+            sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as intended
+        return sums[start:stop].min()
+
+    def _least(sums, start, stop):
+        return sums[start:stop].min()
+
+    def _first_equal(sums, start, stop, value):
+        return start + int(np.argmax(sums[start:stop] == value))
+
+else:
+
+    @kernel(inline="always")
+    def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
+        """Apply +-1 steps to ``sums[start:stop]``, and return the smallest sum.
+
+        Spare elements after `stop` change too; they must be larger than all sums.
+
+        Parameters
+        ----------
+        sums : ndarray of uint16 or uint32, shape (places + LANES + blocks,)
+        columns : ndarray of uint8 or uint16
+            Map, one pixel's places after another, ending with LANES spare elements.
+        steps : ndarray of int64, shape (2, MAX_STEPS)
+            For each step, where in `columns` the count lies that belongs to ``sums[0]``, and the
+            smaller of the two counts that the step goes between.
+        arrivals, expiries : int
+            The first `arrivals` steps go up, the last `expiries` go down; together at most
+            MAX_STEPS.
+        start, stop : int
+            `start` is a multiple of LANES.
+
+        Returns
+        -------
+        least
+        """
+        return _vector_step(sums, columns, steps, arrivals, expiries, start, stop)
+
+    @kernel(inline="always")
+    def _least(sums, start, stop):
+        if stop - start >= LANES:
+            return _vector_least(sums, start, stop)
+        least = sums[start]
+        for i in range(start + 1, stop):
+            least = min(least, sums[i])
+        return least
+
+    @kernel(inline="always")
+    def _first_equal(sums, start, stop, value):
+        i = start
+        while True:
+            # elements after `stop` do not matter: the value occurs before them
+            lane = _vector_find(sums, i, value)
+            if lane < LANES:
+                return i + lane
+            i += LANES
+
+
+@kernel(inline="always")
+def least_in(sums, count, start, stop):
+    """Return the first index of the smallest of ``sums[start:stop]``, and its value.
+
+    Parameters
+    ----------
+    sums : ndarray of uint16 or uint32, shape (count + LANES + blocks,)
+        Last the smallest of each BLOCK of the first `count` sums, as `update_blocks` keeps them.
+    count, start, stop : int
+        ``start < stop <= count``.
+
+    Returns
+    -------
+    index, value
+    """
+    best_block = -1
+    best = sums[start]
+    for block in range(start // BLOCK, (stop - 1) // BLOCK + 1):
+        first, end = block * BLOCK, min((block + 1) * BLOCK, count)
+        whole = start <= first and end <= stop
+        least = (
+            sums[count + LANES + block]
+            if whole
+            else _least(sums, max(start, first), min(stop, end))
+        )
+        if best_block < 0 or least < best:
+            best_block, best = block, least
+    return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
+
+
+@kernel(inline="always")
+def update_blocks(sums, columns, steps, arrivals, expiries, count):
+    """Apply steps to the first `count` sums, and store the smallest of each block after them."""
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        sums[count + LANES + start // BLOCK] = change_sums(
+            sums, columns, steps, arrivals, expiries, start, stop
+        )
+
+
+# Kernels of the sliding windows: enter events, move them from lag to lag, update distances.
+
+
+# Functions that are called for every event take single arrays, or are inlined: reading an array
+# from the state changes a reference count, which takes longer than the processing of the event.
+
+
+@kernel(inline="always")
+def note(moves, totals, slot, left):
+    """Note that an event at `slot` has left the lag `left` (-1 for a new event)."""
+    at = totals[0].moves
+    moves[at].slot = slot
+    moves[at].left = left
+    totals[0].moves = at + 1
+
+
+@kernel(inline="always")
+def age(time, slot, bound, moves, totals, tau, n, until):
+    """Note the moves of events that become too old for their lag by T = `until`.
+
+    Fixed-count windows make room for one more event instead.
+
+    Returns
+    -------
+    bool
+        False if there is no room for more moves: take them, and call again.
+    """
+    mask = time.size - 1
+    for lag in range(bound.size - 1):
+        oldest = until - (lag + 1) * tau
+        while (
+            tau > 0 and bound[lag + 1] < bound[lag] and time[bound[lag + 1] & mask] < oldest
+        ) or (n > 0 and bound[0] - bound[lag + 1] >= (lag + 1) * n):
+            if totals[0].moves == len(moves):
+                return False
+            note(moves, totals, slot[bound[lag + 1] & mask], lag)
+            bound[lag + 1] += 1
+    return True
+
+
+@kernel
+def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
+    """Update counters and distances by the noted moves; the arrays are those of `s`."""
+    total = totals[0]
+    lags = counts.shape[0]
+    arrivals = expiries = 0
+    for m in range(total.moves):
+        slot, left = moves[m].slot, moves[m].left
+        for lag in range(max(left, 0), min(left + 2, lags)):
+            up = -1 if lag == left else 1
+            less = counts[lag, slot] + min(up, 0)
+            counts[lag, slot] += up
+            first, last = less, less + 1
+            if code.size > 0:
+                table = counters[slot].table
+                first = np.int64(code[table, min(first, code.shape[1] - 1)])
+                last = np.int64(code[table, min(last, code.shape[1] - 1)])
+            for step in range(first, last):
+                # if all counts of the map are on one side, all places change by the same amount
+                if step >= counters[slot].high:
+                    total.common += up
+                    continue
+                if step < counters[slot].low:
+                    total.common -= up
+                    continue
+                if arrivals + expiries == MAX_STEPS:
+                    update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
+                    arrivals = expiries = 0
+                if up > 0:
+                    at = arrivals
+                    arrivals += 1
+                else:
+                    expiries += 1
+                    at = MAX_STEPS - expiries
+                steps[0, at] = slot * total.stride + lags - 1 - lag
+                steps[1, at] = step
+    total.moves = 0
+    if arrivals + expiries > 0:
+        update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
+
+
+@kernel
+def settle(s):
+    """Update counters and distances of the state by the noted moves."""
+    take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.steps)
+
+
+@kernel
+def advance(s, until):
+    """Advance the time to T = `until`, which changes fixed-time windows only."""
+    if s.tau > 0:
+        while not age(s.time, s.slot, s.bound, s.moves, s.totals, s.tau, 0, until):
+            settle(s)
+
+
+@kernel
+def write_codes(levels, mean, bits, code):
+    """Write the own-mean code of each count for each counter, as in `OwnMeanCode.tables`.
+
+    Parameters
+    ----------
+    levels : ndarray of int32, shape (size,)
+        Of `OwnMeanCode`.
+    mean : ndarray of int32, shape (J,)
+    bits : int
+    code : ndarray of uint16, shape (J, size)
+        Written to.
+    """
+    half = np.int32(1 << (bits - 1))
+    for j in range(code.shape[0]):
+        offset = np.int32((1 << (LEVEL_BITS - 1)) - mean[j])
+        row = code[j]
+        for c in range(row.size):
+            octaves = np.int32((levels[c] + offset) >> LEVEL_BITS)
+            row[c] = min(max(octaves, -half), half - 1) + half
+
+
+# Kernels that write a match: the best place and how sure it is.
+
+
+@kernel
+def sequence_answer(sums, total, c, length, row):
+    """Write the place with the nearest sequence.
+
+    Parameters
+    ----------
+    sums : ndarray of uint16 or uint32
+        Of `Sliding`, with all moves taken.
+    total : record of TOTALS
+    c : record of CONTROL
+        Changed in place: the place told last.
+    length : int
+        L.
+    row : record of MATCH_DTYPE
+        Written to, but for what `judge` and the kernel write.
+
+    Returns
+    -------
+    bool
+        False if only changes are asked for and there is none; nothing is written then.
+    """
+    best, least = least_in(sums, total.sums, 0, c.places)
+    if c.change and best == c.place_told:
+        return False
+    c.place_told = best
+    second, second_least = _second(sums, total.sums, best, c.exclusion, c.places)
+    row["place"], row["distance_sum"] = best + length - 1, np.int64(least) + total.common
+    row["second"], row["second_sum"], row["trust"] = -1, -1, 0
+    if second >= 0:
+        row["second"] = second + length - 1
+        row["second_sum"] = np.int64(second_least) + total.common
+        row["trust"] = np.int64(second_least) - np.int64(least)
+    return True
+
+
+@kernel(inline="always")
+def _second(sums, count, best, exclusion, places):
+    """Find the best place outside the exclusion zone; -1 if there is none."""
+    second, second_least = -1, sums[best]
+    if best - exclusion > 0:
+        second, second_least = least_in(sums, count, 0, best - exclusion)
+    if best + exclusion + 1 < places:
+        after, after_least = least_in(sums, count, best + exclusion + 1, places)
+        if second < 0 or after_least < second_least:
+            second, second_least = after, after_least
+    return second, second_least
+
+
+@kernel
+def filter_answer(predicted, metric, sums, c, events, row):
+    """Write the place of the lowest metric for the unfinished window.
+
+    Parameters
+    ----------
+    predicted : Predictions
+    metric : ndarray of int32, shape (K,)
+        Scratch.
+    sums : ndarray of uint16 or uint32
+        Of `Sliding` with one window, with all moves taken.
+    c : record of CONTROL
+        Changed in place: the place told last.
+    events : int
+        In the window, at selected pixels.
+    row : record of MATCH_DTYPE
+        Written to, but for what `judge` and the kernel write.
+
+    Returns
+    -------
+    bool
+        False if only changes are asked for and there is none; nothing is written then.
+    """
+    prediction = predicted.quiet if is_quiet(events, c.usual) else predicted.moving
+    if is_pause(events, c.usual):
+        for k in range(metric.size):
+            metric[k] = min(prediction[k], METRIC_TOP)
+    else:
+        some = sums[: metric.size]
+        reciprocal = c.reciprocal
+        if reciprocal == 0:
+            reciprocal = reciprocal_of_spread(some)
+        add_evidence(prediction, some, reciprocal, metric)
+    best, second, _ = least_and_second(metric, c.exclusion)
+    if c.change and best == c.place_told:
+        return False
+    c.place_told = best
+    kept = c.trust if predicted.follows[best] else np.int64(0)
+    row["place"], row["distance_sum"] = best, metric[best]
+    row["second"], row["second_sum"] = second, -1
+    if second >= 0:
+        row["second_sum"] = metric[second]
+    row["trust"] = trust_after(int(kept), bool(best == c.place), margin_of(metric, best, second))
+    return True
+
+
+@kernel
+def judge(row, trust, probability, least_trust):
+    """Write the ratio, the probability, and whether the match is lost.
+
+    Parameters
+    ----------
+    row : record of MATCH_DTYPE
+        With its trust and both sums.
+    trust : ndarray of int64, shape (m,)
+    probability : ndarray of float64, shape (m,)
+        Steps of `Confidence`; m is 0 where nothing is known.
+    least_trust : int
+        Of a match that is not lost.
+    """
+    second = row["second_sum"]
+    row["ratio"] = np.nan if second < 0 else 1.0
+    if second > 0:
+        row["ratio"] = row["distance_sum"] / second
+    row["probability"], row["lost"] = np.nan, row["trust"] < least_trust
+    first, last = 0, trust.size - 1  # binary search: the step lies between these two
+    if last >= 0:
+        while first < last:
+            middle = (first + last + 1) // 2
+            if trust[middle] <= row["trust"]:
+                first = middle
+            else:
+                last = middle - 1
+        row["probability"] = probability[first]
+
+
+# Checks and selection of events for the kernels: time order, sensor, selected pixels.
+
+
+_EVENTS_AT_ONCE = 1 << 16  # limits the buffers for chunks of any size
+
+
+def selected_in_order(
+    table: npt.NDArray[np.signedinteger], events: Events, floor_us: int, polarity: bool
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """Find the events at selected pixels, and check that time does not run backwards.
+
+    Parameters
+    ----------
+    table : ndarray of int16 or int32, shape (height, width)
+        Of `PixelMap.table`.
+    events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+        At least one.
+    floor_us : int
+        No event may be earlier: the time of the last event before these, or until which time has
+        passed without any.
+    polarity : bool
+        Give OFF events slots of their own.
+
+    Returns
+    -------
+    slots : ndarray of int32, shape (m,)
+    times : ndarray of int64, shape (m,)
+
+    Raises
+    ------
+    EventError
+        If time runs backwards or a pixel lies off the sensor.
+    """
+    t = events["t"]
+    if t[0] < floor_us or t[-1] < t[0]:
+        raise EventError(
+            f"time runs backwards, from {floor_us} to {min(t[0], t[-1])} us: sort the events, or "
+            "drop the late ones"
+        )
+    if t[-1] > TIME_LIMIT_US:
+        raise EventError(
+            f"an event at {t[-1]} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
+        )
+    some_slots, some_times = [], []
+    for begin in range(0, events.size, _EVENTS_AT_ONCE):
+        some = events[begin : begin + _EVENTS_AT_ONCE]
+        p = some["p"] if polarity else None
+        index, selected = select_events(table, some["x"], some["y"], p)
+        some_slots.append(selected)
+        some_times.append(some["t"][index])
+    joined = np.concatenate(some_times)
+    if joined.size and (np.any(joined[1:] < joined[:-1]) or joined[0] < t[0] or joined[-1] > t[-1]):
+        raise EventError("time runs backwards within the chunk: sort the events, or drop some")
+    return np.concatenate(some_slots), joined
+
+
+@kernel
+def few_in_order(table, events, floor, off_slots, slots, times):
+    """Do the same in one pass without columns, and without the reason for an error.
+
+    For a single event, the checks of columns would take longer than everything else.
+
+    Parameters
+    ----------
+    table : ndarray of int16 or int32, shape (height, width)
+    events : ndarray of EVENT_DTYPE, shape (n,)
+    floor : int
+    off_slots : int
+        Where the slots of OFF events begin; 0 if polarity does not matter.
+    slots : ndarray of int32, shape (n or more,)
+    times : ndarray of int64, shape (n or more,)
+        Written to.
+
+    Returns
+    -------
+    int
+        Events at selected pixels; -1 if anything is wrong.
+    """
+    last, n = floor, 0
+    for i in range(events.size):
+        event = events[i]
+        x, y, t = event["x"], event["y"], event["t"]
+        if t < last or t > TIME_LIMIT_US or y >= table.shape[0] or x >= table.shape[1]:
+            return -1
+        last = t
+        slot = table[y, x]
+        if slot >= 0:
+            slots[n] = slot + (0 if event["p"] else off_slots)
+            times[n] = t
+            n += 1
+    return n

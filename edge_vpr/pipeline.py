@@ -1,0 +1,521 @@
+"""From recordings to maps and matches: windows, cleaning, descriptors, mapping, matching."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.descriptors.cleaning import BurstFilter, find_hot_pixels
+from edge_vpr.descriptors.codes import codes_of, drive_mean
+from edge_vpr.descriptors.counting import DescriptorStream
+from edge_vpr.descriptors.pixels import (
+    PixelMap,
+    SaliencyPass,
+    informative_pixels,
+    select_pixels,
+    shortlist,
+)
+from edge_vpr.descriptors.windows import (
+    Descriptors,
+    FixedCount,
+    FixedTime,
+    Window,
+    WindowCounts,
+    collect,
+    find_pauses,
+    mean_activity,
+    narrow,
+)
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.events import Events, Sensor
+from edge_vpr.matching.drive import drive_distances, match_descriptors
+from edge_vpr.matching.matches import Matches
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Odometry
+from edge_vpr.settings import Settings
+from fixedpoint.codes import learn_full_scale
+
+# Inputs of mapping and matching: a recording of events, or counts of finished windows.
+
+
+class EventSource(Protocol):
+    """Interface of a recording: its sensor, and its events in any number of passes."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Size of the sensor."""
+        ...
+
+    def __iter__(self) -> Iterator[Events]:
+        """Yield event arrays from the start, in time order, on the sensor."""
+        ...
+
+
+@runtime_checkable
+class WindowSource(Protocol):
+    """Interface of counts that were published as finished windows, without events."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Size of the sensor."""
+        ...
+
+    @property
+    def window_us(self) -> int:
+        """Length of a window in microseconds, rounded."""
+        ...
+
+    @property
+    def counted(self) -> npt.NDArray[np.bool_]:
+        """Mask of the pixels that were counted, shape (height, width)."""
+        ...
+
+    def windows(self) -> Iterator[WindowCounts]:
+        """Yield windows from the start, over all pixels, row by row; zero where not counted."""
+        ...
+
+
+def check_sensor(recording: Sensor, mapped: Sensor) -> None:
+    """Check that the recording has the sensor of the map; raise MapError if not."""
+    if recording != mapped:
+        raise MapError(
+            f"the recording is of a {recording} sensor and the map of a {mapped} one: use the map "
+            "of this camera, or name the right sensor (--sensor)"
+        )
+
+
+def check_windows_only(settings: Settings) -> None:
+    """Raise UsageError if the settings need events, which published windows do not hold."""
+    if settings.window == "count" or settings.polarity:
+        raise UsageError(
+            "published windows hold no events: fixed-count windows and polarity need a recording "
+            "of events"
+        )
+
+
+def check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
+    """Check that the published windows have the pixels and the length of those of a map.
+
+    Raises
+    ------
+    MapError
+        If they are of another length, or lack pixels of the map.
+    UsageError
+        If the settings need events.
+    """
+    check_windows_only(settings)
+    if source.window_us != settings.tau_us:
+        raise MapError(
+            f"the published windows last {source.window_us} us and the map's {settings.tau_us} us: "
+            "match windows of one length"
+        )
+    missing = np.count_nonzero(~source.counted[pixel_map.y, pixel_map.x])
+    if missing:
+        raise MapError(
+            f"{missing} of the map's {len(pixel_map)} pixels were not counted in this file: "
+            "map and match windows of the same pixels"
+        )
+
+
+# The events of a recording without bursts, and the number of removed events.
+
+
+@dataclass
+class Removed:
+    """Counts of what cleaning removed in the newest pass over a recording; filled while reading.
+
+    Attributes
+    ----------
+    events : int
+        Read in all.
+    burst_events : int
+        Removed as bursts.
+    """
+
+    events: int = 0
+    burst_events: int = 0
+
+    @property
+    def burst_share(self) -> float:
+        """Share of the events that were removed as bursts."""
+        return self.burst_events / self.events if self.events else 0.0
+
+
+def cleaned(
+    recording: EventSource, settings: Settings, removed: Removed | None = None
+) -> Iterator[Events]:
+    """Yield the events of a recording, without bursts if the settings ask for it.
+
+    Parameters
+    ----------
+    recording : EventSource
+    settings : Settings
+    removed : Removed, optional
+        Is filled with what was left out.
+    """
+    removed = Removed() if removed is None else removed
+    removed.events = removed.burst_events = 0
+    bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
+    for events in recording:
+        removed.events += int(events.size)
+        if bursts is None:
+            yield events
+        else:
+            yield from bursts.pieces(events)
+            removed.burst_events = bursts.removed
+    if bursts is not None:
+        yield bursts.finish()
+        removed.burst_events = bursts.removed
+
+
+def event_windows(
+    recording: EventSource, stream: DescriptorStream, settings: Settings, removed: Removed | None
+) -> Iterator[WindowCounts]:
+    """Yield the windows of a recording's cleaned events.
+
+    Parameters
+    ----------
+    recording : EventSource
+    stream : DescriptorStream
+    settings : Settings
+    removed : Removed, optional
+        Is filled with what was left out.
+    """
+    for events in cleaned(recording, settings, removed):
+        yield from stream.windows(events)
+    if settings.keep_incomplete:
+        yield from stream.last()
+
+
+# Conversion of a recording to descriptors: events at the selected pixels, window by window.
+
+
+def count_windows(
+    recording: EventSource | WindowSource,
+    pixel_map: PixelMap,
+    settings: Settings,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Count the events of a drive at the selected pixels, window by window; see `describe`."""
+    return describe(recording, pixel_map, settings.uncoded, removed=removed)
+
+
+def describe_query(
+    reference: ReferenceMap,
+    recording: EventSource | WindowSource,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Describe a query drive in the same way as the places of a map, with its codes.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    recording : EventSource or WindowSource
+    removed : Removed, optional
+        Filled with how much the cleaning took.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+
+    Raises
+    ------
+    MapError, UsageError
+        As `describe` does.
+    """
+    counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
+    return reference.coded(counted)
+
+
+def describe(
+    recording: EventSource | WindowSource,
+    pixel_map: PixelMap,
+    settings: Settings,
+    full_scale: npt.NDArray[np.uint16] | None = None,
+    *,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Count the events of a drive at the selected pixels, window by window, in one pass.
+
+    Parameters
+    ----------
+    recording : EventSource or WindowSource
+    pixel_map : PixelMap
+    settings : Settings
+        Of the map.
+    full_scale : ndarray of uint16, shape (J,), optional
+        Of the map, where its code is scaled to each pixel.
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+
+    Raises
+    ------
+    MapError
+        If the recording's sensor is not the map's, or the full scales are missing.
+    UsageError
+        If the recording is shorter than a window.
+    """
+    check_sensor(recording.sensor, pixel_map.sensor)
+    counters = len(pixel_map) * (2 if settings.polarity else 1)
+    codes = codes_of(settings, counters, full_scale)
+    if isinstance(recording, WindowSource):
+        check_counted(recording, pixel_map, settings)
+        flat = pixel_map.y.astype(np.int64) * pixel_map.sensor.width + pixel_map.x
+        windows: Iterator[WindowCounts] = (
+            window._replace(counts=window.counts[flat]) for window in recording.windows()
+        )
+    else:
+        stream = DescriptorStream(pixel_map, window_of(settings), polarity=settings.polarity)
+        windows = event_windows(recording, stream, settings, removed)
+    descriptors = collect(windows, counters)
+    if len(descriptors) == 0:
+        raise too_short(window_of(settings))
+    events = descriptors.activity
+    if codes is None:
+        return replace(descriptors, selected=events)
+    return replace(descriptors, counts=narrow(codes.encode(descriptors.counts)), selected=events)
+
+
+def window_of(settings: Settings) -> Window:
+    """Return the kind and length of window of the settings."""
+    if settings.window == "time":
+        return FixedTime(settings.tau_us)
+    return FixedCount(settings.events_per_window)
+
+
+def too_short(window: Window) -> UsageError:
+    """Return the error of a recording without a whole window."""
+    return UsageError(
+        f"the recording is shorter than one window of {window}: "
+        "take shorter windows, or a longer drive"
+    )
+
+
+# Making a map of a reference drive: select pixels, and make its windows places.
+
+
+def map_traverse(
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    *,
+    hot: npt.NDArray[np.bool_] | None = None,
+    removed: Removed | None = None,
+) -> ReferenceMap:
+    """Make a reference map of one drive, in one pass over its events or two.
+
+    A second pass is needed for fixed-count windows, for polarity, and if the images of all windows
+    are too large for a temporary file.
+
+    Parameters
+    ----------
+    recording : EventSource or WindowSource
+        For example from `open_recording`.
+    settings : Settings
+    hot : ndarray of bool, shape (height, width), optional
+        Hot pixels; by default they are found, if the settings ask for it.
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Raises
+    ------
+    UsageError
+        If the recording is shorter than a window (than two, where pixels are selected by their
+        variance), or too few pixels can be drawn.
+    RecordingError, EventError
+        If the recording is faulty.
+    """
+    sensor = recording.sensor
+    if hot is not None and hot.shape != (sensor.height, sensor.width):
+        raise UsageError(
+            f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording is "
+            f"of a {sensor} sensor: give the list of this camera"
+        )
+    # the released code selects by clipped counts; with other codes, pixels are selected by plain
+    # counts, so that maps with different codes have the same pixels
+    with SaliencyPass(sensor, clip=settings.clip) as first:
+        if isinstance(recording, WindowSource):
+            check_windows_only(settings)
+            settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
+            windows = recording.windows()
+        else:
+            everything = PixelMap.all_of(sensor)
+            stream = DescriptorStream(everything, FixedTime(settings.tau_us))
+            windows = event_windows(recording, stream, settings, removed)
+        for window in windows:
+            first.add(window)
+        if first.windows == 0:
+            raise too_short(FixedTime(settings.tau_us))
+        counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
+        if isinstance(recording, WindowSource):
+            counted = recording.counted
+        # next to pixels that were not counted, all others would look hot
+        if hot is None and settings.remove_hot_pixels and counted.all():
+            hot = find_hot_pixels(first.totals)
+        elif hot is None:
+            hot = np.zeros_like(counted)
+        if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
+            raise UsageError(
+                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
+                "selected only from two windows or more: take shorter windows (--tau), or a "
+                "longer drive"
+            )
+        saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
+        if settings.strategy == "information":
+            listed = shortlist(saliency, hot | ~counted)
+            pixel_map = _most_informative(first, recording, settings, listed)
+        else:
+            pixel_map = select_pixels(
+                saliency,
+                settings.pixels,
+                strategy=settings.strategy,
+                sigma=settings.sigma,
+                rng=np.random.default_rng(settings.seed),
+                exclude=hot | ~counted,
+            )
+        if settings.window == "count" and settings.events_per_pixel is None:
+            settings = _with_mean_count(settings, first, pixel_map)
+        needs_events = settings.window == "count" or settings.polarity
+        places = None if needs_events else first.descriptors(pixel_map)
+    if places is None:
+        places = count_windows(recording, pixel_map, settings, removed)
+    return coded_map(
+        ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
+        settings,
+    )
+
+
+def _most_informative(
+    first: SaliencyPass, recording: EventSource | WindowSource, settings: Settings, listed: PixelMap
+) -> PixelMap:
+    windows = first.descriptors(listed)
+    if windows is None:  # too large for a temporary file: events are counted again
+        by_time = settings.uncoded.replaced({"window": "time", "polarity": False}, "the shortlist")
+        windows = count_windows(recording, listed, by_time)
+    return informative_pixels(listed, windows.counts, settings.pixels)
+
+
+def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
+    """Code the counts of a reference map, and compute the parameters of its code from them.
+
+    Parameters
+    ----------
+    counted : ReferenceMap
+        With counts as they are, at least one place.
+    settings : Settings
+        Of the map to make.
+    """
+    places = counted.places
+    counts, events = places.counts, places.activity
+    full_scale, mean = None, None
+    code = settings.own_mean_code
+    if code is not None:
+        mean = drive_mean(counts, find_pauses(events, mean_activity(events)), code)
+        coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
+    else:
+        full_scale = learn_full_scale(counts) if settings.learns_full_scale else None
+        codes = codes_of(settings, counts.shape[1], full_scale)
+        coded = counts if codes is None else narrow(codes.encode(counts))
+    return replace(
+        counted,
+        settings=settings,
+        places=replace(places, counts=coded, selected=events),
+        full_scale=full_scale,
+        mean=mean,
+    )
+
+
+def _with_mean_count(settings: Settings, first: SaliencyPass, pixel_map: PixelMap) -> Settings:
+    """Set the number of events in a window to the average of a window of tau."""
+    events = int(first.totals[pixel_map.y, pixel_map.x].sum())
+    mean = max(1, round(events / first.windows))
+    return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")
+
+
+# Matching of a query drive with a map.
+
+
+def match_traverse(
+    reference: ReferenceMap,
+    recording: EventSource | WindowSource,
+    settings: Settings | None = None,
+    odometry: Odometry | None = None,
+) -> tuple[Matches, Descriptors]:
+    """Match a query drive with a map.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    recording : EventSource or WindowSource
+    settings : Settings, optional
+        Sequence length, anchor and exclusion to use instead of the map's.
+    odometry : Odometry, optional
+        Of the query drive.
+
+    Returns
+    -------
+    matches : Matches
+    queries : Descriptors
+        What was matched.
+
+    Raises
+    ------
+    MapError, UsageError
+        As `describe` and `match_descriptors` do.
+    """
+    if settings is not None:
+        reference = reference.matched_with(settings)
+    queries = describe_query(reference, recording)
+    return match_query(reference, queries, odometry), queries
+
+
+def match_query(
+    reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
+) -> Matches:
+    """Match a described query with a map, using its settings, probabilities and jumps.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    queries : Descriptors
+    odometry : Odometry, optional
+        Of the query drive.
+    """
+    return match_descriptors(
+        reference.places,
+        queries,
+        reference.settings,
+        reference.judge.confidence,
+        jumps=reference.jumps,
+        along_mm=reference.along_mm,
+        odometry=odometry,
+    )
+
+
+def query_distances(
+    reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
+) -> npt.NDArray[np.float64]:
+    """Return the distance of every place of a map to every query window of `match_query`.
+
+    Returns
+    -------
+    ndarray of float64, shape (K, Q)
+        All finite, see `drive_distances`.
+    """
+    return drive_distances(
+        reference.places,
+        queries,
+        reference.settings,
+        jumps=reference.jumps,
+        along_mm=reference.along_mm,
+        odometry=odometry,
+    )

@@ -1,0 +1,578 @@
+"""AEDAT: version 2 (jAER), version 3.1 (cAER) and version 4 (iniVation)."""
+
+from __future__ import annotations
+
+import re
+import struct
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError
+from edge_vpr.events import Sensor
+from edge_vpr.recordings.reading import LIMIT_BYTES, Wording, choose_stream, lz4, read_records, zstd
+from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source, Unwrapper
+
+# AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
+#
+# The address layout depends on the chip (docs.inivation.com, "AEDAT 2.0"). jAER stores columns
+# mirrored and rows from the lowest up, and mirrors the columns back when it reads: its extractors
+# (``DavisBaseCamera.DavisEventExtractor``, ``DVS128.Extractor``) compute ``sizeX - 1 - column``.
+# For the DVS128 the polarity bit of an ON event is 0. The cameras' drivers (libcaer, rpg_dvs_ros)
+# undo the same mirroring, so that this reader gives the events as AEDAT 4 or a ROS bag of the same
+# camera has them.
+#
+# The decoder is our own: eventcv loads these files whole, leaves the columns mirrored, refuses
+# DVS128 files, and reads them as DAVIS files if a sensor size is given.
+
+
+_AEDAT2_EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
+
+
+class _Layout(NamedTuple):
+    """Position of column, row and polarity in the address.
+
+    `on` is the value of the polarity bit of an ON event; `other` has the bits of all other events.
+    """
+
+    x_shift: int
+    x_mask: int
+    y_shift: int
+    y_mask: int
+    p_bit: int
+    on: int
+    other: int
+
+
+# bit 31 marks frames and IMU samples, bit 10 external edges; DVS128 marks these with bit 15
+_DAVIS = _Layout(12, 0x3FF, 22, 0x1FF, 11, 1, 1 << 31 | 1 << 10)
+_DVS128 = _Layout(1, 0x7F, 8, 0x7F, 0, 0, 1 << 15)
+
+_CHIPS = (
+    (r"dvs128", Sensor(128, 128), _DVS128),
+    (r"davis240", Sensor(240, 180), _DAVIS),
+    (r"davis(rgb)?346", Sensor(346, 260), _DAVIS),
+    (r"davis(rgb)?640", Sensor(640, 480), _DAVIS),
+    (r"davis208", Sensor(208, 192), _DAVIS),
+    (r"davis128", Sensor(128, 128), _DAVIS),
+)
+
+
+def chip_size(name: str) -> Sensor | None:
+    """Return the size of the sensor of a chip; None if the chip is unknown."""
+    return next((size for chip, size, _ in _CHIPS if re.search(chip, name.lower())), None)
+
+
+class Pairs(NamedTuple):
+    """Part of a file: 32-bit addresses as int64, and times continued beyond their wraps."""
+
+    address: npt.NDArray[np.int64]
+    time_us: npt.NDArray[np.int64]
+    position: float
+
+
+def read_pairs(path: Path, begin: int, number: int, log: FaultLog) -> Iterator[Pairs]:
+    """Yield the pairs of a file from byte `begin` on, up to `number` at a time.
+
+    `position` is the share of the file up to the end of the part.
+    """
+    clock = Unwrapper(32)
+    for pairs, position in read_records(path, begin, _AEDAT2_EVENT, number, log):
+        yield Pairs(pairs["address"].astype(np.int64), clock.unwrap(pairs["t"]), position)
+
+
+class Aedat2Source(Source):
+    """Source of an AEDAT 2 file: header lines that begin with ``#``, then pairs.
+
+    Columns and rows are turned so that pixel (0, 0) is the upper left one, as in all other sources.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._skip, chip = read_header(path)
+        for name, size, layout in _CHIPS:
+            if chip is not None and re.search(name, chip.lower()):
+                self._sensor, self._layout = size, layout
+                break
+        else:
+            raise RecordingError(
+                f"{path} was recorded by the chip {chip or '(its header does not say)'}, whose "
+                "addresses are not known here: convert it with jAER or DV to AEDAT 4"
+            )
+        super().__init__(path, options, self._sensor)
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        layout = self._layout
+        right, top = self._sensor.width - 1, self._sensor.height - 1
+        n = self.options.chunk_events
+        for address, t, position in read_pairs(self.path, self._skip, n, log):
+            self.position = position
+            change = address & layout.other == 0
+            address, t = address[change], t[change]
+            yield Columns(
+                t,
+                right - (address >> layout.x_shift & layout.x_mask),
+                top - (address >> layout.y_shift & layout.y_mask),
+                (address >> layout.p_bit & 1) == layout.on,
+            )
+
+
+def read_header(path: Path) -> tuple[int, str | None]:
+    """Return the length of the header, and the chip that it names."""
+    n, chip = 0, None
+    with path.open("rb") as file:
+        while (line := file.readline(1 << 16)).startswith(b"#"):
+            n += len(line)
+            if match := re.match(rb"#\s*AEChip:\s*(\S+)", line):
+                chip = match[1].decode("ascii", "replace")
+            if line.startswith((b"# End Of ASCII", b"#End Of ASCII")):
+                break
+    return n, chip
+
+
+open_aedat2_source = Aedat2Source
+
+
+# The container of AEDAT 3.1, written by cAER: a text header, then packets of events of one type.
+#
+# Numbers are little-endian (docs.inivation.com, "AEDAT 3.1"; ``common.h`` of libcaer). A packet
+# begins with 28 bytes: type and source (16 bits each), size of an event, position of the time in an
+# event, wraps of the 31-bit clock, capacity, number of events, number of valid ones (32 bits each).
+
+
+#: types of packets
+POLARITY, FRAME = 1, 2
+_AEDAT3_MAGIC = b"#!AER-DAT3.1\r\n"
+_END = b"#!END-HEADER\r\n"
+_CAMERAS = Wording("camera", "cameras", "copy it again")
+_LONGEST_LINE, _LONGEST_AEDAT3_HEADER = 1 << 16, 1 << 22
+_HEADER = np.dtype(
+    [("type", "<i2"), ("source", "<i2"), ("size", "<i4"), ("time_at", "<i4"), ("wraps", "<i4"),
+     ("capacity", "<i4"), ("number", "<i4"), ("valid", "<i4")]
+)  # fmt: skip
+
+
+class Packet(NamedTuple):
+    """Events of one packet.
+
+    Attributes
+    ----------
+    at : int
+        Byte of the file at which the packet begins.
+    origin_us : int
+        Is added to the 31-bit times of the events.
+    event_bytes : int
+        Bytes of one event.
+    data : bytes
+    """
+
+    at: int
+    origin_us: int
+    event_bytes: int
+    data: bytes
+
+
+class Aedat3File:
+    """Header and packets of a file.
+
+    Attributes
+    ----------
+    path : Path
+    sources : dict of int to str
+        Cameras by their numbers.
+    position : float
+        Share of the file that has been read, 0 to 1.
+
+    Raises
+    ------
+    RecordingError
+        If the header is damaged, or the packets are compressed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._size = path.stat().st_size
+        self.position = 0.0
+        lines = self._read_header()
+        self.sources = {
+            int(match[1]): match[2].decode("ascii", "replace").strip()
+            for line in lines
+            if (match := re.match(rb"#Source (\d{1,5}): (.*)", line))
+        }
+        forms = [line[8:].strip() for line in lines if line.startswith(b"#Format:")]
+        if forms != [b"RAW"]:
+            form = (forms[0] if forms else b"none stated").decode("ascii", "replace")
+            raise RecordingError(
+                f"{path} is AEDAT 3.1 of format {form}, and only RAW is read: convert it with DV "
+                "to AEDAT 4"
+            )
+
+    def sensor_of(self, source: int) -> Sensor | None:
+        """Return the size of a camera's sensor; None if the camera is unknown."""
+        return chip_size(self.sources.get(source, ""))
+
+    def choose(self, wanted: str | None) -> int:
+        """Return the number of the one camera, or of that which is wanted.
+
+        Parameters
+        ----------
+        wanted : str, optional
+            Name or number of the camera.
+
+        Raises
+        ------
+        RecordingError
+            If there is none.
+        UsageError
+            If there are several.
+        """
+        return choose_stream(self.path, self.sources, wanted, _CAMERAS)
+
+    def packets(self, kind: int, source: int, log: FaultLog) -> Iterator[Packet]:
+        """Yield the packets of one type and camera.
+
+        Raises
+        ------
+        RecordingError
+            If a packet is damaged, or the end is cut off (unless `log` allows that).
+        """
+        at = self._begin
+        with self.path.open("rb") as file:
+            file.seek(at)
+            while at < self._size:
+                head = file.read(_HEADER.itemsize)
+                left = self._size - at
+                if len(head) < _HEADER.itemsize:
+                    log.truncated(left, f"byte {at:,}, within a packet")
+                    return
+                fields = np.frombuffer(head, _HEADER)[0]
+                event_bytes, number = int(fields["size"]), int(fields["number"])
+                if event_bytes <= 0 or number < 0 or fields["wraps"] < 0 or fields["type"] < 0:
+                    raise self.damaged(
+                        at,
+                        f"{number} events of {event_bytes} bytes, type {fields['type']}, "
+                        f"{fields['wraps']} wraps",
+                    )
+                length = event_bytes * number
+                if _HEADER.itemsize + length > left:
+                    log.truncated(left, f"byte {at:,}, within a packet")
+                    return
+                if (fields["type"], fields["source"]) == (kind, source):
+                    if length > LIMIT_BYTES:
+                        raise self.damaged(
+                            at, f"it claims {length:,} bytes, and the most is {LIMIT_BYTES:,}"
+                        )
+                    origin_us = int(fields["wraps"]) << 31
+                    yield Packet(at, origin_us, event_bytes, file.read(length))
+                else:
+                    file.seek(length, 1)
+                at += _HEADER.itemsize + length
+                self.position = at / self._size
+
+    def damaged(self, at: int, why: str) -> RecordingError:
+        """Return the error for a packet that cannot be read."""
+        return RecordingError(
+            f"{self.path} is damaged in the packet at byte {at:,} ({why}): copy it again"
+        )
+
+    def _read_header(self) -> list[bytes]:
+        """Read the lines of the header, up to the one that ends it."""
+        lines = []
+        with self.path.open("rb") as file:
+            if file.read(len(_AEDAT3_MAGIC)) != _AEDAT3_MAGIC:
+                raise RecordingError(f"{self.path} is not AEDAT 3.1: check what recorded it")
+            while (line := file.readline(_LONGEST_LINE)) != _END:
+                if not line.startswith(b"#") or not line.endswith(b"\n"):
+                    raise RecordingError(
+                        f"{self.path} is damaged in its header at byte {file.tell() - len(line):,} "
+                        "(no line #!END-HEADER): copy it again"
+                    )
+                if file.tell() > _LONGEST_AEDAT3_HEADER:
+                    raise RecordingError(
+                        f"{self.path} is damaged: its header is longer than "
+                        f"{_LONGEST_AEDAT3_HEADER:,} bytes: copy it again"
+                    )
+                lines.append(line)
+            self._begin = file.tell()
+        return lines
+
+
+# Polarity events of AEDAT 3.1; column 0, row 0 is the upper left pixel (``polarity.h``).
+
+
+_AEDAT3_EVENT = np.dtype([("data", "<u4"), ("t", "<i4")])
+
+
+class Aedat3Source(Source):
+    """Source of the events of one camera; times are those of its clock.
+
+    The 32 bits of an event are column, row (15 bits each), polarity and validity. Events that the
+    recorder's filters marked as invalid are left out.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._file = Aedat3File(path)
+        self._camera = self._file.choose(options.topic)
+        super().__init__(path, options, self._file.sensor_of(self._camera))
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events, a packet at a time; see :class:`Source`."""
+        for packet in self._file.packets(POLARITY, self._camera, log):
+            if packet.event_bytes != _AEDAT3_EVENT.itemsize:
+                raise self._file.damaged(packet.at, f"events of {packet.event_bytes} bytes")
+            events = np.frombuffer(packet.data, _AEDAT3_EVENT)
+            events = events[events["data"] & 1 == 1]
+            for i in range(0, len(events), self.options.chunk_events):
+                part = events[i : i + self.options.chunk_events]
+                data = part["data"]
+                yield Columns(
+                    part["t"].astype(np.int64) + packet.origin_us,
+                    data >> 17,
+                    data >> 2 & 0x7FFF,
+                    data & 2 == 2,
+                )
+            self.position = self._file.position
+
+
+open_aedat3_source = Aedat3Source
+
+
+# The container of AEDAT 4: compressed packets of FlatBuffers, each of one stream.
+#
+# This is our own code for the tables that matter, over lz4 and zstd: eventcv finds no events in
+# real files of this format, and the package aedat has no wheel for aarch64.
+
+
+_AEDAT4_MAGIC = b"#!AER-DAT4.0\r\n"
+_LONGEST_AEDAT4_HEADER = 1 << 22
+
+
+class Stream(NamedTuple):
+    """One stream of a file.
+
+    Attributes
+    ----------
+    kind : str
+        Four letters: ``EVTS`` for events, ``FRME`` for frames.
+    name : str
+    sensor : Sensor or None
+        None if the file does not state it.
+    """
+
+    kind: str
+    name: str
+    sensor: Sensor | None
+
+
+class Aedat4File:
+    """Header and packets of a file.
+
+    Attributes
+    ----------
+    path : Path
+    streams : dict of int to Stream
+    position : float
+        Share of the file that has been read, 0 to 1.
+
+    Raises
+    ------
+    RecordingError
+        If the file is of another format, or damaged in its header.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with path.open("rb") as file:
+            if file.read(len(_AEDAT4_MAGIC)) != _AEDAT4_MAGIC:
+                raise RecordingError(f"{path} is not AEDAT 4.0: check what recorded it")
+            size = file.read(4)
+            length = int.from_bytes(size, "little")
+            if length > min(path.stat().st_size, _LONGEST_AEDAT4_HEADER):
+                raise RecordingError(
+                    f"{path} is damaged: its header claims {length:,} bytes: copy it again"
+                )
+            header = size + file.read(length)
+            self._begin = file.tell()
+        try:
+            compression, table, info = _io_header(header)
+            self.streams = _streams(info)
+        except (struct.error, IndexError, ValueError, ElementTree.ParseError) as error:
+            raise RecordingError(
+                f"{path} is damaged or cut off in its header ({error}): copy it again"
+            ) from error
+        file_size = path.stat().st_size
+        # the table of packets follows the packets; it is absent if the recorder was killed
+        self._end = table if self._begin <= table <= file_size else file_size
+        self._decompress = _decompressor(compression, path)
+        self.position = 0.0
+
+    def choose(self, kind: str, what: str, wanted: str | None) -> int:
+        """Return the number of the one stream of a kind.
+
+        Parameters
+        ----------
+        kind : str
+        what : str
+            Content of such streams, for messages: ``"events"``.
+        wanted : str, optional
+            Name or number of the stream to choose.
+
+        Raises
+        ------
+        RecordingError
+            If there is none.
+        UsageError
+            If there are several.
+        """
+        names = {number: each.name for number, each in self.streams.items() if each.kind == kind}
+        wording = Wording(f"stream of {what}", f"streams of {what}", f"record {what}")
+        return choose_stream(self.path, names, wanted, wording)
+
+    def packets(self, stream: int, log: FaultLog) -> Iterator[tuple[int, bytes]]:
+        """Yield the packets of a stream: the byte at which each begins, and its table.
+
+        Raises
+        ------
+        RecordingError
+            If a packet is damaged, or the end is cut off (unless `log` allows that).
+        """
+        with self.path.open("rb") as file:
+            file.seek(self._begin)
+            for at, packet in self._compressed(file, stream, log):
+                try:
+                    data = self._decompress(packet)
+                except (RuntimeError, ValueError) as error:
+                    raise self.damaged(at, error) from error
+                yield at, data
+
+    def damaged(self, at: int, error: Exception) -> RecordingError:
+        """Return the error for a packet that cannot be read."""
+        return RecordingError(
+            f"{self.path} is damaged in the packet at byte {at:,} ({error}): copy it again"
+        )
+
+    def _compressed(
+        self, file: IO[bytes], wanted: int, log: FaultLog
+    ) -> Iterator[tuple[int, bytes]]:
+        at = self._begin
+        while at < self._end:
+            header = file.read(8)
+            stream, size = struct.unpack("<ii", header) if len(header) == 8 else (0, 0)
+            if len(header) < 8 or at + 8 + size > self._end or size < 0:
+                log.truncated(self._end - at, f"byte {at:,}, within a packet")
+                return
+            if stream == wanted:
+                if size > LIMIT_BYTES:
+                    raise RecordingError(
+                        f"{self.path} is damaged: the packet at byte {at:,} claims {size:,} bytes, "
+                        f"and the most is {LIMIT_BYTES:,}: copy it again"
+                    )
+                yield at, file.read(size)
+            else:
+                file.seek(size, 1)
+            at += 8 + size
+            self.position = at / self._end
+
+
+def _io_header(data: bytes) -> tuple[int, int, str]:
+    """Return the compression, the position of the packet table, and the streams' description."""
+    table = root_table(data)
+    compression, position, text = (field_at(data, table, i) for i in range(3))
+    kind = struct.unpack_from("<i", data, compression)[0] if compression else 0
+    end = struct.unpack_from("<q", data, position)[0] if position else -1
+    start = text + struct.unpack_from("<I", data, text)[0]
+    (length,) = struct.unpack_from("<I", data, start)
+    return kind, end, data[start + 4 : start + 4 + length].decode("utf-8")
+
+
+def root_table(data: bytes) -> int:
+    """Return the position of the root table of a FlatBuffer that begins with its size."""
+    return 4 + int(struct.unpack_from("<I", data, 4)[0])
+
+
+def field_at(data: bytes, table: int, index: int) -> int:
+    """Return the position of a field of a FlatBuffers table; 0 if it has its default value."""
+    vtable = table - struct.unpack_from("<i", data, table)[0]
+    (size,) = struct.unpack_from("<H", data, vtable)
+    if 4 + 2 * index >= size:
+        return 0
+    (offset,) = struct.unpack_from("<H", data, vtable + 4 + 2 * index)
+    return table + offset if offset else 0
+
+
+def _streams(info: str) -> dict[int, Stream]:
+    """Read the description of the streams."""
+    if "<!" in info:  # entities, which may expand without limit; DV writes none
+        raise ValueError("its XML has declarations")
+    streams = {}
+    for node in ElementTree.fromstring(info).iterfind("./node[@name='outInfo']/node"):
+        facts = {attr.get("key"): attr.text or "" for attr in node.iterfind("attr")}
+        size = {a.get("key"): a.text or "" for a in node.iterfind("./node[@name='info']/attr")}
+        known = {"sizeX", "sizeY"} <= size.keys()
+        sensor = Sensor(int(size["sizeX"]), int(size["sizeY"])) if known else None
+        number = int(node.get("name", ""))
+        name = facts.get("originalOutputName", str(number))
+        streams[number] = Stream(facts.get("typeIdentifier", ""), name, sensor)
+    return streams
+
+
+def _decompressor(kind: int, path: Path) -> Callable[[bytes], bytes]:
+    what = f"{path} (AEDAT 4)"
+    if kind == 0:
+        return bytes
+    if kind in (1, 2):
+        return lz4(what, "aedat4")
+    if kind in (3, 4):
+        return zstd(what, "aedat4")
+    raise RecordingError(f"{path} has the unknown compression {kind}: record with LZ4 or ZSTD")
+
+
+# Events of AEDAT 4, written by iniVation's DV.
+
+
+_AEDAT4_EVENT = np.dtype(
+    {
+        "names": ["t", "x", "y", "p"],
+        "formats": ["<i8", "<i2", "<i2", "u1"],
+        "offsets": [0, 8, 10, 12],
+        "itemsize": 16,
+    }
+)
+
+
+class Aedat4Source(Source):
+    """Source of the events of one stream; times are microseconds since 1970."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._file = Aedat4File(path)
+        self._stream = self._file.choose("EVTS", "events", options.topic)
+        super().__init__(path, options, self._file.streams[self._stream].sensor)
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events, a packet at a time; see :class:`Source`."""
+        for at, data in self._file.packets(self._stream, log):
+            try:
+                events = _events(data)
+            except (ValueError, struct.error, IndexError) as error:
+                raise self._file.damaged(at, error) from error
+            for i in range(0, len(events), self.options.chunk_events):
+                part = events[i : i + self.options.chunk_events]
+                yield Columns(part["t"], part["x"], part["y"], part["p"] != 0)
+            self.position = self._file.position
+
+
+def _events(data: bytes) -> npt.NDArray[np.void]:
+    """Return the events of one packet: the vector in the first field of its table."""
+    field = field_at(data, root_table(data), 0)
+    if not field:
+        return np.empty(0, _AEDAT4_EVENT)
+    vector = field + struct.unpack_from("<I", data, field)[0]
+    (length,) = struct.unpack_from("<I", data, vector)
+    return np.frombuffer(data, _AEDAT4_EVENT, length, vector + 4)
+
+
+open_aedat4_source = Aedat4Source

@@ -1,0 +1,364 @@
+"""NumPy's files: events as ``.npy`` or ``.npz``, read and written as a stream."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from edge_vpr.archive import kind_of
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.recordings.reading import ArrayStream
+from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.table import match_columns, tidy
+
+# ``.npy``: a structured array, or four columns; read and written as a stream.
+
+
+#: Text that this package writes behind the last row, where NumPy does not read.
+_TRAILER = "\n# edge-vpr sensor={sensor} start_us={start_us}\n"
+_TRAILER_PATTERN = re.compile(
+    rb"\n# edge-vpr sensor=([0-9]{1,5})x([0-9]{1,5}) start_us=(-?[0-9]{1,19})\n"
+)
+_LONGEST_TRAILER = 80
+
+
+class NpySource(Source):
+    """Source of events in one array: named fields, or columns in the order ``t, x, y, p``."""
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        with self.path.open("rb") as file:
+            yield from array_chunks(self, ArrayStream(file, str(self.path)), log)
+
+
+def array_chunks(source: Source, stream: ArrayStream, log: FaultLog) -> Iterator[Columns]:
+    """Yield the events of one array of events, and set the position of `source`."""
+    names = column_names(stream, source.options.columns)
+    total, entry = stream.shape[0], 0
+    while entry < total:
+        rows, leftover = stream.read(source.options.chunk_events)
+        source.position = min(1.0, (entry + len(rows)) / total)
+        if len(rows):
+            columns = {
+                name: rows[field] if isinstance(field, str) else rows[:, field]
+                for name, field in names.items()
+            }
+            yield tidy(columns, source.options.time_unit, log, entry)
+        entry += len(rows)
+        if leftover or not len(rows):
+            missing = (total - entry) * stream.row_bytes - leftover
+            log.truncated(missing, f"event {entry:,} of {total:,}")
+            return
+
+
+def column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]:
+    """Map t, x, y, p to fields or column numbers of an array of events.
+
+    Raises
+    ------
+    RecordingError
+        If the array has neither fields nor columns of events.
+    """
+    if stream.dtype.names is not None and len(stream.shape) == 1:
+        fields = match_columns(stream.dtype.names)
+        if fields is None:
+            raise RecordingError(
+                f"{stream.name} has the fields {', '.join(stream.dtype.names)}, and not "
+                "t, x, y, p: rename them"
+            )
+        return dict(fields)
+    if len(stream.shape) == 2 and stream.dtype.kind in "iuf":
+        wanted = order or "txyp"
+        if stream.shape[1] == len(wanted):
+            return {name: i for i, name in enumerate(wanted) if name != "-"}
+    raise RecordingError(
+        f"{stream.name} has shape {stream.shape} and dtype {stream.dtype}, which are no events: "
+        "save a structured array with fields t, x, y, p, or columns in that order (or --columns)"
+    )
+
+
+def open_npy_source(path: Path, options: ReadOptions) -> Source:
+    """Open a ``.npy`` file of events."""
+    with path.open("rb") as file:
+        stream = ArrayStream(file, str(path))
+        column_names(stream, options.columns)
+        sensor, start_us = _read_trailer(file, stream)
+    source = NpySource(path, options, sensor)
+    if start_us is not None:
+        source.start_us, source.relative = start_us, True
+    source.unit_assumed = sensor is None and options.time_unit is None
+    return source
+
+
+def _read_trailer(file: IO[bytes], stream: ArrayStream) -> tuple[Sensor | None, int | None]:
+    """Read sensor and start if they directly follow the last row at the end of the file."""
+    end = stream.header_bytes + stream.shape[0] * stream.row_bytes if stream.shape else 0
+    file.seek(0, 2)
+    if 0 < file.tell() - end <= _LONGEST_TRAILER:
+        file.seek(end)
+        if match := _TRAILER_PATTERN.fullmatch(file.read()):
+            return Sensor(int(match[1]), int(match[2])), int(match[3])
+    return None, None
+
+
+class NpySink:
+    """Write events as one structured array of :data:`EVENT_DTYPE`.
+
+    Sensor and start follow the last row as a line of text. NumPy reads as many bytes as the header
+    states and ignores the rest.
+    """
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int, *, trailer: bool = True) -> None:
+        self._file = path.open("wb")
+        self._rows = 0
+        self._trailer = _TRAILER.format(sensor=sensor, start_us=start_us) if trailer else ""
+        self._write_header()
+
+    def _write_header(self) -> None:
+        # numpy pads the header so that the number of rows can grow in place
+        np.lib.format.write_array_header_1_0(
+            self._file,
+            {
+                "descr": np.lib.format.dtype_to_descr(EVENT_DTYPE),
+                "fortran_order": False,
+                "shape": (self._rows,),
+            },
+        )
+
+    def write(self, events: Events) -> None:
+        """Append events."""
+        self._file.write(np.ascontiguousarray(events, EVENT_DTYPE).tobytes())
+        self._rows += events.size
+
+    def close(self) -> None:
+        """Write the trailer and the final row count."""
+        with self._file as file:
+            file.write(self._trailer.encode("ascii"))
+            file.seek(0)
+            self._write_header()
+
+
+open_npy_sink = NpySink
+
+
+# ``.npz``: the project's own event archive, and event archives of other projects.
+
+
+#: Version of the layout ``events``, ``sensor`` (width, height), ``start_us``, ``schema``.
+SCHEMA = 1
+
+
+_STORED_OR_DEFLATED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+#: Most bytes of the list of members, and of an array that is loaded whole.
+_LONGEST_LIST, _LARGEST = 1 << 20, 1 << 26
+
+
+class _Bounded(io.BufferedReader):
+    """File that refuses single reads above a limit, for example of a list of members."""
+
+    limit = _LONGEST_LIST
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is None or size < 0:
+            size = self.limit
+        if size > self.limit:
+            raise zipfile.BadZipFile(f"a list of {size:,} bytes")
+        return super().read(size)
+
+
+class Archive:
+    """Archive of a ``.npz`` file, whose arrays are read as streams and never whole.
+
+    Raises
+    ------
+    RecordingError
+        If the archive is damaged, lists more than a megabyte of members, or is compressed by a
+        method other than Deflate, which NumPy does not write.
+    UsageError
+        If it is a map or another result, whose arrays have the same names as those of a recording.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = _Bounded(path.open("rb", buffering=0))
+        try:
+            self._zip = zipfile.ZipFile(self._file)
+        except Exception as error:
+            self._file.close()
+            raise RecordingError(
+                f"{path} is a damaged or cut-off .npz archive ({error}): copy it again"
+            ) from error
+        self._file.limit = _LARGEST
+        if (kind := kind_of(path)) is not None:
+            self.__exit__()
+            raise UsageError(f"{path} is a {kind}, and a recording is expected in its place")
+        self.names = {Path(name).stem: name for name in self._zip.namelist()}
+
+    def __enter__(self) -> Archive:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._zip.close()
+        self._file.close()
+
+    def stream(self, name: str, stack: ExitStack) -> ArrayStream:
+        """Open the array `name`; `stack` closes it."""
+        info = self._zip.getinfo(self.names[name])
+        if info.compress_type not in _STORED_OR_DEFLATED or info.flag_bits & 1:
+            raise RecordingError(
+                f"{self.path}: {name} is encrypted, or compressed by method {info.compress_type}: "
+                "save it with numpy.savez or numpy.savez_compressed"
+            )
+        member = stack.enter_context(self._zip.open(info))
+        array = ArrayStream(member, f"{self.path}:{name}")
+        announced = math.prod(array.shape) * array.dtype.itemsize
+        held = info.file_size - array.header_bytes
+        if announced < held:
+            raise RecordingError(
+                f"{array.name} announces {array.shape} of {array.dtype} and holds {held:,} bytes: "
+                "copy or save it again"
+            )
+        return array
+
+    def scalar(self, *names: str) -> float | int | None:
+        """Return the first of the single numbers `names` that the archive has."""
+        for name in names:
+            if name in self.names:
+                values = self.small(name)
+                if values.size == 1 and values.dtype.kind in "iuf":
+                    return values.item()
+        return None
+
+    def small(self, name: str) -> np.ndarray:
+        """Load a whole array that is known to be small."""
+        with ExitStack() as stack:
+            return self.stream(name, stack).load(_LARGEST)
+
+    def sensor(self) -> Sensor | None:
+        """Size of the sensor, if the archive states it."""
+        for name in ("sensor", "sensor_size", "resolution"):
+            if name in self.names:
+                size = self.small(name)
+                if size.shape == (2,) and size.dtype.kind in "iu":
+                    return Sensor(int(size[0]), int(size[1]))
+        width = self.scalar("sensor_width", "width")
+        height = self.scalar("sensor_height", "height")
+        return Sensor(int(width), int(height)) if width and height else None
+
+
+class NpzSource(Source):
+    """Source of the array ``events`` (structured), or of the arrays ``t``, ``x``, ``y``, ``p``."""
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        with Archive(self.path) as archive, ExitStack() as stack:
+            try:
+                if "events" in archive.names:
+                    yield from array_chunks(self, archive.stream("events", stack), log)
+                else:
+                    yield from self._columns(archive, stack, log)
+            except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+                raise RecordingError(
+                    f"{self.path} is damaged after event {log.entries:,} ({error}): copy it again"
+                ) from error
+
+    def _columns(self, archive: Archive, stack: ExitStack, log: FaultLog) -> Iterator[Columns]:
+        names = match_columns(archive.names)
+        assert names is not None  # the registry has found t, x and y
+        streams = {column: archive.stream(name, stack) for column, name in names.items()}
+        shapes = {stream.shape for stream in streams.values()}
+        if len(shapes) != 1 or len(next(iter(shapes))) != 1:
+            sizes = ", ".join(f"{name} {stream.shape}" for name, stream in streams.items())
+            raise RecordingError(
+                f"{self.path} has columns of shapes {sizes}: each event needs one of each"
+            )
+        (total,) = next(iter(shapes))
+        entry = 0
+        step = min(self.options.chunk_events, *(s.most_rows for s in streams.values()))
+        while entry < total:
+            read = {name: s.read(step) for name, s in streams.items()}
+            n = min(len(rows) for rows, _ in read.values())
+            if n:
+                self.position = min(1.0, (entry + n) / total)
+                columns = {name: rows[:n] for name, (rows, _) in read.items()}
+                yield tidy(columns, self.options.time_unit, log, entry)
+            expected = min(step, total - entry)
+            short = [name for name, (rows, _) in read.items() if len(rows) < expected]
+            entry += n
+            if short:
+                name = short[0]
+                begun = len(read[name][0]) * streams[name].row_bytes + read[name][1]
+                lost = (total - entry + n) * streams[name].row_bytes - begun
+                log.truncated(lost, f"event {entry:,} of {total:,} in column {name}")
+                return
+
+
+def open_npz_source(path: Path, options: ReadOptions) -> Source:
+    """Open a ``.npz`` file of events."""
+    with Archive(path) as archive, ExitStack() as stack:
+        schema = archive.scalar("schema")
+        if schema is not None and schema > SCHEMA:
+            raise RecordingError(
+                f"{path} has event schema {schema}, and this edge-vpr knows {SCHEMA}: upgrade it"
+            )
+        if "events" in archive.names:
+            column_names(archive.stream("events", stack), options.columns)
+        elif match_columns(archive.names) is None:
+            raise RecordingError(
+                f"{path} holds {', '.join(sorted(archive.names))}: events need the arrays t, x, y "
+                "(and p), or events"
+            )
+        source = NpzSource(path, options, archive.sensor())
+        source.unit_assumed = schema is None and options.time_unit is None
+        start = archive.scalar("start_us")
+        if schema is not None and start is not None:
+            source.start_us, source.relative = int(start), True
+    return source
+
+
+class NpzSink:
+    """Write ``events``, ``sensor``, ``start_us`` and ``schema``, uncompressed.
+
+    Deflate would halve the size of the file, but reading it would take six times longer than
+    matching.
+    """
+
+    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
+        self._path = path
+        self._facts = {
+            "sensor": np.array(sensor, np.int64),
+            "start_us": np.array(start_us, np.int64),
+            "schema": np.array(SCHEMA, np.int64),
+        }
+        # the archive needs the size of the array before its first row
+        self._rows = path.with_name(path.name + ".rows")
+        self._sink = NpySink(self._rows, sensor, start_us, trailer=False)
+
+    def write(self, events: Events) -> None:
+        """Append events."""
+        self._sink.write(events)
+
+    def close(self) -> None:
+        """Put the archive together."""
+        try:
+            self._sink.close()
+            with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:
+                archive.write(self._rows, "events.npy")
+                for name, value in self._facts.items():
+                    with archive.open(f"{name}.npy", "w") as member:
+                        np.lib.format.write_array(member, value, allow_pickle=False)
+        finally:
+            self._rows.unlink(missing_ok=True)
+
+
+open_npz_sink = NpzSink

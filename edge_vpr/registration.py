@@ -1,0 +1,280 @@
+"""Registration of a query with a map: estimate by how many pixels the image has shifted.
+
+The pixels of the map are tried at every shift. The result is the shift at which the first windows
+of the query are most similar to sequences of places. Counts are compared as logarithms less the
+mean of each counter, so that neither light nor properties of single pixels (thresholds, noise)
+matter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.descriptors.counting import DescriptorStream
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import FixedCount, FixedTime, WindowCounts
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.pipeline import EventSource, WindowSource, check_sensor, event_windows
+from edge_vpr.reference_map import ReferenceMap
+from fixedpoint.own_mean import OwnMeanCode, mean_level
+
+#: number of windows of the query that are used, and the smallest number that is enough
+WINDOWS, LEAST_WINDOWS = 128, 16
+#: largest shift, in pixels, and as a share of the sensor's shorter side
+REACH, SHARE = 10, 8
+#: smallest number of pixels of the map that must lie on the sensor at every shift
+LEAST_PIXELS = 8
+#: windows in a sequence, and the standard errors by which the similarity must grow for the map to
+#: be moved; both chosen on the walks (docs/results.md)
+SEQUENCE, LEAST_ERRORS = 5, 5.0
+_ROUGH = 4  # from 1/256 to 1/16 octave, so that sums of squares are exact in double precision
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Result of a registration: the moved map and the estimated shift.
+
+    Attributes
+    ----------
+    reference : ReferenceMap
+        The map, moved if `shifted`.
+    dx, dy : int
+        Shift of the query's image against the reference's, in pixels to the right and downwards;
+        0 where none is clear.
+    likeness, unmoved : float
+        Mean correlation of a sequence of windows with its most similar sequence of places, -1 to 1,
+        at the most likely shift, and without a shift.
+    windows : int
+        Of the query, that were looked at.
+    """
+
+    reference: ReferenceMap
+    dx: int
+    dy: int
+    likeness: float
+    unmoved: float
+    windows: int
+
+    @property
+    def shifted(self) -> bool:
+        """Whether the map was moved."""
+        return (self.dx, self.dy) != (0, 0)
+
+
+def register(
+    reference: ReferenceMap, recording: EventSource | WindowSource, windows: int = WINDOWS
+) -> Registration:
+    """Move the pixels of a map by the shift of a query's image.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    recording : EventSource or WindowSource
+        Of the query; its first windows are counted at all pixels.
+    windows : int
+        Most windows of it to look at.
+
+    Raises
+    ------
+    MapError
+        If the recording's sensor is not the map's.
+    UsageError
+        If it has fewer than `LEAST_WINDOWS` windows, was counted at some pixels only, or fewer than
+        `LEAST_PIXELS` of the map stay on the sensor at every shift.
+    """
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
+    images = _first_images(reference, recording, windows)
+    if len(images) < LEAST_WINDOWS:
+        raise UsageError(
+            f"the recording has {len(images)} windows, too few to estimate its shift: expected "
+            f"{LEAST_WINDOWS} or more, leave registration out"
+        )
+    dx, dy, likeness, unmoved = estimate_shift(reference, images)
+    if not _is_clear(likeness - unmoved):
+        dx = dy = 0
+    return Registration(
+        reference=moved_map(reference, dx, dy),
+        dx=dx,
+        dy=dy,
+        likeness=math.fsum(likeness) / len(likeness),
+        unmoved=math.fsum(unmoved) / len(unmoved),
+        windows=len(images),
+    )
+
+
+def estimate_shift(
+    reference: ReferenceMap, images: npt.NDArray[np.integer]
+) -> tuple[int, int, Floats, Floats]:
+    """Find the shift at which windows are most similar to the places of a map.
+
+    Every shift is tried: the similarity can fall within one pixel, so that a coarser search could
+    miss it.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    images : ndarray of int, shape (n, height, width)
+        Counts of n windows at all pixels.
+
+    Returns
+    -------
+    dx, dy : int
+        In pixels, up to `REACH` and an eighth of the sensor's shorter side. Of equal ones the
+        smallest shift.
+    likeness, unmoved : ndarray of float64, shape (n - L + 1,)
+        Of each sequence of the query, at this shift and at none.
+
+    Raises
+    ------
+    UsageError
+        If fewer than `LEAST_PIXELS` of the map stay on the sensor at every shift.
+    """
+    pixel_map = reference.pixel_map
+    reach = reach_of(pixel_map.sensor)
+    # the same pixels at every shift, because with fewer pixels more similarity arises by chance
+    x, y = pixel_map.x.astype(np.int64), pixel_map.y.astype(np.int64)
+    width, height = pixel_map.sensor
+    inner = (x >= reach) & (x < width - reach) & (y >= reach) & (y < height - reach)
+    if int(inner.sum()) < LEAST_PIXELS:
+        raise UsageError(
+            f"{int(inner.sum())} of the map's {len(pixel_map)} pixels lie {reach} or more from the "
+            f"border: expected {LEAST_PIXELS} to estimate a shift, leave registration out"
+        )
+    x, y = x[inner], y[inner]
+    counts = _folded(reference.decoded(reference.places).counts, len(pixel_map))
+    places = _levels(counts[:, inner])
+    found = {
+        (dx, dy): _likeness(places, _levels(images[:, y + dy, x + dx]))
+        for dy in range(-reach, reach + 1)
+        for dx in range(-reach, reach + 1)
+    }
+    dx, dy = min(found, key=lambda s: (-math.fsum(found[s]), s[0] ** 2 + s[1] ** 2, s))
+    return dx, dy, found[dx, dy], found[0, 0]
+
+
+def reach_of(sensor: Sensor) -> int:
+    """Return the largest shift that is tried on a sensor, in pixels."""
+    return min(REACH, min(sensor) // SHARE)
+
+
+def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
+    """Move the pixels of a map; drop those that leave the sensor or would be hot pixels.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    dx, dy : int
+        To the right and downwards, in pixels.
+
+    Returns
+    -------
+    ReferenceMap
+        The same one for no shift.
+
+    Raises
+    ------
+    UsageError
+        If no pixel is left.
+    """
+    if (dx, dy) == (0, 0):
+        return reference
+    pixel_map, places = reference.pixel_map, reference.places
+    x, y = pixel_map.x.astype(np.int64) + dx, pixel_map.y.astype(np.int64) + dy
+    width, height = pixel_map.sensor
+    kept = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    kept[kept] = ~reference.hot[y[kept], x[kept]]
+    if not kept.any():
+        raise UsageError(
+            f"no pixel of the map is left after a shift of ({dx}, {dy}): make a new map"
+        )
+    settings, left = reference.settings, int(kept.sum())
+    counters = np.concatenate([kept, kept]) if settings.polarity else kept
+    # codes give roughly the share of events that the remaining counters had
+    counts = reference.decoded(places).counts
+    events = max(1, int(counts[:, counters].sum(dtype=np.int64)))
+    share = min(1.0, events / max(1, int(counts.sum(dtype=np.int64))))
+    changes: dict[str, float] = {"pixels": left}
+    if settings.events_per_pixel is not None:  # so that a window covers the same distance
+        changes["events_per_pixel"] = settings.events_per_pixel * share * len(pixel_map) / left
+    return replace(
+        reference,
+        settings=settings.replaced(changes, "the registration"),
+        pixel_map=PixelMap(pixel_map.sensor, x[kept].astype(np.uint16), y[kept].astype(np.uint16)),
+        places=replace(
+            places,
+            counts=np.ascontiguousarray(places.counts[:, counters]),
+            selected=np.rint(places.activity * share).astype(np.int64),
+        ),
+        full_scale=None if reference.full_scale is None else reference.full_scale[counters],
+        mean=None if reference.mean is None else reference.mean[counters],
+    )
+
+
+def _first_images(
+    reference: ReferenceMap, recording: EventSource | WindowSource, windows: int
+) -> npt.NDArray[np.uint16]:
+    """Count the first windows of a query at all pixels, as (n, height, width)."""
+    sensor, settings = recording.sensor, reference.settings
+    found: Iterator[WindowCounts]
+    if isinstance(recording, WindowSource):
+        if not recording.counted.all():
+            raise UsageError(
+                f"{int((~recording.counted).sum())} pixels were not counted in this file, and a "
+                "shift is estimated from all: leave registration out"
+            )
+        found = recording.windows()
+    else:
+        # a fixed-count window ends after about this many events of the whole sensor
+        window = (
+            FixedTime(settings.tau_us)
+            if settings.window == "time"
+            else FixedCount(max(1, int(reference.places.events.sum()) // len(reference)))
+        )
+        stream = DescriptorStream(PixelMap.all_of(sensor), window)
+        found = event_windows(recording, stream, settings, None)
+    most = OwnMeanCode().full_scale
+    images = [np.minimum(w.counts, most).astype(np.uint16) for w in islice(found, windows)]
+    return np.array(images, np.uint16).reshape(-1, sensor.height, sensor.width)
+
+
+def _folded(counts: npt.NDArray[np.integer], pixels: int) -> npt.NDArray[np.int64]:
+    """Add ON and OFF events, if they were counted separately."""
+    wide: npt.NDArray[np.int64] = counts.astype(np.int64)
+    return wide if wide.shape[1] == pixels else wide[:, :pixels] + wide[:, pixels:]
+
+
+def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+    """Return logarithms of counts less the mean of each counter, in whole 1/16 octaves."""
+    level = OwnMeanCode().level(counts)
+    return ((level - mean_level(level)) >> _ROUGH).astype(np.float64)
+
+
+def _likeness(places: Floats, windows: Floats) -> Floats:
+    """Return each query sequence's mean correlation with the most similar sequence of places."""
+    n = places.shape[1]
+    # sums and products of whole numbers are exact in any order
+    cross = n * (places @ windows.T) - places.sum(axis=1)[:, None] * windows.sum(axis=1)
+    spread = [np.sqrt(n * (c * c).sum(axis=1) - c.sum(axis=1) ** 2) for c in (places, windows)]
+    scale = spread[0][:, None] * spread[1]
+    like = np.divide(cross, scale, out=np.zeros_like(cross), where=scale > 0)
+    length = min(SEQUENCE, *like.shape)
+    sums = np.zeros((like.shape[0] - length + 1, like.shape[1] - length + 1))
+    for i in range(length):
+        sums += like[i : i + sums.shape[0], i : i + sums.shape[1]]
+    return np.asarray(sums.max(axis=0) / length)
+
+
+def _is_clear(gain: Floats) -> bool:
+    """Return whether a gain in similarity is many standard errors above zero."""
+    mean = math.fsum(gain) / len(gain)
+    variance = math.fsum((gain - mean) ** 2) / len(gain)
+    return mean > LEAST_ERRORS * math.sqrt(variance / len(gain))

@@ -1,0 +1,857 @@
+"""Settings of mapping and matching, and the one description of each for flags, files and docs.
+
+>>> from edge_vpr.settings import resolve_settings
+>>> resolve_settings("paper", flags={"tau": "250ms"}).tau_us
+250000
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from fractions import Fraction
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from edge_vpr.errors import UsageError
+from edge_vpr.files import read_toml
+from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
+
+if TYPE_CHECKING:
+    from fixedpoint.codes import CounterCode
+    from fixedpoint.own_mean import OwnMeanCode
+
+
+# Types of the settings that are chosen from a few words.
+
+
+Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
+STRATEGIES: tuple[str, ...] = get_args(Strategy)
+WindowKind = Literal["time", "count"]
+CounterCodeName = Literal["none", "linear", "sqrt", "log"]
+CounterScaling = Literal["shared", "per-pixel", "own-mean"]
+QueryMean = Literal["own", "running"]
+Matching = Literal["sequence", "filter"]
+Anchor = Literal["middle", "end"]
+Score = Literal["distance", "ratio", "margin", "trust"]
+
+
+# Conversion between values of settings and their text on the command line and in files.
+
+
+_MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
+#: a price of the place filter is one byte, and 255 marks a step that is not allowed
+MOST_PRICE = 254
+MOST_PRICES = 16
+
+
+def duration_us(text: str) -> int:
+    """Read ``1s``, ``250ms``, ``500us`` or ``0.5`` (seconds) as whole microseconds.
+
+    Raises
+    ------
+    UsageError
+        If the text has another form, or is not a positive whole number of microseconds.
+    """
+    form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(us|ms|s|)\s*", text)
+    if form:
+        microseconds = Fraction(form[1]) * _MICROSECONDS[form[2]]
+        if microseconds.denominator == 1 and microseconds >= 1:
+            return int(microseconds)
+    raise UsageError(f"duration {text!r}: expected a time such as 1s, 250ms or 500us")
+
+
+def duration_word(microseconds: int) -> str:
+    """Write a duration in the largest unit in which it is a whole number.
+
+    Examples
+    --------
+    >>> duration_word(1_000_000), duration_word(250_000), duration_word(7)
+    ('1s', '250ms', '7us')
+    """
+    unit = next(unit for unit in ("s", "ms", "us") if microseconds % _MICROSECONDS[unit] == 0)
+    return f"{microseconds // _MICROSECONDS[unit]}{unit}"
+
+
+def prices(text: str) -> tuple[int, ...]:
+    """Read a list of prices of the place filter, such as ``1,0,1``.
+
+    Raises
+    ------
+    UsageError
+        If the text is not a list of whole numbers.
+    """
+    try:
+        return tuple(int(price) for price in text.split(","))
+    except ValueError:
+        raise UsageError(f"{text!r}: expected prices such as 1,0,1") from None
+
+
+def prices_word(values: tuple[int, ...]) -> str:
+    """Write prices in the form that `prices` reads."""
+    return ",".join(map(str, values))
+
+
+def are_prices(values: tuple[object, ...]) -> bool:
+    """Return whether all values are prices that the place filter can store."""
+    return len(values) <= MOST_PRICES and all(
+        type(price) is int and 0 <= price <= MOST_PRICE for price in values
+    )
+
+
+# The record that describes one setting: default, meaning, unit, range and accepted words.
+#
+# The flags of the command line, the keys of a TOML file, the checks of `Settings`, its docstring
+# and docs/settings.md are all made from these records.
+
+
+#: largest value of any setting; in microseconds, 31 years
+MOST = 10**15
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingField:
+    """Description of one setting.
+
+    Attributes
+    ----------
+    help : str
+        What the setting does, in one line; shown by ``--help``.
+    more : str
+        Further sentences, shown on the reference page and in the docstring only.
+    group : str
+        Heading under which ``--help`` shows the flag.
+    kind : type
+        Type of the value: bool, int, float, str or tuple.
+    name : str
+        Attribute of `Settings`.
+    key : str
+        Key in a TOML file. The flag is the key after ``--``, with dashes.
+    short : str, optional
+        A flag of one letter.
+    metavar : str, optional
+        Placeholder of the value in ``--help``.
+    default : object
+    choices : tuple of str
+        All allowed values, for a setting that is chosen from a few.
+    words : mapping of str to object
+        Words that stand for values, such as ``none`` for None.
+    read, show : callable, optional
+        Functions from text to the value and from the value to text. They are for settings that
+        files and flags write in another form, such as ``250ms``.
+    least, most : float
+        Range of a number, both ends included.
+    above, below : float, optional
+        Bounds of a number, themselves not included.
+    valid : callable, optional
+        Function that returns whether a value of the right type is allowed.
+    expected : str
+        Description of the allowed values; if empty, it is made from the range of a number.
+    needs : (str, tuple of str), optional
+        Name of another setting, and those of its values with which this setting has an effect.
+    zero_is_none : bool
+        Whether 0 in a file or a flag means None, as in older files.
+    """
+
+    help: str
+    kind: type = str
+    group: str = ""
+    more: str = ""
+    name: str = ""
+    key: str = ""
+    short: str | None = None
+    metavar: str | None = None
+    default: Any = None
+    choices: tuple[str, ...] = ()
+    words: Mapping[str, Any] = field(default_factory=dict)
+    read: Callable[[str], Any] | None = None
+    show: Callable[[Any], str] | None = None
+    least: float = 0
+    most: float = MOST
+    above: float | None = None
+    below: float | None = None
+    valid: Callable[[Any], bool] | None = None
+    expected: str = ""
+    needs: tuple[str, tuple[str, ...]] | None = None
+    zero_is_none: bool = False
+
+    def named(self, name: str, default: Any) -> SettingField:
+        """Return the record of the attribute `name` with its default."""
+        return replace(self, name=name, key=self.key or name, default=default)
+
+    @property
+    def flag(self) -> str:
+        """Flag of the command line, such as ``--events-per-pixel``."""
+        return "--" + self.key.replace("_", "-")
+
+    @property
+    def meaning(self) -> str:
+        """`help` and `more`, as sentences."""
+        return f"{self.help[0].upper()}{self.help[1:]}. {self.more}".rstrip()
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the value is a number."""
+        return self.kind in (int, float)
+
+    @property
+    def range(self) -> str:
+        """Description of the allowed values; empty if not a number and without `expected`."""
+        if self.expected or not self.is_number:
+            return self.expected
+        least = f"{self.least:g} or more" if self.above is None else f"more than {self.above:g}"
+        if self.below is not None:
+            return f"{least}, below {self.below:g}"
+        return least if self.most == MOST else f"{self.least:g} to {self.most:g}"
+
+    @property
+    def accepted(self) -> str:
+        """Description of what a flag or a file may contain, for error messages."""
+        kinds = {int: "a whole number", float: "a number"}
+        value = self.expected or kinds.get(self.kind, "")
+        return " or ".join([*[value] * bool(value), *self.words])
+
+    def value_of(self, given: Any) -> Any:
+        """Convert what a flag or a file contains to the value of the setting.
+
+        Parameters
+        ----------
+        given : object
+            A key of `words`, a text that `read` accepts, or the value itself, as in JSON and TOML.
+
+        Raises
+        ------
+        UsageError
+            If a word is unknown.
+        """
+        if isinstance(given, list) and self.kind is tuple:
+            return tuple(given)
+        if self.zero_is_none and type(given) in (int, float) and given == 0:
+            return None
+        if not isinstance(given, str):
+            return given
+        if given in self.words:
+            return self.words[given]
+        if self.kind is str:
+            return given
+        try:
+            if self.read is not None:
+                return self.read(given)
+            if self.words and self.is_number:
+                return self.value_of(self.kind(given))
+        except (UsageError, ValueError):
+            pass
+        if not self.words and self.read is None:
+            return given  # of the wrong type: `check` will raise
+        raise UsageError(f"setting {self.key} = {shown(given)}: expected {self.accepted}")
+
+    def word(self, value: Any) -> str:
+        """Return a value as the text that the flag takes."""
+        for word, meaning in self.words.items():
+            if type(meaning) is type(value) and meaning == value:
+                return word
+        if self.show is not None:
+            return self.show(value)
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        return f"{value:g}" if isinstance(value, float) else str(value)
+
+    def check(self, value: Any) -> None:
+        """Check the type and the range of a value.
+
+        Raises
+        ------
+        UsageError
+            If the type is wrong or the value is out of range.
+        """
+        if value is None and None in self.words.values():
+            return
+        integer_for_float = self.kind is float and type(value) is int
+        if type(value) is not self.kind and not integer_for_float:
+            raise UsageError(
+                f"setting {self.name} = {shown(value)} is of type {type(value).__name__}: "
+                f"expected {self.kind.__name__}"
+            )
+        if self.choices and value not in self.choices:
+            raise UsageError(
+                f"setting {self.name} = {value!r}: choose from {', '.join(self.choices)}"
+            )
+        if self.is_number and not self._in_range(value):
+            limit = f", up to {self.most:g}" if self.range.endswith("more") else ""
+            raise UsageError(f"setting {self.name} = {shown(value)}: expected {self.range}{limit}")
+        if self.valid is not None and not self.valid(value):
+            raise UsageError(f"setting {self.name} = {shown(value)}: expected {self.expected}")
+
+    def _in_range(self, value: float) -> bool:
+        """Return whether a number is in the range; NaN never is."""
+        above = self.above is None or value > self.above
+        below = self.below is None or value < self.below
+        return self.least <= value <= self.most and above and below
+
+
+def attributes_section(known: Mapping[str, SettingField]) -> str:
+    """Return the "Attributes" section of the docstring of a dataclass of settings."""
+    lines = ["    Attributes", "    ----------"]
+    for name, info in known.items():
+        kind = f"{{{', '.join(map(repr, info.choices))}}}" if info.choices else info.kind.__name__
+        optional = ", optional" if None in info.words.values() else ""
+        lines.append(f"    {name} : {kind}{optional}")
+        lines += wrap(info.meaning, 100, initial_indent=" " * 8, subsequent_indent=" " * 8)
+    return "\n".join(lines) + "\n"
+
+
+def shown(value: object) -> str:
+    """Return a value as text for an error message.
+
+    Python raises ValueError for integers of thousands of digits; they are described instead.
+    """
+    try:
+        return repr(value)
+    except (ValueError, RecursionError):
+        return f"a {type(value).__name__} too long to be shown"
+
+
+# Meaning, range and accepted words of every setting.
+#
+# The flags, the TOML files and docs/settings.md are all made from this one table. Types and
+# defaults stand in `Settings`.
+
+
+#: largest number of windows that a match waits for
+MOST_DELAY = 64
+_FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
+_CODE = ("counter_code", ("linear", "sqrt", "log"))
+
+
+def _group(title: str, **settings: SettingField) -> dict[str, SettingField]:
+    """Return the settings of one group by name."""
+    return {name: replace(one, group=title) for name, one in settings.items()}
+
+
+_PIXELS = _group(
+    "pixels",
+    pixels=SettingField(kind=int, help="number of selected pixels, J", metavar="J", least=1),
+    strategy=SettingField(
+        help="how pixels are selected",
+        choices=STRATEGIES,
+        more="variance: drawn with a probability that grows with the variance of their counts (the "
+        "paper). seed-code: drawn by the mean of their counts (the code that the authors "
+        "released). random: every pixel is equally likely. random-upper: random, from the upper "
+        "two thirds of the image. top: the pixels of the highest variance. information: one after "
+        "another, each time the pixel that adds most information about the place to the pixels "
+        "selected before it.",
+    ),
+    sigma=SettingField(
+        kind=float,
+        help="standard deviation of the Gaussian that keeps selected pixels apart, in pixels",
+        metavar="PX",
+        needs=("strategy", ("variance", "random", "random-upper")),
+    ),
+    seed=SettingField(kind=int, help="seed of the random numbers that select pixels"),
+)
+_WINDOWS = _group(
+    "windows",
+    window=SettingField(
+        help="windows of a fixed time, or of a fixed count of events at the selected pixels",
+        choices=get_args(WindowKind),
+    ),
+    tau_us=SettingField(
+        kind=int,
+        help="length of a fixed-time window, for example 1s or 250ms",
+        key="tau",
+        metavar="TIME",
+        least=1,
+        read=duration_us,
+        show=duration_word,
+        expected="a time such as 1s, 250ms or 500us",
+        more="Pixels are always selected by windows of this length, also with --window count, so "
+        "that both kinds of window use the same pixels.",
+    ),
+    events_per_pixel=SettingField(
+        kind=float,
+        help="a fixed-count window holds R x J events at the selected pixels, rounded; auto: the "
+        "average number that the reference drive has in a window of --tau",
+        metavar="R",
+        words={"auto": None},
+        above=0,
+        zero_is_none=True,
+        more="The released code uses 3. With auto, a window covers about the distance that the "
+        "reference drive covered in tau. The map stores the number found.",
+        needs=("window", ("count",)),
+    ),
+    keep_incomplete=SettingField(
+        kind=bool, help="keep the last window although the recording ends before it is complete"
+    ),
+)
+_COUNTERS = _group(
+    "counters",
+    polarity=SettingField(
+        kind=bool, help="count ON and OFF events separately, in two counters for each pixel"
+    ),
+    clip=SettingField(
+        help="largest count in a descriptor, larger ones become N; none: no limit",
+        kind=int,
+        metavar="N",
+        words={"none": None},
+        least=1,
+        most=MAX_FULL_SCALE,
+        zero_is_none=True,
+        more="The released code uses 10. As in that code, pixels are selected by the clipped "
+        "counts too.",
+    ),
+    counter_code=SettingField(
+        help="how a count is turned into a number of few bits, which is compared in its place; "
+        "none: counts are compared",
+        choices=get_args(CounterCodeName),
+        more="See docs/codes.md. The code changes neither which pixels are selected nor where "
+        "fixed-count windows end.",
+    ),
+    counter_bits=SettingField(
+        kind=int, help="number of bits of a code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
+    ),
+    counter_full_scale=SettingField(
+        help="count at which the code reaches its largest value; auto: a value that suits the code "
+        "and its bits",
+        kind=int,
+        metavar="N",
+        words={"auto": None},
+        least=1,
+        most=MAX_FULL_SCALE,
+        zero_is_none=True,
+        needs=_CODE,
+    ),
+    counter_scaling=SettingField(
+        help="range of the codes: the same for all pixels (shared); one for each pixel, taken from "
+        "the reference (per-pixel); or logarithms of counts less their mean over the drive "
+        "(own-mean)",
+        choices=get_args(CounterScaling),
+        more="Codes by own-mean hardly change when the light does.",
+    ),
+)
+_MATCHING = _group(
+    "matching",
+    query_mean=SettingField(
+        help="mean that own-mean codes subtract in a query: that of the whole drive (own), or a "
+        "running mean, as on a robot (running)",
+        choices=get_args(QueryMean),
+        more="Only with a recording is the whole drive known: live and online matching always use "
+        "the running mean.",
+        needs=("counter_scaling", ("own-mean",)),
+    ),
+    matching=SettingField(
+        help="match with the place filter, or by comparing sequences of windows (the paper)",
+        choices=get_args(Matching),
+        more="See docs/place_filter.md.",
+    ),
+    filter_steps=SettingField(
+        help="place filter: price of moving on by 0, 1, 2 ... places in one window; auto: 1,0,1 "
+        "for windows of fixed time, 1,0,0,1 for windows of a fixed count",
+        kind=tuple,
+        metavar="P,P,...",
+        words={"auto": None},
+        read=prices,
+        show=prices_word,
+        valid=lambda values: len(values) > 0 and are_prices(values),
+        expected="1 to 16 prices from 0 to 254, for example 1,0,1",
+        more="With fixed-count windows, moving on by two places costs nothing too, because such "
+        "windows become longer in other light.",
+        needs=_FILTER,
+    ),
+    filter_back=SettingField(
+        kind=tuple,
+        help="place filter: price of moving back by 1, 2 ... places in one window; none: the route "
+        "is never driven backwards",
+        metavar="P,P,...",
+        words={"none": ()},
+        read=prices,
+        show=prices_word,
+        valid=are_prices,
+        expected="0 to 16 prices from 0 to 254, for example 2,4",
+        needs=_FILTER,
+    ),
+    filter_restart=SettingField(
+        kind=int,
+        help="place filter: price of moving to any other place",
+        metavar="P",
+        least=1,
+        most=MOST_PRICE,
+        needs=_FILTER,
+    ),
+    smooth=SettingField(
+        kind=bool,
+        help="place filter: match each window of a recording with the windows after it too",
+        more="Live and online matching have no later windows, and never smooth.",
+        needs=_FILTER,
+    ),
+    delay=SettingField(
+        kind=int,
+        help="place filter without smoothing: number of windows after each one that decide with, "
+        "so that a match comes N windows late",
+        metavar="N",
+        most=MOST_DELAY,
+        more="For live and online matching, and for recordings with --no-smooth. See "
+        "docs/place_filter.md.",
+        needs=_FILTER,
+    ),
+    sequence_length=SettingField(
+        kind=int,
+        help="number of windows in a sequence, L",
+        short="-L",
+        metavar="L",
+        least=1,
+        needs=_SEQUENCE,
+    ),
+    anchor=SettingField(
+        help="window of a sequence that its match is given for: the middle one, or the last (end)",
+        choices=get_args(Anchor),
+        needs=_SEQUENCE,
+    ),
+    exclusion=SettingField(
+        kind=int,
+        help="exclusion zone: the second-best place lies more than R places away from the best",
+        metavar="R",
+    ),
+    score=SettingField(
+        help="figure by which matches are accepted or rejected in an evaluation; auto: trust with "
+        "the place filter, ratio with sequences",
+        words={"auto": None},
+        choices=get_args(Score),
+        more="distance: of the best place (the paper). ratio: best distance divided by the "
+        "second-best. margin: second-best less best. trust: see docs/trust.md.",
+    ),
+    precision=SettingField(
+        help="mark unsure matches as lost, such that a share of P of the others is right, for "
+        "example 0.99; none: mark none",
+        kind=float,
+        metavar="P",
+        words={"none": None},
+        above=0,
+        below=1,
+        zero_is_none=True,
+        more="How well this holds depends on the table of probabilities, see docs/trust.md.",
+    ),
+)
+_CLEANING = _group(
+    "cleaning",
+    remove_hot_pixels=SettingField(
+        kind=bool,
+        help="find hot pixels and leave them out, keep them, or leave out the pixels listed in "
+        "FILE (one x, y in each line)",
+        key="hot_pixels",
+        metavar="find|keep|FILE",
+        words={"find": True, "keep": False},
+        more="Only the flag takes a file. See section 1 of method.md.",
+    ),
+    remove_bursts=SettingField(
+        kind=bool,
+        help="remove or keep the events of bursts, moments in which most pixels fire",
+        key="bursts",
+        words={"remove": True, "keep": False},
+        more="See section 1 of method.md.",
+    ),
+)
+TABLE = _PIXELS | _WINDOWS | _COUNTERS | _MATCHING | _CLEANING
+
+
+# The settings of mapping and matching: types, defaults, and which combinations are allowed.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Settings:
+    """All settings that determine a map and its matches; stored with both."""
+
+    pixels: int = 150
+    strategy: Strategy = "variance"
+    sigma: float = 7.0
+    seed: int = 0
+    window: WindowKind = "time"
+    tau_us: int = 1_000_000
+    events_per_pixel: float | None = 3.0
+    polarity: bool = False
+    clip: int | None = None
+    counter_code: CounterCodeName = "none"
+    counter_bits: int = 3
+    counter_full_scale: int | None = None
+    counter_scaling: CounterScaling = "shared"
+    query_mean: QueryMean = "own"
+    remove_hot_pixels: bool = True
+    remove_bursts: bool = True
+    keep_incomplete: bool = False
+    matching: Matching = "sequence"
+    filter_steps: tuple[int, ...] | None = None
+    filter_back: tuple[int, ...] = ()
+    filter_restart: int = 16
+    smooth: bool = False
+    delay: int = 0
+    sequence_length: int = 5
+    anchor: Anchor = "middle"
+    exclusion: int = 3
+    score: Score | None = None
+    precision: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, field in SETTING_FIELDS.items():
+            field.check(getattr(self, name))
+        if self.events_per_pixel is not None:
+            self._check_events_per_window()
+        self._check_code()
+
+    @property
+    def events_per_window(self) -> int:
+        """Number of events in a fixed-count window, N.
+
+        Raises
+        ------
+        UsageError
+            If `events_per_pixel` is None: the number is then found when the reference is mapped.
+        """
+        if self.events_per_pixel is None:
+            raise UsageError(
+                "events_per_pixel = auto: the number of events in a window is taken from the "
+                "reference; map the reference first, or give a number"
+            )
+        return round(self.events_per_pixel * self.pixels)
+
+    @property
+    def windows_per_match(self) -> int:
+        """Number of windows that one match compares: L, or 1 with the place filter."""
+        return 1 if self.matching == "filter" else self.sequence_length
+
+    @property
+    def late(self) -> int:
+        """Number of windows by which a match comes late; 0 for a drive that is smoothed whole."""
+        return self.delay if self.matching == "filter" and not self.smooth else 0
+
+    @property
+    def of_trust(self) -> tuple[object, ...]:
+        """Settings that the scale of the trust depends on.
+
+        A table of probabilities holds only for matches with the same values.
+        """
+        shared = (self.matching, self.exclusion)
+        if self.matching == "sequence":
+            return (*shared, self.sequence_length)
+        return (
+            *shared, self.filter_steps, self.filter_back, self.filter_restart, self.smooth,
+            self.late,
+        )  # fmt: skip
+
+    @property
+    def own_mean_code(self) -> OwnMeanCode | None:
+        """The own-mean code of the counters; None with other codes."""
+        if self.counter_code == "none" or self.counter_scaling != "own-mean":
+            return None
+        from fixedpoint.own_mean import OwnMeanCode
+
+        return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0)
+
+    @property
+    def shared_code(self) -> CounterCode | None:
+        """The code of the counters; None if descriptors hold the counts themselves.
+
+        With a scaling of each pixel, only the kind and the bits of this code are used.
+        """
+        from fixedpoint.codes import CounterCode
+
+        if self.counter_code != "none":
+            full_scale = self.counter_full_scale or 0
+            return CounterCode(self.counter_code, self.counter_bits, full_scale)
+        return CounterCode.saturating(self.clip) if self.clip else None
+
+    @property
+    def learns_full_scale(self) -> bool:
+        """Whether each pixel has its own full scale, taken from the reference."""
+        return self.counter_code != "none" and self.counter_scaling == "per-pixel"
+
+    def _check_events_per_window(self) -> None:
+        if self.window == "count" and self.events_per_window > MOST:
+            raise UsageError(
+                f"settings events_per_pixel = {self.events_per_pixel} and pixels = {self.pixels} "
+                f"make windows of more than {MOST} events: choose smaller values"
+            )
+        if self.events_per_window < 1:
+            raise UsageError(
+                f"setting events_per_pixel = {self.events_per_pixel} makes windows without events: "
+                f"expected at least {1 / self.pixels:g} for {self.pixels} pixels"
+            )
+
+    def _check_code(self) -> None:
+        if self.clip and self.counter_code != "none":
+            raise UsageError(
+                f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
+                "them can be used; set clip or counter_code to none"
+            )
+        if self.counter_scaling == "per-pixel" and self.counter_full_scale:
+            raise UsageError(
+                f"setting counter_full_scale = {self.counter_full_scale} with counter_scaling = "
+                "per-pixel, which takes the full scale of each pixel from the reference: set "
+                "counter_full_scale to auto"
+            )
+        if self.counter_scaling == "own-mean" and self.counter_code != "log":
+            raise UsageError(
+                f"setting counter_scaling = own-mean with counter_code = {self.counter_code}: "
+                "own-mean needs logarithms; set counter_code to log"
+            )
+        if self.counter_scaling == "own-mean" and self.counter_bits > OWN_MEAN_BITS:
+            raise UsageError(
+                f"setting counter_bits = {self.counter_bits} with counter_scaling = own-mean: "
+                f"expected 1 to {OWN_MEAN_BITS} bits"
+            )
+
+    @property
+    def uncoded(self) -> Settings:
+        """The same settings without a counter code: descriptors hold counts."""
+        return replace(self, clip=None, counter_code="none", counter_scaling="shared")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the settings as plain values, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], source: str = "settings") -> Settings:
+        """Build settings from plain values.
+
+        Raises
+        ------
+        UsageError
+            If a name is unknown or a value out of range; the message names `source`.
+        """
+        return cls().replaced(values, source)
+
+    def replaced(self, values: Mapping[str, Any], source: str) -> Settings:
+        """Return a copy with values of a file or of flags in place of its own.
+
+        Parameters
+        ----------
+        values : mapping
+            See `values_by_name`.
+        source : str
+            Where the values come from, for error messages.
+
+        Raises
+        ------
+        UsageError
+            If a name is unknown or a value out of range.
+        """
+        known = values_by_name(values, source)
+        try:
+            return replace(self, **known)
+        except UsageError as error:
+            raise UsageError(f"{source}: {error}") from None
+
+
+#: the description of each setting, by its name, in order
+SETTING_FIELDS = {
+    field.name: TABLE[field.name].named(field.name, field.default) for field in fields(Settings)
+}
+Settings.__doc__ = f"{Settings.__doc__}\n\n{attributes_section(SETTING_FIELDS)}"
+
+
+def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """Convert the values of a file or of flags to those of `Settings`.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        Its keys are those of a TOML file (``tau``) or names of attributes (``tau_us``). Its values
+        are those of `Settings`, or texts for them (``"250ms"``).
+    source : str
+        Where the values come from, for error messages.
+
+    Returns
+    -------
+    dict
+        Values by the name of the attribute of `Settings`.
+
+    Raises
+    ------
+    UsageError
+        If a name is unknown or given twice, or a word is unknown.
+    """
+    if not isinstance(values, Mapping):
+        raise UsageError(f"{source} is a {type(values).__name__}: expected names and values")
+    by_key = {field.key: field for field in SETTING_FIELDS.values()}
+    found: dict[str, Any] = {}
+    for name, given in values.items():
+        field = by_key.get(name) or SETTING_FIELDS.get(name)
+        if field is None:
+            raise UsageError(
+                f"{source} has the unknown setting {name!r}: choose from "
+                f"{', '.join(sorted(by_key))}"
+            )
+        if field.name in found:
+            raise UsageError(f"{source} has both {field.key} and {field.name}: give one of them")
+        try:
+            found[field.name] = field.value_of(given)
+        except UsageError as error:
+            raise UsageError(f"{source}: {error}") from None
+    return found
+
+
+# Named presets, and the settings that result from a preset, a TOML file and flags.
+
+
+_BEST = Settings(
+    matching="filter", smooth=True, counter_code="log", counter_scaling="own-mean", anchor="end",
+)  # fmt: skip
+
+PRESETS: Mapping[str, Settings] = {
+    # chosen on the real drives and on simulated streets, see docs/place_filter.md
+    "default": _BEST,
+    # windows of a fixed time, counts and sequences, as in the paper
+    "paper": Settings(score="distance"),
+    # the settings of the code that the authors released: saliency by mean, no two pixels within
+    # 7 px, counts clipped at 10, L = 10, 100 pixels, no cleaning
+    "seed-code": Settings(
+        pixels=100,
+        strategy="seed-code",
+        clip=10,
+        remove_hot_pixels=False,
+        remove_bursts=False,
+        sequence_length=10,
+        exclusion=2,  # the released code excludes |k - best| < 3
+        score="distance",
+    ),
+    "tiny": replace(_BEST, pixels=25),
+}
+
+
+def resolve_settings(
+    preset: str = "default",
+    config: str | Path | None = None,
+    flags: Mapping[str, Any] | None = None,
+) -> Settings:
+    """Combine a preset, a TOML file and flags; a flag overrides the file, the file the preset.
+
+    Parameters
+    ----------
+    preset : {"default", "paper", "seed-code", "tiny"}
+    config : path, optional
+        TOML file with settings as `values_by_name` reads them. It may have a key ``preset``, which
+        overrides the parameter.
+    flags : mapping, optional
+        Single settings by the keys of the file; None means not given.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, or a name or value is wrong.
+    """
+    values: dict[str, Any] = {}
+    if config is not None:
+        values = read_toml(config, "settings", "name a TOML file")
+        preset = values.pop("preset", preset)
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise UsageError(f"preset {shown(preset)} is unknown: choose from {', '.join(PRESETS)}")
+    values = values_by_name(values, str(config))
+    given = {name: value for name, value in (flags or {}).items() if value is not None}
+    given = values_by_name(given, "the command line")
+    for chosen in (values, given):
+        # own-mean codes, which some presets have, exist for logarithms only
+        if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
+            chosen.setdefault("counter_scaling", "shared")
+            if chosen.get("clip"):
+                chosen.setdefault("counter_code", "none")
+    return PRESETS[preset].replaced(values, str(config)).replaced(given, "the command line")

@@ -1,0 +1,1 @@
+"""The firmware in C: compiled, and run on emulated processors."""

@@ -1,0 +1,267 @@
+"""Measure the cost of the firmware on each processor: instructions, code, RAM and stack.
+
+``python -m firmware_model.emulation.instructions`` writes the table next to the C sources, which a test
+compares with a new count.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from firmware_model.emulation.build import EMULATED, FIRMWARE, SOURCES, Target, build
+from firmware_model.emulation.emulator import Emulator
+from firmware_model.image import image, ram_bytes, stride
+from firmware_model.model.design import Design
+from firmware_model.model.memories import Memories
+from firmware_model.vectors.case import choose_pixels
+
+TABLE = SOURCES / "instructions.csv"
+
+#: the measured design: 150 pixels of a DAVIS346, codes of 4 bits, sequences of 5
+DESIGN = Design(width=346, height=260, pixels=150, places=40, length=5, code_bits=4)
+#: the same with own-mean codes and the place filter, distances computed twice
+FILTER = Design(
+    width=346, height=260, pixels=150, places=40, code="own-mean", code_bits=4, matching="filter"
+)
+
+# addresses are not needed inside: the structures are opaque here
+_STRUCT_BYTES = 512
+
+#: windows of a filter before the counted one, because the first one takes longer
+_WINDOWS = 3
+
+_Event = tuple[int, int, int, bool]
+
+
+@dataclass(frozen=True)
+class Instructions:
+    """Cost of the firmware on one processor, for `DESIGN`.
+
+    Attributes
+    ----------
+    target, sad : str
+        Processor, and how distances are computed on it.
+    compiler : str
+        With another version of it, the figures are others.
+    event_selected : int
+        Instructions that an event at a selected pixel adds to a batch: the most of all of them,
+        with full counters too.
+    event_unselected : int
+        What one elsewhere adds: the most of those whose look-up entry is empty, or another's, and
+        of those off the sensor.
+    events_call : int
+        What a call of `vpr_events` adds to its events.
+    window_end, match : int
+        Of `vpr_window_end`, and of `vpr_match_places` with L windows seen.
+    match_per_place : int
+        What a further place adds to a match.
+    own_mean_window_end : int
+        Of `vpr_window_end` with own-mean codes.
+    filter_match, filter_per_place : int
+        Of a match by the place filter, for `FILTER`.
+    kept_match, kept_per_place : int
+        The same with distances kept.
+    sad_per_byte : float
+        Of a distance with call and return, over the slots (not their padding).
+    code_bytes : int
+        Functions and constants of ``vpr.c``.
+    ram_bytes, filter_ram_bytes, kept_ram_bytes : int
+        Arrays and structures, beside the stack.
+    stack_bytes : int
+        The most of all functions.
+    """
+
+    target: str
+    sad: str
+    compiler: str
+    event_selected: int
+    event_unselected: int
+    events_call: int
+    window_end: int
+    match: int
+    match_per_place: int
+    own_mean_window_end: int
+    filter_match: int
+    filter_per_place: int
+    kept_match: int
+    kept_per_place: int
+    sad_per_byte: float
+    code_bytes: int
+    ram_bytes: int
+    filter_ram_bytes: int
+    kept_ram_bytes: int
+    stack_bytes: int
+
+
+class FirmwareRun:
+    """The firmware with an opened design, and the instructions of its calls so far."""
+
+    def __init__(self, emulator: Emulator, memories: Memories) -> None:
+        self.emulator, self.stack, self.pixels = emulator, 0, memories.pixels
+        emulator.release()
+        flash = image(memories)
+        self.image = emulator.put(flash)
+        self.design, self.state, self.found = (emulator.put(bytes(_STRUCT_BYTES)) for _ in range(3))
+        self.ram = emulator.put(bytes(ram_bytes(memories.design)))
+        if not self.count("vpr_open", self.design, self.image, len(flash))[0] & 1:
+            raise AssertionError("the firmware refuses its own design")
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again, without counting."""
+        self.emulator.call("vpr_reset", self.design, self.state, self.ram, 0)
+
+    def count(self, function: str, *arguments: int) -> tuple[int, int]:
+        """Call a function; return its result and number of instructions."""
+        result = self.emulator.call(function, *arguments, count=True)
+        self.stack = max(self.stack, self.emulator.stack)
+        return result, self.emulator.instructions
+
+    def take(self, events: Sequence[_Event], before: int = 0) -> int:
+        """Count the instructions of a batch, in a window with the first event `before` times."""
+        call = self.emulator.call
+        self.reset()
+        if before:
+            call("vpr_events", self.design, self.state, *self._put([events[0]] * before))
+        return self.count("vpr_events", self.design, self.state, *self._put(events))[1]
+
+    def _put(self, events: Sequence[_Event]) -> tuple[int, int]:
+        """Return the addresses of a pointer to the first event and after the last event."""
+        packed = b"".join(struct.pack("<IHH", t, x, y | on << 15) for t, x, y, on in events)
+        first = self.emulator.put(packed)
+        return self.emulator.put(first.to_bytes(8, "little")), first + len(packed)
+
+    def see(self) -> None:
+        """Process an event at a selected pixel, without counting."""
+        x, y = self.pixels[0]
+        self.emulator.call("vpr_events", self.design, self.state, *self._put([(1, x, y, True)]))
+
+    def each(self, events: Sequence[_Event], before: int = 0) -> int:
+        """Return the largest number of instructions that one more event adds to a batch."""
+        return max(self.take([e] * 2, before) - self.take([e], before) for e in events)
+
+    def match(self, length: int) -> tuple[int, int]:
+        """Count the instructions of a window's end, and of its match with `length` windows seen.
+
+        All windows have an event at a selected pixel, so that none pauses.
+        """
+        end = "vpr_window_end", self.design, self.state
+        match = "vpr_match_places", self.design, self.state, self.found
+        for _ in range(length - 1):
+            self.see()
+            self.emulator.call(*end)
+            self.emulator.call(*match)
+        self.see()
+        return self.count(*end)[1], self.count(*match)[1]
+
+
+def measure(target: Target, folder: str | Path) -> Instructions:
+    """Count instructions and sizes on one processor.
+
+    Parameters
+    ----------
+    target : Target
+    folder : path
+        For what is compiled.
+
+    Raises
+    ------
+    ToolError
+        If compiler or emulator are not installed.
+    """
+    emulator = Emulator(target, build(target, folder, files=(*FIRMWARE, "probe.c"), name="probed"))
+    run = FirmwareRun(emulator, _memories(DESIGN))
+    ended, matched = run.match(DESIGN.length)
+    structures = run.count("probe_struct_bytes")[0]
+    pixels = choose_pixels(DESIGN)
+    selected = [(1, x, y, on) for x, y in pixels for on in (True, False)]
+    chosen = set(pixels)
+    around = [(x, y) for y in range(0, 260, 26) for x in range(0, 346, 23)]
+    around += [(346, 0), (0, 260), (345, 259)]
+    elsewhere = [(1, x, y, True) for x, y in around if (x, y) not in chosen]
+    nearly_full = DESIGN.count_max - 1
+    per_selected = max(
+        run.each(selected), *(run.each(selected[:1], nearly_full + i) for i in (0, 1))
+    )
+    per_other = run.each(elsewhere)
+    call = 2 * run.take(selected[:1]) - run.take(selected[:1] * 2)
+    row = stride(DESIGN)
+    rows = (emulator.put(bytes(range(row))), emulator.put(bytes(reversed(range(row)))))
+    distance = run.count("probe_sad", *rows, row)[1]
+    stack = run.stack
+    per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
+    filters = FirmwareRun(emulator, _memories(FILTER))
+    own_mean, filtered = filters.match(_WINDOWS)
+    filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
+    kept = replace(FILTER, keep_distances=True)
+    keeping = FirmwareRun(emulator, _memories(kept))
+    kept_match = keeping.match(_WINDOWS)[1]
+    kept_per_place = _per_place(emulator, kept, _WINDOWS, kept_match)
+    stack = max(stack, filters.stack, keeping.stack)
+    alone = Emulator(target, build(target, folder, files=("vpr.c",), name="alone"))
+    return Instructions(
+        target=target.name,
+        sad=target.sad,
+        compiler=compiler(),
+        event_selected=per_selected,
+        event_unselected=per_other,
+        events_call=call,
+        window_end=ended,
+        match=matched,
+        match_per_place=per_place,
+        own_mean_window_end=own_mean,
+        filter_match=filtered,
+        filter_per_place=filter_per_place,
+        kept_match=kept_match,
+        kept_per_place=kept_per_place,
+        sad_per_byte=round(distance / DESIGN.slots, 2),
+        code_bytes=alone.code_bytes,
+        ram_bytes=ram_bytes(DESIGN) + structures,
+        filter_ram_bytes=ram_bytes(FILTER) + structures,
+        kept_ram_bytes=ram_bytes(kept) + structures,
+        stack_bytes=stack,
+    )
+
+
+def _per_place(emulator: Emulator, design: Design, windows: int, whole: int) -> int:
+    """Count what a further place adds to a match, from a map of half as many."""
+    half = replace(design, places=design.places // 2)
+    fewer = FirmwareRun(emulator, _memories(half)).match(windows)[1]
+    return -(-(whole - fewer) // (design.places - half.places))
+
+
+def _memories(design: Design) -> Memories:
+    """Return places for which the search replaces the best one several times, its worst case."""
+    top = design.code_max
+    places = [[(k * 7 + slot) % (top + 1) for slot in range(design.slots)] for k in range(97)]
+    return Memories(design, choose_pixels(design), [places[k % 97] for k in range(design.places)])
+
+
+def compiler() -> str:
+    """Name the compiler and its version."""
+    return f"ziglang {version('ziglang')}"
+
+
+def table(rows: Sequence[Any]) -> str:
+    """Write measurements, dataclasses of one kind and at least one, as CSV."""
+    names = [field.name for field in fields(rows[0])]
+    lines = [",".join(names)]
+    lines += [",".join(str(value) for value in asdict(row).values()) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure all processors, and write the table to standard output."""
+    with tempfile.TemporaryDirectory() as folder:
+        sys.stdout.write(table([measure(target, folder) for target in EMULATED]))
+
+
+if __name__ == "__main__":
+    main()

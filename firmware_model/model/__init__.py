@@ -1,0 +1,1 @@
+"""What a device computes, bit for bit: descriptor, comparator, memories."""

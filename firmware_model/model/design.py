@@ -1,0 +1,481 @@
+"""The design of a device: its parameters, their ranges, its file, and the widths of its registers."""
+
+from __future__ import annotations
+
+import numbers
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
+
+import numpy as np
+
+from firmware_model.errors import DesignError
+from fixedpoint.codes import CodeKind, CounterCode
+from fixedpoint.errors import FixedPointError
+from fixedpoint.formats import UnsignedFormat
+from fixedpoint.own_mean import MEAN_BITS, OwnMeanCode
+
+# Conversion of a design to and from plain values and TOML files.
+
+
+_MOST_BYTES = 1 << 20
+
+
+class DesignFile:
+    """Base class that writes and reads a dataclass of plain values and tuples."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON and TOML."""
+        values = asdict(self)  # type: ignore[call-overload]
+        return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Self:
+        """Build from plain values.
+
+        Raises
+        ------
+        DesignError
+            If a name is unknown or missing, or a value out of range; `source` is named.
+        """
+        known = {field.name for field in fields(cls)}  # type: ignore[arg-type]
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise DesignError(
+                f"{source} has the unknown name {unknown[0]!r}: choose from "
+                f"{', '.join(sorted(known))}"
+            )
+        missing = sorted({"width", "height", "pixels", "places"} - set(values))
+        if missing:
+            raise DesignError(f"{source} lacks {missing[0]}: name it")
+        try:
+            return cls(**values)
+        except DesignError:
+            raise
+        except Exception as error:  # a value of an unexpected type
+            raise DesignError(f"{source} is no design ({error}): check its values") from error
+
+    def to_toml(self) -> str:
+        """Write as TOML, which `load` reads."""
+        values = self.to_dict()
+        return "".join(f"{name} = {_toml(value)}\n" for name, value in values.items())
+
+    def save(self, path: str | Path) -> None:
+        """Write as a TOML file."""
+        Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a TOML file.
+
+        Raises
+        ------
+        DesignError
+            If it cannot be read, or is no design.
+        """
+        try:
+            with Path(path).open("rb") as file:
+                raw = file.read(_MOST_BYTES)  # a longer file is not a design
+            values = tomllib.loads(raw.decode("utf-8-sig"))
+        # the parser also raises other errors for deep nesting, long numbers and invalid dates
+        except Exception as error:
+            raise DesignError(
+                f"cannot read a design from {path}: {str(error)[:200]}: name a TOML file"
+            ) from error
+        return cls.from_dict(values, str(path))
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    return repr(value)
+
+
+# Largest values of what a device computes, and fraction bits of its numbers.
+
+
+#: fraction bits of the filter's metrics, evidence and prices
+FRACTION_BITS = 2
+#: largest metric and largest evidence
+METRIC_TOP, EVIDENCE_TOP = (1 << 10) - 1, (1 << 8) - 1
+#: fraction bits of the reciprocal of the spread, which is at most 1
+RECIPROCAL_BITS = 16
+#: fraction bits of the trust, and its largest value
+TRUST_BITS = 4
+TRUST_TOP = METRIC_TOP << TRUST_BITS
+#: fraction bits of the usual number of events in a window
+ACTIVITY_BITS = 8
+#: largest number of events of a window; larger ones saturate
+EVENTS_TOP = (1 << 23) - 1
+
+
+# Ranges of the parameters of a design.
+
+
+DeviceCode = Literal[CodeKind, "own-mean"]
+WindowKind = Literal["time", "count"]
+Matching = Literal["sequence", "filter"]
+AcceptKind = Literal["margin", "ratio"]
+
+#: largest number of code tables in a design
+MAX_TABLES = 16
+#: largest number of priced steps in each direction
+MAX_STEPS = 16
+#: largest price: with its fraction bits, it is below the largest metric
+MAX_PRICE = (METRIC_TOP >> FRACTION_BITS) - 1
+#: an event has 15 bits for the row, and one for the polarity
+MAX_SIDE = 1 << 15
+#: largest length of a list, checked first
+MOST_PARTS = 4_096
+
+_TUPLES = ("full_scales", "steps", "back", "ratio")
+_SWITCHES = ("polarity", "keep_distances")
+_CHOICES = {"window": WindowKind, "matching": Matching, "accept": AcceptKind}
+_RANGES = {
+    "width": (1, MAX_SIDE),
+    "height": (1, MAX_SIDE),
+    "pixels": (1, 1 << 15),
+    "tau_us": (1, 1 << 63),
+    "window_events": (1, (1 << 32) - 1),
+    "timestamp_bits": (2, 64),
+    "places": (1, 1 << 24),
+    "length": (0, 1 << 12),
+    "restart": (0, MAX_PRICE),
+    "trust": (0, TRUST_TOP),
+    "lanes": (1, 1 << 10),
+    "exclusion": (0, 1 << 15),
+    "margin": (0, (1 << 32) - 1),
+    "lookup_depth": (0, 1 << 20),
+}
+
+
+def check_parameters(design: Any) -> None:
+    """Check the range of each parameter, and convert lists to tuples of plain integers.
+
+    Raises
+    ------
+    DesignError
+        If a parameter is of another type, or out of its range.
+    """
+    for name in _TUPLES:
+        parts = getattr(design, name)
+        if not isinstance(parts, (list, tuple)) or len(parts) > MOST_PARTS:
+            raise DesignError(f"design: {name} = {_shown(parts)}: expected a list of numbers")
+        if not all(isinstance(part, numbers.Integral) for part in parts):
+            raise DesignError(f"design: {name} = {_shown(parts)}: expected whole numbers")
+        object.__setattr__(design, name, tuple(int(part) for part in parts))
+    for name in _SWITCHES:
+        value = getattr(design, name)
+        if not isinstance(value, bool):
+            raise DesignError(f"design: {name} = {_shown(value)}: expected true or false")
+    for name, (low, high) in _RANGES.items():
+        value = getattr(design, name)
+        if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+            raise DesignError(f"design: {name} = {_shown(value)}: expected {low} to {high}")
+    for name, choices in _CHOICES.items():
+        value = getattr(design, name)
+        if value not in get_args(choices):
+            raise DesignError(
+                f"design: {name} = {_shown(value)}: choose from {', '.join(get_args(choices))}"
+            )
+
+
+def _shown(value: object) -> str:
+    try:
+        return repr(value)[:80]
+    except ValueError:  # of thousands of digits, as TOML allows
+        return "a number too long to print"
+
+
+# The design of a device: all its parameters.
+
+
+#: sequence length if 0 is given
+LENGTH = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design(DesignFile):
+    """All parameters of what a device computes, without the contents of its tables.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the sensor, in pixels.
+    pixels : int
+        J, selected pixels.
+    polarity : bool
+        Count ON and OFF events apart: J counters for ON are followed by J for OFF.
+    code : {"linear", "sqrt", "log", "own-mean"}
+    code_bits : int
+        What a count is turned into at its window's end, see `fixedpoint.codes.CounterCode`; or its
+        logarithm less the counter's running mean, see `fixedpoint.own_mean.OwnMeanCode`, of at
+        most 8 bits.
+    full_scales : tuple of int
+        Where each of one or more code tables ends, 0 for the code's own choice. Each counter uses
+        one of the tables, as `Memories` says; all counters saturate at the largest full scale.
+        Own-mean codes have one.
+    window : {"time", "count"}
+        A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
+        `window_events`-th event at a selected pixel.
+    tau_us, window_events : int
+    timestamp_bits : int
+        Of the device's clock, in microseconds, which wraps. What is left of a window at some time
+        is their difference modulo 2 to this power, read as a signed number.
+    places : int
+        K.
+    matching : {"sequence", "filter"}
+        Sequences of L windows, or the place filter (`firmware_model.model.comparator`).
+    length : int
+        L, windows in a sequence; 0 takes 5. The filter has 1.
+    steps, back : tuple of int
+        Of the filter, the price of a step of 0, 1, 2 ... places in a window, and of -1, -2 ...
+    restart : int
+        Of the filter, the price of getting to any place.
+    keep_distances : bool
+        Of the filter, keep the distances of a window in memory; or compute them twice, which takes
+        no memory and more time.
+    lanes : int
+        P, codes that are compared in one cycle.
+    exclusion : int
+        The second best place is looked for more than so many places from the best.
+    accept : {"margin", "ratio"}
+        A match is accepted if ``second - best >= margin``; or, by ratio, if ``second > 0`` and
+        ``best * ratio[1] <= second * ratio[0]``. It is not if there is no second.
+    margin : int
+    trust : int
+        A match of the filter of less trust is not accepted either, in units of 1/16 of a metric.
+    ratio : tuple of int
+        Numerator and denominator, in lowest terms or not, below 1.
+    lookup_depth : int
+        Entries of the pixel look-up, a power of two and not less than `width`; 0 takes the smallest
+        that is also at least twice `pixels`.
+
+    Raises
+    ------
+    DesignError
+        If a parameter is out of its range.
+    """
+
+    width: int
+    height: int
+    pixels: int
+    polarity: bool = False
+    code: DeviceCode = "log"
+    code_bits: int = 3
+    full_scales: tuple[int, ...] = (0,)
+    window: WindowKind = "time"
+    tau_us: int = 1_000_000
+    window_events: int = 450
+    timestamp_bits: int = 32
+    places: int
+    matching: Matching = "sequence"
+    length: int = 0
+    steps: tuple[int, ...] = (1, 0, 1)
+    back: tuple[int, ...] = ()
+    restart: int = 16
+    keep_distances: bool = False
+    lanes: int = 8
+    exclusion: int = 3
+    accept: AcceptKind = "ratio"
+    margin: int = 0
+    trust: int = 0
+    ratio: tuple[int, int] = (7, 8)
+    lookup_depth: int = 0
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        self._check_together()
+        if self.lookup_depth == 0:
+            object.__setattr__(
+                self, "lookup_depth", _power_of_two(max(self.width, 2 * self.pixels))
+            )
+
+    def _check_together(self) -> None:
+        if self.pixels > self.width * self.height:
+            raise DesignError(
+                f"design: {self.pixels} pixels of a {self.width} x {self.height} sensor: take fewer"
+            )
+        if not 1 <= len(self.full_scales) <= MAX_TABLES:
+            raise DesignError(
+                f"design: {len(self.full_scales)} full scales: expected 1 to {MAX_TABLES}"
+            )
+        if self.code == "own-mean" and len(self.full_scales) != 1:
+            raise DesignError(
+                f"design: {len(self.full_scales)} full scales of own-mean codes: expected 1"
+            )
+        try:
+            scales = tuple(self._code(scale).full_scale for scale in self.full_scales)
+        except FixedPointError as error:
+            raise DesignError(f"design: {error}") from error
+        # replace 0 by the value it means, so that the file of a design is complete
+        object.__setattr__(self, "full_scales", scales)
+        self._check_matching()
+        if self.tau_us >= 1 << (self.timestamp_bits - 1):
+            raise DesignError(
+                f"design: windows of {self.tau_us} us, and a clock of {self.timestamp_bits} bits: "
+                "expected less than half of the time after which it wraps"
+            )
+        if self.length > self.places:
+            raise DesignError(
+                f"design: sequences of {self.length} places in a map of {self.places}: take a "
+                "shorter sequence or a longer map"
+            )
+        if len(self.ratio) != 2 or not 0 < self.ratio[0] < self.ratio[1] < 1 << 16:
+            raise DesignError(
+                f"design: ratio = {list(self.ratio)}: expected a numerator and a larger "
+                "denominator of at most 16 bits"
+            )
+        depth = self.lookup_depth
+        if depth and (depth & (depth - 1) or depth < max(self.width, self.pixels)):
+            raise DesignError(
+                f"design: lookup_depth = {depth}: expected a power of two, not less than the "
+                f"{self.width} columns and {self.pixels} pixels"
+            )
+
+    def _check_matching(self) -> None:
+        if self.length == 0:
+            object.__setattr__(self, "length", 1 if self.matching == "filter" else LENGTH)
+        if self.matching == "filter" and self.length != 1:
+            raise DesignError(
+                f"design: sequences of {self.length} in a place filter: leave length out"
+            )
+        if self.matching == "sequence" and self.trust:
+            raise DesignError(
+                f"design: trust = {self.trust} of sequences: only the place filter has it"
+            )
+        for name, least in (("steps", 1), ("back", 0)):
+            prices = getattr(self, name)
+            if not least <= len(prices) <= MAX_STEPS or not all(
+                0 <= price <= MAX_PRICE for price in prices
+            ):
+                raise DesignError(
+                    f"design: {name} = {list(prices)}: expected {least} to {MAX_STEPS} prices "
+                    f"from 0 to {MAX_PRICE}"
+                )
+
+    def _code(self, scale: int) -> CounterCode | OwnMeanCode:
+        if self.code == "own-mean":
+            return OwnMeanCode(self.code_bits, scale)
+        return CounterCode(self.code, self.code_bits, scale)
+
+    # Sizes
+
+    @property
+    def filters(self) -> bool:
+        """Whether matches are made by the place filter."""
+        return self.matching == "filter"
+
+    @property
+    def own_mean(self) -> bool:
+        """Whether codes are taken against a running mean of each counter."""
+        return self.code == "own-mean"
+
+    @property
+    def slots(self) -> int:
+        """Number of counters, and of codes in a descriptor: J, or 2 J with separate polarities."""
+        return self.pixels * (2 if self.polarity else 1)
+
+    @cached_property
+    def count_max(self) -> int:
+        """Count at which a counter saturates."""
+        return max(self.full_scales)
+
+    @cached_property
+    def tables(self) -> tuple[tuple[int, ...], ...]:
+        """Code of each count for each full scale, in tables of ``count_max + 1`` entries.
+
+        With own-mean codes, the logarithm of each count in units of 1/256 octave.
+        """
+        counts, found = np.arange(self.count_max + 1), []
+        for code in map(self._code, self.full_scales):
+            table = code.levels if isinstance(code, OwnMeanCode) else code.encode(counts)
+            found.append(tuple(table.tolist()))
+        return tuple(found)
+
+    @cached_property
+    def code_max(self) -> int:
+        """Largest code; the smallest is 0."""
+        if self.own_mean:
+            return (1 << self.code_bits) - 1
+        return max(table[-1] for table in self.tables)
+
+    @property
+    def entry_max(self) -> int:
+        """Largest entry of a code table: a code, or a logarithm."""
+        return self.tables[0][-1] if self.own_mean else self.code_max
+
+    @property
+    def words(self) -> int:
+        """Memory words of a descriptor, with P codes in each; the last one is filled with zeros."""
+        return -(-self.slots // self.lanes)
+
+
+def _power_of_two(least: int) -> int:
+    return 1 << (least - 1).bit_length()
+
+
+# Widths of all quantities of a device, computed from the largest values that can occur.
+
+
+def formats_of(design: Design) -> dict[str, UnsignedFormat]:
+    """Return the format of every quantity by its name, all unsigned integers.
+
+    Returns
+    -------
+    dict of str to UnsignedFormat
+        ``sum`` is what the search takes: a sequence's sum, or a metric. A code table's ``entry`` is
+        a code, or a logarithm.
+    """
+    holding, code = UnsignedFormat.holding, UnsignedFormat(design.code_bits)
+    distance = code.sum_of(design.slots)
+    total = code.sum_of(design.slots * design.length)
+    if design.filters:
+        total = holding(METRIC_TOP)
+    found: dict[str, UnsignedFormat] = {} if design.filters else {"sequence": total}
+    found |= {
+        "timestamp": UnsignedFormat(design.timestamp_bits),
+        "column": holding(design.width - 1),
+        "row": holding(design.height - 1),
+        "address": holding(design.lookup_depth - 1),
+        # one value more than the number of rows marks an entry without an owner
+        "owner": holding(design.height),
+        "slot": holding(design.slots - 1),
+        "count": holding(design.count_max),
+        "window_count": holding(design.window_events),
+        "table": holding(len(design.full_scales) - 1),
+        "entry": holding(design.entry_max) if design.own_mean else code,
+        "code": code,
+        "distance": distance,
+        "sum": total,
+        "product": holding(total.highest * design.ratio[1]),
+        "place": holding(design.places - 1),
+    }
+    if design.own_mean or design.filters:
+        found |= {
+            "window_events": holding(EVENTS_TOP),
+            "activity": holding(EVENTS_TOP << ACTIVITY_BITS),
+        }
+    if design.own_mean:
+        found |= {"mean": holding(design.entry_max << MEAN_BITS)}
+    if design.filters:
+        found |= {
+            "distance_total": distance.sum_of(design.places),
+            "reciprocal": holding(1 << RECIPROCAL_BITS),
+            "evidence": holding(EVIDENCE_TOP),
+            "price": holding(max((*design.steps, *design.back, design.restart)) << FRACTION_BITS),
+            "prediction": holding(METRIC_TOP),
+            "metric": holding(METRIC_TOP),
+            "trust": holding(TRUST_TOP),
+        }
+    return found
+
+
+def widths_of(design: Design) -> dict[str, int]:
+    """Return the number of bits of every quantity by its name."""
+    return {name: form.width for name, form in formats_of(design).items()}

@@ -1,0 +1,186 @@
+"""Contents of the tables of a device: selected pixels, and the codes of each place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from firmware_model.errors import DesignError
+from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design
+
+Pixel = tuple[int, int]
+Codes = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """Look-up from pixel to slot by row displacement: rows are interleaved in one table.
+
+    The entry of pixel (x, y) is at ``(x + displacement[y]) % depth``, and belongs to it only if
+    ``owner`` at this entry is y.
+
+    Attributes
+    ----------
+    displacement : tuple of int, length `height`
+    owner : tuple of int, length `lookup_depth`
+        Row, or `height` where there is none.
+    slot : tuple of int, length `lookup_depth`
+    """
+
+    displacement: tuple[int, ...]
+    owner: tuple[int, ...]
+    slot: tuple[int, ...]
+
+    def __call__(self, x: int, y: int) -> int | None:
+        """Return the slot of a pixel on the sensor; None if it is not selected."""
+        at = (x + self.displacement[y]) % len(self.owner)
+        return self.slot[at] if self.owner[at] == y else None
+
+    def taken(self, x: int, y: int) -> bool:
+        """Return whether the entry of a pixel is used, by this pixel or by one of another row."""
+        return self.owner[(x + self.displacement[y]) % len(self.owner)] < len(self.displacement)
+
+
+@dataclass(frozen=True)
+class Memories:
+    """Contents of a design's tables.
+
+    Parameters
+    ----------
+    design : Design
+    pixels : sequence of (x, y), length J
+        Slot j counts pixel ``pixels[j]``.
+    places : sequence of sequences of int, shape (K, slots)
+        Codes.
+    tables : sequence of int, length slots, optional
+        Which of the design's code tables each counter uses; by default the first.
+    codes : sequence of sequences of int, optional
+        Code of each count in each code table; by default those of the design. A device looks them
+        up, so that any others of the same size will do.
+    mean : sequence of int, length slots, optional
+        Of own-mean codes, where each counter's running mean starts, in units of 1/256 octave; by
+        default 0.
+    activity : int
+        Selected events that a window usually has, in units of 1/256 event; 0 if windows never
+        pause. Of the filter and of own-mean codes.
+
+    Raises
+    ------
+    DesignError
+        If they are not of the design's size, or a pixel lies off the sensor or occurs twice.
+    """
+
+    design: Design
+    pixels: tuple[Pixel, ...]
+    places: tuple[Codes, ...]
+    tables: tuple[int, ...]
+    codes: tuple[Codes, ...]
+    mean: tuple[int, ...]
+    activity: int
+
+    def __init__(
+        self,
+        design: Design,
+        pixels: Sequence[Pixel],
+        places: Sequence[Sequence[int]],
+        tables: Sequence[int] | None = None,
+        codes: Sequence[Sequence[int]] | None = None,
+        mean: Sequence[int] | None = None,
+        activity: int = 0,
+    ) -> None:
+        coded = design.tables if codes is None else tuple(tuple(map(int, t)) for t in codes)
+        chosen = (0,) * design.slots if tables is None else tuple(map(int, tables))
+        object.__setattr__(self, "tables", chosen)
+        object.__setattr__(self, "codes", coded)
+        object.__setattr__(self, "design", design)
+        start = (0,) * (design.slots if design.own_mean else 0)
+        object.__setattr__(self, "mean", start if mean is None else tuple(map(int, mean)))
+        object.__setattr__(self, "activity", int(activity))
+        object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
+        object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
+        if len(self.pixels) != design.pixels or len(set(self.pixels)) != design.pixels:
+            raise DesignError(
+                f"{len(set(self.pixels))} different pixels: the design counts {design.pixels}"
+            )
+        for x, y in self.pixels:
+            if not (0 <= x < design.width and 0 <= y < design.height):
+                raise DesignError(
+                    f"pixel ({x}, {y}) lies off the {design.width} x {design.height} sensor"
+                )
+        if len(self.tables) != design.slots or not set(self.tables) <= set(
+            range(len(design.full_scales))
+        ):
+            raise DesignError(
+                f"code tables of {len(self.tables)} counters: expected one of "
+                f"{len(design.full_scales)} for each of {design.slots}"
+            )
+        if codes is not None:
+            self._check_codes()
+        self._check_adaptive()
+        if len(self.places) != design.places:
+            raise DesignError(f"{len(self.places)} places: the design has {design.places}")
+        for k, place in enumerate(self.places):
+            if len(place) != design.slots or not 0 <= min(place) <= max(place) <= design.code_max:
+                raise DesignError(
+                    f"place {k} is not {design.slots} codes from 0 to {design.code_max}: encode "
+                    "the counts with the design's code first"
+                )
+
+    def _check_codes(self) -> None:
+        design = self.design
+        entries = [len(table) for table in self.codes]
+        if entries != [design.count_max + 1] * len(design.tables) or not all(
+            0 <= min(table) <= max(table) <= design.entry_max for table in self.codes
+        ):
+            raise DesignError(
+                f"code tables of {entries} entries: expected {len(design.tables)} of "
+                f"{design.count_max + 1}, from 0 to {design.entry_max}"
+            )
+
+    def _check_adaptive(self) -> None:
+        design = self.design
+        if len(self.mean) != (design.slots if design.own_mean else 0) or not all(
+            0 <= mean <= design.entry_max for mean in self.mean
+        ):
+            raise DesignError(
+                f"means of {len(self.mean)} counters: own-mean codes have one of each of "
+                f"{design.slots}, from 0 to {design.entry_max}, and others none"
+            )
+        most = EVENTS_TOP << ACTIVITY_BITS if design.own_mean or design.filters else 0
+        if not 0 <= self.activity <= most:
+            raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
+
+    def entry(self, slot: int, count: int) -> int:
+        """Return the entry of a count in the table of a counter: its code, or its logarithm."""
+        return self.codes[self.tables[slot]][count]
+
+    def lookup(self) -> Lookup:
+        """Build the look-up: the fullest row first, each at the last position that fits.
+
+        With the last position most addresses wrap, so that a device that cannot wrap fails the
+        vectors.
+
+        Raises
+        ------
+        DesignError
+            If a row fits nowhere.
+        """
+        design, depth = self.design, self.design.lookup_depth
+        rows: dict[int, list[tuple[int, int]]] = {}
+        for slot, (x, y) in enumerate(self.pixels):
+            rows.setdefault(y, []).append((x, slot))
+        displacement = [0] * design.height
+        owner, slots = [design.height] * depth, [0] * depth
+        for y in sorted(rows, key=lambda row: (-len(rows[row]), row)):
+            for start in reversed(range(depth)):
+                if all(owner[(x + start) % depth] == design.height for x, _ in rows[y]):
+                    break
+            else:
+                raise DesignError(
+                    f"row {y} finds no room in a look-up of {depth} entries: set lookup_depth = "
+                    f"{2 * depth}"
+                )
+            displacement[y] = start
+            for x, slot in rows[y]:
+                owner[(x + start) % depth], slots[(x + start) % depth] = y, slot
+        return Lookup(tuple(displacement), tuple(owner), tuple(slots))

@@ -1,0 +1,427 @@
+"""Mutants of the firmware: ``python -m firmware_model.verification.mutants``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from firmware_model.emulation.build import HOST, SOURCES, build
+from firmware_model.errors import ToolError
+from firmware_model.model.design import Design
+from firmware_model.vectors.corners import corner_cases, filter_cases
+from firmware_model.vectors.images import bundle, image_cases
+
+# Mutants of the C sources: one operator, constant, type or statement is changed in each.
+
+
+#: replacement of a deleted statement
+DELETED = "(deleted)"
+
+_TOKEN = re.compile(
+    r"""(?P<comment>/\*.*?\*/) | (?P<directive>^\#[^\n]*) | (?P<text>"[^"\n]*")
+      | (?P<number>0[xX][0-9A-Fa-f]+U?|\d+U?) | (?P<word>[A-Za-z_]\w*)
+      | (?P<sign><<=|>>=|->|\+\+|--|<<|>>|<=|>=|==|!=|&&|\|\||[-+*/%&|^]=
+                |[-+*/%&|^~!<>=?:;,.(){}\[\]])
+    """,
+    re.VERBOSE | re.DOTALL | re.MULTILINE,
+)
+_SIGNS = {
+    "<": ("<=", ">"), "<=": ("<", ">="), ">": (">=", "<"), ">=": (">", "<="), "==": ("!=",),
+    "!=": ("==",), "+": ("-",), "-": ("+",), "*": ("+",), "/": ("*",), "%": ("/",), "&": ("|",),
+    "|": ("&",), "<<": (">>",), ">>": ("<<",), "&&": ("||",), "||": ("&&",), "++": ("--",),
+    "--": ("++",), "+=": ("-=", "="), "-=": ("+=", "="), "!": ("",), "~": ("",),
+}  # fmt: skip
+_WORDS = {
+    "true": ("false",),
+    "false": ("true",),
+    "continue": ("break",),
+    "break": ("continue",),
+    "int32_t": ("int16_t", "uint32_t"),
+    "uint16_t": ("uint8_t",),
+}
+_STATEMENT = re.compile(
+    r"^[ ]+(?!return|const |static |for |while |if |uint|bool |search_t |vpr_|struct|typedef)"
+    r"[a-z*][^;{}]*;(?=\s)",
+    re.MULTILINE,
+)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A source with one change.
+
+    Attributes
+    ----------
+    file : str
+    function : str
+        In which the change is; empty outside of functions.
+    number : int
+        Line, from 1.
+    line, becomes : str
+        The line before and after, without what is left and right of it: these and the function
+        tell a mutant, whatever stands in the lines around.
+    text : str
+        The whole source.
+    """
+
+    file: str
+    function: str
+    number: int
+    line: str
+    becomes: str
+    text: str
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Function, line, and the changed line."""
+        return self.function, self.line, self.becomes
+
+
+def mutants(file: str, text: str) -> Iterator[Mutant]:
+    """Generate the mutants of a C source.
+
+    Enumerations, declarations of types and preprocessor lines are not changed, except the numbers
+    of ``#define``. The part of a header before its last ``#else`` is for other processors and is
+    not changed either.
+
+    Parameters
+    ----------
+    file : str
+        Its name.
+    text : str
+
+    Yields
+    ------
+    Mutant
+        In the order of the text, no two of the same text.
+    """
+    seen = {text}
+    for begin, end, new in sorted(_changes(file, text), key=lambda change: change[:2]):
+        changed = text[:begin] + new + text[end:]
+        if changed in seen:
+            continue
+        seen.add(changed)
+        number = text.count("\n", 0, begin) + 1
+        line_begin = text.rfind("\n", 0, begin) + 1
+        line_end = text.find("\n", end)
+        line = " ".join(text[line_begin:line_end].split())
+        becomes = " ".join((text[line_begin:begin] + new + text[end:line_end]).split())
+        function = _function(text, begin)
+        yield Mutant(file, function, number, line, becomes or DELETED, changed)
+
+
+def _changes(file: str, text: str) -> Iterator[tuple[int, int, str]]:
+    first = text.rfind("\n#else") if file.endswith(".h") else 0
+    skipped = [match.span() for match in re.finditer(r"^(enum|typedef) .*?^\}", text, re.M | re.S)]
+    before = ""
+    for token in _TOKEN.finditer(text):
+        kind, word, at = token.lastgroup, token.group(), token.start()
+        if at < first or any(begin <= at < end for begin, end in skipped):
+            continue
+        if kind == "directive":
+            number = re.match(r"#define \w+ (0x[0-9A-F]+U|\d+U)", word)
+            if number:
+                for new in _numbers(number[1]):
+                    yield at + number.start(1), at + number.end(1), new
+        elif kind == "number":
+            for new in _numbers(word):
+                yield at, token.end(), new
+        elif kind == "word":
+            for new in _WORDS.get(word, ()):
+                yield at, token.end(), new
+        elif kind == "sign" and not _is_of_a_type(word, before, text[token.end() :]):
+            for new in _SIGNS.get(word, ()):
+                yield at, token.end(), new
+        if kind != "comment":
+            before = word
+    yield from _statements(text, first)
+
+
+def _numbers(word: str) -> Iterator[str]:
+    value, suffix = int(word.rstrip("U"), 0), "U" if word.endswith("U") else ""
+    yield f"{value + 1}{suffix}"
+    if value:
+        yield f"{value - 1}{suffix}"
+
+
+def _is_of_a_type(sign: str, before: str, behind: str) -> bool:
+    """Return whether a star or ampersand belongs to a pointer, or a minus to a negative number."""
+    if sign not in ("*", "&", "-"):
+        return False
+    operand = re.fullmatch(r"\w+|[\])]", before) is not None
+    is_type = before.endswith("_t") or before in ("void", "const", "return", "sizeof")
+    cast = sign == "*" and behind.startswith(")")
+    return not operand or is_type or cast
+
+
+def _statements(text: str, first: int) -> Iterator[tuple[int, int, str]]:
+    """Return the mutants that delete a statement or fix a condition."""
+    for statement in _STATEMENT.finditer(text):
+        if statement.start() > first and _function(text, statement.start()):
+            yield statement.start(), statement.end(), ""
+    for condition in re.finditer(r"\bif \(", text):
+        if condition.start() > first:
+            end = _closing(text, condition.end() - 1)
+            yield condition.end(), end, "true"
+            yield condition.end(), end, "false"
+
+
+def _closing(text: str, opening: int) -> int:
+    depth = 0
+    for at in range(opening, len(text)):
+        depth += {"(": 1, ")": -1}.get(text[at], 0)
+        if depth == 0:
+            return at
+    raise ValueError("a parenthesis is not closed")
+
+
+def _function(text: str, at: int) -> str:
+    """Return the name of the function that a position lies in; empty if it lies in none."""
+    name = ""
+    for line in re.finditer(r"^(?:static )?(?:inline )?\w+ (\w+)\(|^\}", text, re.MULTILINE):
+        if line.start() > at:
+            break
+        name = line.group(1) or ""
+    return name
+
+
+# Selection of mutants by the places of their changes.
+
+
+AnyMutant = TypeVar("Mutant")
+
+
+def mutants_at(
+    every: Iterable[AnyMutant],
+    places: Sequence[str],
+    places_of: Callable[[AnyMutant], Collection[str]],
+    expected: str,
+) -> list[AnyMutant]:
+    """Select mutants, in their order; all if there are no places.
+
+    Parameters
+    ----------
+    every : iterable of Mutant
+    places : sequence of str
+    places_of : callable
+        Returns the names of the places where a mutant is.
+    expected : str
+        What names a place, for the error.
+
+    Raises
+    ------
+    ToolError
+        If a place has no mutant.
+    """
+    named = [(mutant, set(places_of(mutant))) for mutant in every]
+    for place in places:
+        if not any(place in names for _, names in named):
+            raise ToolError(f"no mutant is at {place!r}: give {expected}")
+    return [mutant for mutant, names in named if not places or not names.isdisjoint(places)]
+
+
+# Generate mutants of the firmware, and list those that no vector finds.
+#
+# ``python -m firmware_model.verification.mutants`` compiles every mutant of ``vpr.c`` and its headers for this
+# computer and runs the images and the suite ``corners`` on it. A mutant that passes them all must
+# be equal to the firmware, and ``c/mutants.toml`` must say why.
+
+
+FILES = ("vpr.c", "sad.h", "filter.h", "quotient.h")
+PROOFS = SOURCES / "mutants.toml"
+#: of the suite `corners`
+DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
+#: of the suite `filter`
+FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+#: seconds after which a mutant is taken to loop for ever; the firmware takes some hundredths
+PATIENCE_S = 3.0
+
+#: faults on a microcontroller: an unaligned access, an index beyond
+SANITISED = ("-fsanitize=alignment,array-bounds", "-fsanitize-trap=alignment,array-bounds")
+
+Outcome = Literal["found", "survives", "does not compile"]
+Key = tuple[str, str, str]
+
+
+@dataclass
+class Survey:
+    """Outcome of the mutants.
+
+    Attributes
+    ----------
+    found, invalid : int
+        That some vector finds, and that do not compile.
+    equal, unproved : list of Mutant
+        That no vector finds, with and without a proof.
+    stale : list of tuple of str
+        Proofs of what is no mutant, or one that is found.
+    """
+
+    found: int = 0
+    invalid: int = 0
+    equal: list[Mutant] = field(default_factory=list)
+    unproved: list[Mutant] = field(default_factory=list)
+    stale: list[Key] = field(default_factory=list)
+
+
+class Bench:
+    """A folder in which mutants are compiled and run.
+
+    Raises
+    ------
+    ToolError
+        If Zig is not installed, or the firmware itself fails the vectors.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._folder = Path(folder)
+        self._sources = self._folder / "c"
+        shutil.copytree(SOURCES, self._sources)
+        self._bundle = self._folder / "bundle"
+        self._bundle.write_bytes(
+            bundle(image_cases(), [*corner_cases(DESIGN), *filter_cases(FILTER)])
+        )
+        outcome = self._run()
+        if outcome != "survives":
+            raise ToolError(f"the firmware without a fault fails the vectors: {outcome}")
+
+    def run(self, mutant: Mutant) -> Outcome:
+        """Compile a mutant, and run the vectors up to the first difference."""
+        file = self._sources / mutant.file
+        original = file.read_text(encoding="ascii")
+        file.write_text(mutant.text, encoding="ascii")
+        try:
+            return self._run()
+        finally:
+            file.write_text(original, encoding="ascii")
+
+    def _run(self) -> Outcome:
+        options = ("-O1", "-w", *SANITISED)
+        try:
+            program = build(
+                HOST,
+                self._folder,
+                sources=self._sources,
+                program="vectors_main.c",
+                name="mutant",
+                options=options,
+            )
+        except ToolError:
+            return "does not compile"
+        command = [str(program.absolute()), str(self._bundle)]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
+        except subprocess.TimeoutExpired:
+            return "found"
+        return "found" if done.returncode else "survives"
+
+
+def all_mutants() -> list[Mutant]:
+    """Generate the mutants of all files."""
+    return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
+
+
+def proofs() -> dict[Key, str]:
+    """Read why mutants are equal to the firmware, by their keys."""
+    entries = tomllib.loads(PROOFS.read_text(encoding="utf-8"))["equal"]
+    return {
+        (entry["function"], entry["line"], becomes): entry["why"]
+        for entry in entries
+        for becomes in entry["becomes"]
+    }
+
+
+def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Survey:
+    """Run mutants, and look up the proofs of those that survive.
+
+    Parameters
+    ----------
+    bench : Bench
+    chosen : iterable of Mutant
+    proved : iterable of tuple of str
+        Keys of those that are proved to be equal.
+    """
+    result, left = Survey(), set(proved)
+    known = frozenset(left)
+    for mutant in chosen:
+        outcome = bench.run(mutant)
+        if outcome == "found":
+            result.found += 1
+        elif outcome == "does not compile":
+            result.invalid += 1
+        elif mutant.key in known:
+            result.equal.append(mutant)
+            left.discard(mutant.key)
+        else:
+            result.unproved.append(mutant)
+    result.stale = sorted(left)
+    return result
+
+
+def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:
+    """Select mutants by ``FILE:LINE`` or function, see `mutants_at`."""
+    return mutants_at(every, places, _places, "FILE:LINE or a function of the firmware")
+
+
+def _places(mutant: Mutant) -> set[str]:
+    return {f"{mutant.file}:{mutant.number}", mutant.function}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the mutants; print which survive, and why; return 1 if one of them has no proof."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="PLACE",
+        help="run the mutants of these lines (vpr.c:300) or functions alone",
+    )  # fmt: skip
+    options = parser.parse_args(arguments)
+    try:
+        every = chosen(all_mutants(), options.only)
+    except ToolError as error:
+        parser.error(str(error))
+    keys = {mutant.key for mutant in every}
+    known = proofs()
+    # if only a part is run, only its own proofs can be stale
+    proved = {k: why for k, why in known.items() if not options.only or k in keys}
+    with tempfile.TemporaryDirectory() as folder:
+        result = survey(Bench(folder), _counted(every), proved)
+    for mutant in result.equal:
+        _show("equal", mutant)
+        sys.stdout.write(f"    {proved[mutant.key]}\n")
+    for mutant in result.unproved:
+        _show("SURVIVES WITHOUT A PROOF", mutant)
+    for function, line, becomes in result.stale:
+        sys.stdout.write(f"PROOF OF NO SURVIVOR: {function}: {line} -> {becomes}\n")
+    sys.stdout.write(
+        f"{len(every)} mutants, {result.invalid} of which do not compile; {result.found} found, "
+        f"{len(result.equal)} proved to be equal, {len(result.unproved)} neither\n"
+    )
+    return 1 if result.unproved or result.stale else 0
+
+
+def _counted(every: Sequence[Mutant]) -> Iterator[Mutant]:
+    """Yield the mutants, and print how many have been run, because all of them take an hour."""
+    for i, mutant in enumerate(every):
+        if i and i % 50 == 0:
+            sys.stderr.write(f"{i:,} of {len(every):,} mutants\n")
+        yield mutant
+
+
+def _show(what: str, mutant: Mutant) -> None:
+    sys.stdout.write(
+        f"{mutant.file}:{mutant.number} {mutant.function}: {what}\n"
+        f"  - {mutant.line}\n  + {mutant.becomes}\n"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""Hold the core to golden vectors: ``python -m firmware_model.verification.replay``.
+
+With a folder of vectors that ``edge-vpr golden --rtl`` wrote, its cases are replayed; with
+``--designs N``, those of N random designs; with ``--events N``, one long case of a design with the
+place filter and own-mean codes. With ``--slow-blocks``, the core is that of an ECP5, which has
+registers behind its block memories. Needs Icarus Verilog.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_model.errors import ToolError, VectorError
+from firmware_model.hardware.simulation import Conditions, replay_vectors
+from firmware_model.model.design import Design
+from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
+from firmware_model.vectors.suite import Suites, standard_suites, write_suites
+from firmware_model.vectors.verify import verify
+
+#: design of the long case
+LONG = Design(
+    width=24, height=16, pixels=9, matching="filter", length=1, code="own-mean", full_scales=(0,),
+    timestamp_bits=24, places=20, lanes=4,
+)  # fmt: skip
+
+
+class Outcome(NamedTuple):
+    """Number of equal records by kind, and the first difference of each case that has one."""
+
+    equal: Counter[str]
+    differences: list[str]
+    cases: int
+
+    def with_more(self, other: Outcome) -> Outcome:
+        """Return the sum of this and another outcome."""
+        return Outcome(
+            self.equal + other.equal,
+            self.differences + other.differences,
+            self.cases + other.cases,
+        )
+
+
+def hold(vectors: Path, conditions: Conditions) -> Outcome:
+    """Replay all cases of a folder of vectors, and compare the results."""
+    outcome = Outcome(Counter(), [], 0)
+    with tempfile.TemporaryDirectory() as work:
+        for _, replay in replay_vectors(vectors, Path(work), conditions):
+            verdict = verify(vectors, replay.records)
+            outcome.equal.update(verdict.compared)
+            outcome.differences.extend(verdict.differences)
+            outcome = outcome._replace(cases=outcome.cases + 1)
+    return outcome
+
+
+def hold_random_designs(
+    number: int, conditions: Conditions, *, only: str | None = None, skip: int = 0
+) -> Iterator[Outcome]:
+    """Replay the cases of random designs, and yield the outcome of each design.
+
+    Parameters
+    ----------
+    number : int
+        Number of designs; every other one has the place filter, own-mean codes, or both.
+    conditions : Conditions
+        The seed is also that of designs and cases.
+    only : str, optional
+        Name of a suite; by default all suites.
+    skip : int
+        Number of designs that are drawn but not replayed, to continue a run that was ended.
+    """
+    rng = np.random.default_rng(conditions.seed)
+    for at in range(number):
+        design = random_adaptive_design(rng) if at % 2 else random_design(rng)
+        if at < skip:
+            continue
+        its_own = conditions._replace(seed=conditions.seed + at)
+        outcome = hold_suites(design, standard_suites(design, its_own.seed, only), its_own)
+        yield outcome._replace(differences=[f"{it} ({design})" for it in outcome.differences])
+
+
+def hold_suites(design: Design, suites: Suites, conditions: Conditions) -> Outcome:
+    """Write suites of cases, replay them, and compare."""
+    with tempfile.TemporaryDirectory() as folder:
+        vectors = Path(folder) / "vectors"
+        write_suites(vectors, design, suites, conditions.seed, rtl=True)
+        return hold(vectors, conditions)
+
+
+def hold_many_events(number: int, conditions: Conditions) -> Outcome:
+    """Replay one case of `number` random events."""
+    cases = random_cases(LONG, np.random.default_rng(conditions.seed), 1, number)
+    return hold_suites(LONG, {"random": cases}, conditions)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command; return 1 if a case differs."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("vectors", nargs="?", type=Path, help="folder of vectors")
+    parser.add_argument("--designs", type=int, default=0, metavar="N", help="random designs")
+    parser.add_argument("--skip", type=int, default=0, metavar="N", help="of those, the first N")
+    parser.add_argument("--suite", metavar="NAME", help="of the random designs, one alone")
+    parser.add_argument("--events", type=int, default=0, metavar="N", help="one long case")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--stall", type=int, default=40, metavar="PER_CENT")
+    parser.add_argument("--resets", type=int, default=1, metavar="N")
+    parser.add_argument("--slow-blocks", action="store_true", help="the core of an ECP5")
+    args = parser.parse_args(words)
+    if [args.vectors is not None, args.designs > 0, args.events > 0].count(True) != 1:
+        parser.error("name a folder of vectors, a number of --designs, or one of --events")
+    conditions = Conditions(args.seed, args.stall, args.resets, slow_blocks=args.slow_blocks)
+    try:
+        if args.vectors is not None:
+            outcome = hold(args.vectors, conditions)
+        elif args.designs:
+            outcome = Outcome(Counter(), [], 0)
+            found = hold_random_designs(args.designs, conditions, only=args.suite, skip=args.skip)
+            for at, one in enumerate(found, args.skip + 1):
+                outcome = outcome.with_more(one)
+                print(
+                    f"design {at}: {len(one.differences)} of {one.cases} cases differ", flush=True
+                )
+        else:
+            outcome = hold_many_events(args.events, conditions)
+    except (ToolError, VectorError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    for line in outcome.differences:
+        print(line)
+    equal = ", ".join(f"{number:,} {kind} records" for kind, number in outcome.equal.items())
+    print(f"{outcome.cases} cases, {len(outcome.differences)} differ; equal: {equal}")
+    return int(bool(outcome.differences))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,260 @@
+"""The terminal: messages, tables, interrupts, and the note on compiling."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from enum import IntEnum
+from types import FrameType
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from edge_vpr.errors import escaped, printable
+
+# Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
+
+
+class Verbosity(IntEnum):
+    """How much a command prints while it runs."""
+
+    QUIET = -1
+    NORMAL = 0
+    VERBOSE = 1
+
+
+_now = [Verbosity.NORMAL]
+
+
+@contextmanager
+def verbosity(level: Verbosity) -> Iterator[None]:
+    """Print as much as `level` allows within the block."""
+    _now.append(level)
+    try:
+        yield
+    finally:
+        _now.pop()
+
+
+def is_quiet() -> bool:
+    """Return whether progress, notes and summaries are off."""
+    return _now[-1] <= Verbosity.QUIET
+
+
+def summary(text: str) -> None:
+    """Print a line of the summary on standard output; not if quiet."""
+    if not is_quiet():
+        answer(text)
+
+
+def answer(text: str) -> None:
+    """Print a line of a command's result on standard output, even if quiet."""
+    print(escaped(text), flush=True)
+
+
+def note(text: str) -> None:
+    """Print a line on standard error; not if quiet."""
+    if not is_quiet():
+        error_line(text)
+
+
+def detail(text: str) -> None:
+    """Print a line on standard error if verbose."""
+    if _now[-1] >= Verbosity.VERBOSE:
+        error_line(text)
+
+
+def detail_settings(settings: Mapping[str, object]) -> None:
+    """Print each setting in effect if verbose."""
+    for name, value in settings.items():
+        detail(f"setting {name} = {value}")
+
+
+def warning(text: str) -> None:
+    """Print a warning on standard error, even if quiet."""
+    error_line(f"warning: {text}")
+
+
+def error_line(text: str) -> None:
+    """Print a line on standard error."""
+    print("edge-vpr:", printable(text), file=sys.stderr, flush=True)
+
+
+# Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.
+
+
+@contextmanager
+def stopped_by_signals(stopping: threading.Event) -> Iterator[None]:
+    """Set `stopping` at the first signal; a second one interrupts as usual."""
+    caught = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # `nohup` wants the run to continue
+        caught.append(signal.SIGHUP)
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if stopping.is_set():
+            raise KeyboardInterrupt
+        stopping.set()
+
+    with _handled(caught, stop):
+        yield
+
+
+_interrupted = threading.Event()
+
+
+@contextmanager
+def terminated_as_interrupted() -> Iterator[None]:
+    """Let SIGTERM end the block as Ctrl-C does, so that no incomplete file is left.
+
+    Python drops an interrupt that is raised in a callback from C, which Numba makes when it loads
+    and looks up kernels. The interrupt is therefore stored for `check_interrupted`.
+    """
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        _interrupted.set()
+        raise KeyboardInterrupt
+
+    caught = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
+        caught.append(signal.SIGINT)
+    with _handled(caught, interrupt):
+        _interrupted.clear()
+        try:
+            yield
+        finally:
+            _interrupted.clear()
+
+
+@contextmanager
+def _handled(
+    caught: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Handle signals within the block; only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in caught}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def check_interrupted() -> None:
+    """Raise KeyboardInterrupt if one was dropped within `terminated_as_interrupted`."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
+
+
+# Tables and lines on the terminal, with a fixed width if the output is a file.
+
+
+#: width of a table in a file, in characters
+WIDTH = 118
+
+
+def table(
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str | None = None,
+    width: int = WIDTH,
+    quiet: bool = False,
+) -> None:
+    """Print a table: the first column to the left, numbers to the right.
+
+    Parameters
+    ----------
+    header : sequence of str
+    rows : iterable of sequence of str
+    title : str, optional
+    width : int
+        In columns, where the output is no terminal.
+    quiet : bool
+        Print nothing.
+    """
+    shown = Table(title=None if title is None else _plain(title))
+    for i, name in enumerate(header):
+        shown.add_column(_plain(name), justify="left" if i == 0 else "right")
+    for row in rows:
+        shown.add_row(*map(_plain, row))
+    _console(width, quiet).print(shown)
+
+
+def say(text: str, *, width: int = WIDTH, markup: bool = False, quiet: bool = False) -> None:
+    """Print a paragraph, see `table`; use `markup` only for texts without words from a file."""
+    _console(width, quiet).print(text if markup else _plain(text), highlight=False)
+
+
+def _plain(text: str) -> Text:
+    """Return text without the mark-up and escapes that names of files and devices can contain."""
+    return Text("\n".join(map(escaped, text.split("\n"))))
+
+
+def _console(width: int, quiet: bool) -> Console:
+    return Console(width=None if Console().is_terminal else width, quiet=quiet)
+
+
+# Note that kernels are being compiled, which takes long once on each machine.
+
+
+#: shorter compilations are not worth a line
+SILENT_S = 0.5
+
+
+@contextmanager
+def compiling_noted() -> Iterator[None]:
+    """Print one note when compilation within the block has taken longer than `SILENT_S`.
+
+    Does nothing if Numba was not imported before.
+    """
+    if "numba" not in sys.modules:
+        yield
+        return
+    from numba.core import event
+
+    listener = _listener(event)
+    with event.install_listener("numba:compile", listener):
+        yield
+    if listener.spent_s:
+        detail(f"compiling kernels took {listener.spent_s:.1f} s")
+
+
+def _listener(event: Any) -> Any:
+    class CompileListener(event.Listener):  # type: ignore[misc]
+        """Sum the time of compilations; a kernel compiled for another one is not counted twice."""
+
+        def __init__(self) -> None:
+            self.spent_s, self._depth, self._start, self._said = 0.0, 0, 0.0, False
+            self._timer: threading.Timer | None = None
+
+        def on_start(self, event: Any) -> None:
+            self._depth += 1
+            if self._depth > 1:
+                return
+            self._start = time.monotonic()
+            if not self._said:
+                self._timer = threading.Timer(max(SILENT_S - self.spent_s, 0.0), self._say)
+                self._timer.daemon = True
+                self._timer.start()
+
+        def on_end(self, event: Any) -> None:
+            self._depth -= 1
+            if self._depth:
+                return
+            self.spent_s += time.monotonic() - self._start
+            if self._timer is not None:
+                self._timer.cancel()
+
+        def _say(self) -> None:
+            self._said = True
+            note("compiling kernels: once on each machine, up to a minute")
+
+    return CompileListener()

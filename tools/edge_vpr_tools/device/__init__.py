@@ -1,1 +1,0 @@
-"""Devices: serial ports, and the vectors and tables for tests of a device."""

@@ -1,0 +1,432 @@
+"""Checks of this machine: libraries, kernels, processor, clock, ports, sensors."""
+
+from __future__ import annotations
+
+import getpass
+import glob
+import grp
+import os
+import pickle
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, distribution, version
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Literal
+
+import numba
+from numba import njit
+from numba.core import caching
+from numba.core.registry import cpu_target
+from packaging.requirements import Requirement
+from serial.tools import list_ports
+
+import edge_vpr
+import fixedpoint
+from edge_vpr import __version__
+from edge_vpr.errors import install_command, printable
+from edge_vpr.live.protocols import PROTOCOLS, open_decoder
+from edge_vpr.live.session import LiveLocaliser
+from edge_vpr.online.state import MatchSchedule
+from edge_vpr.pipeline import map_traverse, match_traverse
+from edge_vpr.settings import PRESETS, resolve_settings
+from edge_vpr.simulation import simulate_pair
+from edge_vpr_tools.profile.conditions import Conditions
+from edge_vpr_tools.profile.sensors.search import find_sensors
+from edge_vpr_tools.profile.sensors.sensor import ROOT
+from edge_vpr_tools.results import processor_name
+
+# Result of one check of this machine.
+
+
+#: "good"; "absent": an extra or device is missing; "wrong": something will fail or mislead
+State = Literal["good", "absent", "wrong"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Result of one check.
+
+    Attributes
+    ----------
+    topic : str
+        What was checked.
+    state : {"good", "absent", "wrong"}
+    text : str
+        What was found.
+    remedy : str
+        What the user can do about it; empty if nothing is needed.
+    """
+
+    topic: str
+    state: State
+    text: str
+    remedy: str = ""
+
+
+# Run all checks, and format their findings.
+
+
+_MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
+
+
+def examine() -> list[Finding]:
+    """Run every check on this machine."""
+    return [
+        *check_versions(),
+        *check_extras(),
+        *check_kernels(),
+        *check_processor(),
+        *check_memory(),
+        *check_clock(),
+        *check_ports(),
+        *check_sensors(),
+    ]
+
+
+def as_text(findings: Sequence[Finding]) -> str:
+    """Format findings as lines: a mark, the topic, what was found, and the remedy."""
+    width = max((len(finding.topic) for finding in findings), default=0)
+    lines = []
+    for finding in findings:
+        lines.append(f"{_MARKS[finding.state]}  {finding.topic:<{width}}  {finding.text}")
+        if finding.remedy:
+            lines.append(f"{'':<{width + 6}}{finding.remedy}")
+    return "\n".join(lines)
+
+
+# Check where compiled kernels are stored, and compile them before they are needed.
+
+
+#: "kept": Numba loads it; "older": a source has changed since; "another": processor or Numba
+_State = Literal["kept", "older", "another"]
+_NUMBA: Any = caching  # has no types
+_COMPILE = "edge-vpr doctor --compile, as the user who will run it"
+
+
+def check_kernels() -> Iterator[Finding]:
+    """Find the folder in which Numba stores compiled kernels, and the kernels in it."""
+    try:
+        folder = _cache_folder()
+    except RuntimeError:  # raised by Numba if it can write to no folder
+        yield Finding(
+            "compiled kernels",
+            "wrong",
+            "there is no folder where they may be kept",
+            "set NUMBA_CACHE_DIR to a folder that this user may write",
+        )
+        return
+    found = Counter(state for _, state in _indexes(folder))
+    text = f"{found['kept']} kept in {folder}"
+    if found["another"]:
+        text = f"{text} for this processor and Numba, {found['another']} for another"
+    if found["older"]:
+        text = f"{text}, {found['older']} of an older source"
+    if found["kept"] and not found["older"]:
+        yield Finding("compiled kernels", "good", text)
+    else:
+        yield Finding("compiled kernels", "absent", f"{text}: the first run takes longer", _COMPILE)
+
+
+def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
+    """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
+
+    Kernels of an older source, which are not loaded any more, are removed first.
+
+    Parameters
+    ----------
+    show : callable
+        Called with a description of each step before it begins.
+    """
+    for index, state in list(_indexes(_cache_folder())):
+        if state == "older":
+            for file in (*_compiled(index), index):
+                file.unlink(missing_ok=True)
+    first, second = simulate_pair(0, length_m=20.0)
+    # sums of few pixels have narrower integers, and therefore kernels of their own
+    for preset, pixels in product(PRESETS, (25, None)):
+        show(f"mapping and matching with preset {preset}")
+        # 20 m have only a few of the default windows
+        settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
+        reference = map_traverse(first, settings)
+        match_traverse(reference, second)
+        for causal_bursts in (False, True):
+            live = LiveLocaliser(
+                open_decoder("evpr", first.sensor),
+                reference,
+                MatchSchedule(interval_us=50_000),
+                causal_bursts=causal_bursts,
+            )
+            live.finish()
+        if settings.matching == "filter":
+            late = replace(reference.settings, smooth=False, delay=1)
+            LiveLocaliser(live.decoder, reference.matched_with(late)).finish()
+    for protocol in PROTOCOLS:
+        show(f"decoding protocol {protocol}")
+        open_decoder(protocol, first.sensor).warm_up()
+
+
+def _indexes(folder: Path) -> Iterator[tuple[Path, _State]]:
+    """Yield the indexes of Numba's cache that belong to this package, and whether they are used."""
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    sources = _sources()
+    changed_s = max((each.stat().st_mtime for each in sources if each.exists()), default=0.0)
+    for source in sources:
+        # beside the sources, or in a subfolder for each of their folders
+        subpath = _NUMBA._CacheLocator.get_suitable_cache_subpath(str(source))
+        for place in (source.parent / "__pycache__", folder / subpath):
+            for index in place.glob(f"{glob.escape(source.stem)}.*.nbi"):
+                yield index, _state_of(index, source, processor, changed_s)
+
+
+def _compiled(index: Path) -> list[Path]:
+    """Return the files of compiled code that belong to an index."""
+    return list(index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"))
+
+
+def _state_of(index: Path, source: Path, processor: object, changed_s: float) -> _State:
+    """Return whether a kernel from an index is of the sources as they are, and for this processor.
+
+    Parameters
+    ----------
+    index, source : Path
+    processor : object
+        As Numba describes it.
+    changed_s : float
+        When the newest of all sources was changed. A kernel holds the code of those that it calls,
+        so that any change may make it older.
+    """
+    try:
+        with index.open("rb") as file:
+            # Numba's own checks: of the version, and of the source
+            if pickle.load(file) != numba.__version__:
+                return "another"
+            (stamp, _), kernels = pickle.load(file)  # see `edge_vpr.compiling`
+        backed = SimpleNamespace(_py_file=str(source))
+        if stamp != _NUMBA._SourceFileBackedLocatorMixin.get_source_stamp(backed):
+            return "older"
+        if any(file.stat().st_mtime < changed_s for file in _compiled(index)):
+            return "older"
+        return "kept" if any(key[1] == processor for key in kernels) else "another"
+    except Exception:  # an invalid pickle raises anything; Numba then compiles again
+        return "another"
+
+
+def _sources() -> list[Path]:
+    """Return the modules whose kernels a live run uses."""
+    folders = (Path(str(package.__file__)).parent for package in (edge_vpr, fixedpoint))
+    return sorted(source for folder in folders for source in folder.rglob("*.py"))
+
+
+def _cache_folder() -> Path:
+    """Return the folder in which this user's compiled kernels are stored."""
+
+    @njit(cache=True)
+    def probe(x: int) -> int:
+        return x
+
+    own = Path(str(probe.stats.cache_path))
+    package = Path(edge_vpr.__file__).parent
+    # beside the sources, or in a folder of Numba's own with a subfolder for each module
+    return package if own.is_relative_to(Path(__file__).parent) else own.parent
+
+
+# Check this machine: processor, memory, clock, serial ports, power sensors.
+
+
+#: a live run needs about 180 MB (`tools/bench/soak.py`), and mapping any recording not more
+_NEEDED_BYTES = 256 << 20
+#: `map` stores the images of all windows in a temporary file of at most 2 GiB, or reads twice
+_TEMPORARY_BYTES = 2 << 30
+
+
+def check_processor(root: Path = ROOT) -> Iterator[Finding]:
+    """Check for conditions that may slow the processor down."""
+    conditions = Conditions.now(root)
+    what = f"{processor_name()}, {os.cpu_count()} cores, {conditions}"
+    if conditions.faults:
+        remedy = "give the board a better supply or more cooling"
+        yield Finding("processor", "wrong", f"{what}: {', '.join(conditions.faults)}", remedy)
+    elif conditions.governor not in (None, "performance"):
+        remedy = "before edge-vpr profile: sudo cpupower frequency-set -g performance"
+        yield Finding("processor", "good", what, remedy)
+    else:
+        yield Finding("processor", "good", what)
+
+
+def check_memory(root: Path = ROOT) -> Iterator[Finding]:
+    """Check free memory, and free space for temporary files."""
+    free = _available_bytes(root)
+    if free is not None and free < _NEEDED_BYTES:
+        yield Finding(
+            "memory",
+            "wrong",
+            f"{free >> 20} MiB are free, a live run takes up to {_NEEDED_BYTES >> 20} MiB",
+            "end other programs, or add swap",
+        )
+    elif free is not None:
+        yield Finding("memory", "good", f"{free >> 20:,} MiB free")
+    folder = tempfile.gettempdir()
+    space = shutil.disk_usage(folder).free
+    text = f"{folder}: {space >> 20:,} MiB free"
+    if space < _TEMPORARY_BYTES:
+        yield Finding(
+            "temporary files",
+            "absent",
+            f"{text}; maps of long drives then read their recording twice",
+            "set TMPDIR to a folder with 2 GiB",
+        )
+    else:
+        yield Finding("temporary files", "good", text)
+
+
+def check_clock() -> Iterator[Finding]:
+    """Check whether the clock follows a time server, which ground truth by GPS needs."""
+    command = shutil.which("timedatectl")
+    if command is None:
+        yield Finding("clock", "absent", "timedatectl is not here, so nobody knows if it is right")
+        return
+    try:
+        said = subprocess.run(
+            [command, "show", "--property=NTPSynchronized", "--value"],
+            capture_output=True, text=True, timeout=10, check=False,
+        ).stdout.strip()  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired):
+        said = ""
+    if said == "yes":
+        yield Finding("clock", "good", "follows a time server")
+    else:
+        yield Finding(
+            "clock",
+            "absent",
+            "does not follow a time server: a recording and a GPS log of this machine may be apart",
+            "sudo timedatectl set-ntp true, or give evaluate an --offset",
+        )
+
+
+def check_ports() -> Iterator[Finding]:
+    """Check whether this user may open each serial port."""
+    ports = sorted(list_ports.comports())
+    for port in ports:
+        name = printable(port.device)
+        if os.access(port.device, os.R_OK | os.W_OK):
+            yield Finding("serial ports", "good", f"{name}: may be opened")
+        else:
+            yield Finding(
+                "serial ports",
+                # a port of the board itself is not necessarily that of the camera
+                "absent" if port.vid is None else "wrong",
+                f"{name}: {getpass.getuser()} may not open it",
+                f"sudo usermod -aG {_group_of(port.device)} {getpass.getuser()}, then log in again",
+            )
+    if not ports:
+        remedy = "edge-vpr bridge RECORDING makes a virtual one"
+        yield Finding("serial ports", "absent", "none", remedy)
+
+
+def check_sensors(root: Path = ROOT) -> Iterator[Finding]:
+    """Search for power sensors, with which `profile` measures joules."""
+    sensors, missing = find_sensors(root)
+    for sensor in sensors:
+        yield Finding("power sensors", "good", printable(str(sensor)))
+        sensor.close()
+    for absent in missing:
+        yield Finding("power sensors", "absent", printable(str(absent)))
+    if not sensors:
+        remedy = "give profile a --meter-port, or add a meter's trace with profile trace"
+        yield Finding("power sensors", "absent", "none", remedy)
+
+
+def _available_bytes(root: Path) -> int | None:
+    try:
+        for line in (root / "proc/meminfo").read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    return None
+
+
+def _group_of(device: str) -> str:
+    try:
+        return grp.getgrgid(Path(device).stat().st_gid).gr_name
+    except (OSError, KeyError):
+        return "dialout"
+
+
+# Check Python, the required libraries, and the optional ones.
+
+
+#: extras for users; the others are for work on edge-vpr itself
+EXTRAS = {
+    "aedat4": "AEDAT 4 recordings",
+    "parquet": "Parquet recordings",
+    "hdf5": "HDF5 recordings",
+    "ros": "ROS bags",
+    "es": "event-stream recordings",
+    "tonic": "data sets by tonic",
+    "firmware": "compiling and emulating the reference firmware",
+    "mqtt": "stream --mqtt",
+    "rerun": "the viewer of stream --rerun",
+}
+#: extras that cannot be installed on a processor, and why
+NO_WHEELS = {
+    ("tonic", "aarch64"): "tonic needs expelliarmus, which has no wheel for aarch64; "
+    "edge_vpr_tools.research.datasets reads the same files without it"
+}
+
+
+def check_versions() -> Iterator[Finding]:
+    """Compare the versions of Python and the libraries with the requirements of edge-vpr."""
+    needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
+    found = [f"edge-vpr {__version__}", f"Python {platform.python_version()}"]
+    for requirement in needed:
+        if requirement.marker is not None:  # required by an extra
+            continue
+        installed = _installed(requirement)
+        if installed is None or not requirement.specifier.contains(installed, prereleases=True):
+            yield Finding(
+                "versions",
+                "wrong",
+                f"{requirement.name} is {installed or 'missing'}, needed is {requirement}",
+                f"{sys.executable} -m pip install '{requirement}'",
+            )
+        else:
+            found.append(f"{requirement.name} {installed}")
+    yield Finding("versions", "good", ", ".join(found))
+
+
+def check_extras() -> Iterator[Finding]:
+    """Check for the libraries of each extra for users."""
+    needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
+    for extra, what in EXTRAS.items():
+        missing = [
+            requirement.name
+            for requirement in needed
+            if requirement.marker is not None
+            and requirement.marker.evaluate({"extra": extra})
+            and not requirement.marker.evaluate({"extra": ""})
+            and _installed(requirement) is None
+        ]
+        reason = NO_WHEELS.get((extra, platform.machine()))
+        if missing and reason is not None:
+            yield Finding("extras", "absent", f"{what}: {reason}")
+        elif missing:
+            text = f"{what}: {', '.join(missing)} missing"
+            yield Finding("extras", "absent", text, install_command(extra))
+        else:
+            yield Finding("extras", "good", what)
+
+
+def _installed(requirement: Requirement) -> str | None:
+    try:
+        return version(requirement.name)
+    except PackageNotFoundError:
+        return None

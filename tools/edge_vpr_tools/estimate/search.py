@@ -1,0 +1,506 @@
+"""The search for a design: evaluated designs, those that fit a budget, the Pareto front."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from edge_vpr.archive import damaged
+from edge_vpr.errors import MapError, UsageError
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools import results
+from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware, sizes
+from edge_vpr_tools.estimate.of_map import design_of, event_rates
+from edge_vpr_tools.estimate.targets import UNKNOWN, Constant, Target, matching, size_text, spread
+from edge_vpr_tools.report.style import (
+    BLUE,
+    ORANGE,
+    legend_below,
+    name_label,
+    panels,
+    quantity_axis,
+)
+from edge_vpr_tools.results import from_json, read_json
+from firmware_model.errors import DesignError
+from firmware_model.image import check_limits
+from firmware_model.model.design import Design
+
+# The largest design that stays within budgets of memory and power, and what limits it.
+
+
+_UNITS = {
+    "b": ("bytes", 1.0), "kb": ("bytes", 1e3), "mb": ("bytes", 1e6),
+    "kib": ("bytes", 1024.0), "mib": ("bytes", 1024.0**2),
+    "uw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
+}  # fmt: skip
+FIRMWARE_LIMITS = "the firmware's widths"
+#: bits of a code, for which J and K are searched; and the most that a code has
+_BITS = (8, 6, 4, 3, 2, 1)
+MOST_BITS = 8
+
+
+@dataclass(frozen=True)
+class Budget:
+    """An upper limit in bytes of memory, or in watts."""
+
+    text: str
+    quantity: str
+    limit: float
+
+    @classmethod
+    def parse(cls, text: str) -> Budget:
+        """Read ``64KiB`` or ``10mW``.
+
+        Raises
+        ------
+        UsageError
+            If it is neither.
+        """
+        form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Z]+)\s*", text)
+        if form and form[2].lower() in _UNITS and float(form[1]) > 0:
+            quantity, factor = _UNITS[form[2].lower()]
+            return cls(text, quantity, float(form[1]) * factor)
+        raise UsageError(f"budget {text!r}: expected memory or power, such as 64KiB or 10mW")
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The largest value of one parameter, the others as given.
+
+    Attributes
+    ----------
+    parameter : {"pixels", "places", "code_bits"}
+    code_bits : int
+    value : int
+        0 if not even one fits.
+    limited_by : str
+        The budget, or the range of the parameter.
+    """
+
+    parameter: str
+    code_bits: int
+    value: int
+    limited_by: str
+
+
+def memory_bytes(design: Design, target: Target) -> int:
+    """Memory that a budget is held against.
+
+    On a processor what the reference firmware in C takes, flash and RAM with code and stack; on
+    others all memories, packed.
+    """
+    if target.kind != "processor":
+        return sizes(design).packed_bytes
+    told, size = firmware()[target.core], sizes(design)
+    return size.flash_bytes + size.ram_bytes + told.code_bytes + told.stack_bytes
+
+
+def fit(
+    design: Design,
+    target: Target,
+    mission: Mission,
+    budgets: Sequence[Budget],
+    cycle_energy: Constant | None = None,
+) -> list[Fit]:
+    """Find the largest J, and the largest K, for some numbers of bits a code; and the most bits.
+
+    Parameters
+    ----------
+    design : Design
+        The parameters that are not searched.
+    target : Target
+    mission : Mission
+        Its share of selected events grows with J.
+    budgets : sequence of Budget
+        All must hold.
+    cycle_energy : Constant, optional
+        See `cost`.
+
+    Raises
+    ------
+    UsageError
+        If a budget of power is given and the target's is unknown.
+    """
+
+    def broken(candidate: Design) -> str:
+        share = min(1.0, mission.selected_share * candidate.pixels / design.pixels)
+        scaled = replace(mission, selected_share=share)
+        return broken_by(candidate, target, scaled, budgets, cycle_energy)
+
+    # the firmware in C keeps a byte a code, so that fewer bits save a processor nothing
+    packed = target.kind != "processor"
+    most_pixels, found = min(design.width * design.height, 1 << 15), []
+    for bits in _BITS if packed else (design.code_bits,):
+        found.append(_largest(design, bits, "pixels", 1, most_pixels, broken))
+        found.append(_largest(design, bits, "places", design.length, 1 << 20, broken))
+    widest = _largest(design, design.code_bits, "code_bits", 1, MOST_BITS, broken)
+    return [*found, replace(widest, code_bits=widest.value or design.code_bits)]
+
+
+def broken_by(
+    design: Design,
+    target: Target,
+    mission: Mission,
+    budgets: Sequence[Budget],
+    cycle_energy: Constant | None = None,
+) -> str:
+    """Return which budget or limit of the firmware a design exceeds; empty if none.
+
+    Raises
+    ------
+    UsageError
+        If a budget of power is given and the target's is unknown.
+    """
+    if target.kind == "processor":
+        try:
+            check_limits(design)
+        except DesignError:
+            return FIRMWARE_LIMITS
+    for budget in budgets:
+        if budget.quantity == "bytes":
+            used: float = memory_bytes(design, target)
+        else:
+            of = cost(design, target, mission, cycle_energy)
+            # a board that takes more at rest needs no figure for its work
+            at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
+            used = budget.limit + 1 if at_rest else _watts(of, target)
+        if used > budget.limit:
+            return budget.text
+    return ""
+
+
+def _watts(of: Cost, target: Target) -> float:
+    total = of.whole_w or of.marginal_w
+    if total is None:
+        remedy = "take another target, or name no budget of power"
+        if target.kind == "processor":
+            remedy = "calibrate with a profile of your board (--calibrate)"
+        raise UsageError(
+            f"the power of {target.name} is unknown, so that no budget of it can be met: {remedy}"
+        )
+    return total.central
+
+
+def _changed(design: Design, bits: int, name: str, value: int) -> Design:
+    values = design.to_dict() | {"code_bits": bits, "lookup_depth": 0, name: value}
+    if design.code == "linear":
+        values["full_scales"] = [0]
+    return Design.from_dict(values)
+
+
+def _largest(
+    design: Design,
+    bits: int,
+    parameter: str,
+    least: int,
+    most: int,
+    broken: Callable[[Design], str],
+) -> Fit:
+    """Bisect: memory and power grow with J and with K."""
+    try:
+        limit = broken(_changed(design, bits, parameter, least))
+        if limit:
+            return Fit(parameter, bits, 0, limit)
+        low, high = least, most + 1
+        limit = f"range up to {most}"
+        while high - low > 1:
+            middle = (low + high) // 2
+            why = broken(_changed(design, bits, parameter, middle))
+            if why:
+                high, limit = middle, why
+            else:
+                low = middle
+    except DesignError as error:
+        raise UsageError(str(error)) from error
+    return Fit(parameter, bits, low, limit)
+
+
+# Evaluated designs as devices of a mission, and the most accurate one that fits.
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """Accuracy of a map on two drives.
+
+    Attributes
+    ----------
+    name : str
+        Of its folder, or its size.
+    accuracy : float
+        P@100R.
+    queries : int
+        That were evaluated.
+    reference : ReferenceMap
+    """
+
+    name: str
+    accuracy: float
+    queries: int
+    reference: ReferenceMap
+
+
+class Accuracy(NamedTuple):
+    """The part of the result of `edge-vpr evaluate` that is needed here."""
+
+    precision_at_100_recall: float
+    queries: int
+
+
+class Metrics(NamedTuple):
+    """The part of `metrics.json` that tells the accuracy; None before an evaluation."""
+
+    evaluation: Accuracy | None = None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One evaluated map, as a device.
+
+    Attributes
+    ----------
+    name, accuracy, queries
+        See `Evaluated`.
+    own_places : int
+        Of its map, among which it was that accurate.
+    design : Design
+        Of its map; with as many places as the mission's route, if that is given.
+    cost : Cost
+    memory_bytes : int
+    limited_by : str
+        What keeps it from fitting; empty if it fits.
+    """
+
+    name: str
+    accuracy: float
+    queries: int
+    own_places: int
+    design: Design
+    cost: Cost
+    memory_bytes: int
+    limited_by: str
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Requirements for a candidate: a target, budgets, and the mission.
+
+    Attributes
+    ----------
+    target : Target
+    budgets : sequence of Budget
+    places : int, optional
+        K of the mission's route, in place of each map's.
+    matches_per_s : float, optional
+        By default one a window.
+    events_per_s : float, optional
+        By default those of the reference drive.
+    cycle_energy : Constant, optional
+        See `cost`.
+    """
+
+    target: Target
+    budgets: Sequence[Budget] = ()
+    places: int | None = None
+    matches_per_s: float | None = None
+    events_per_s: float | None = None
+    cycle_energy: Constant | None = None
+
+    def candidate(self, one: Evaluated) -> Candidate:
+        """Take a map as a device with the mission's number of places.
+
+        Raises
+        ------
+        UsageError
+            If no device of this kind could be, or a budget of power cannot be held against this
+            target.
+        """
+        reference = one.reference
+        rate, share = event_rates(reference)
+        try:
+            design = design_of(reference)
+            if self.places is not None:
+                design = replace(design, places=self.places)
+        except DesignError as error:
+            raise UsageError(f"{one.name}: {error}") from error
+        windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
+        a_second = self.matches_per_s or len(reference) / max(windows_s, 1e-6)
+        mission = Mission(self.events_per_s or rate, share, a_second)
+        return Candidate(
+            name=one.name,
+            accuracy=one.accuracy,
+            queries=one.queries,
+            own_places=len(reference),
+            design=design,
+            cost=cost(design, self.target, mission, self.cycle_energy),
+            memory_bytes=memory_bytes(design, self.target),
+            limited_by=broken_by(design, self.target, mission, self.budgets, self.cycle_energy),
+        )
+
+
+def evaluation_of(metrics: Path) -> tuple[float, int] | None:
+    """Read P@100R and the number of queries of a run; None if it was not evaluated.
+
+    Raises
+    ------
+    MapError
+        If the file is damaged.
+    """
+    remedy = "match and evaluate again"
+    values = read_json(metrics, remedy)
+    with damaged(metrics, remedy):
+        told = from_json(Metrics, values).evaluation
+        if told is None:
+            return None
+        right, queries = told.precision_at_100_recall, told.queries
+        if not 0 <= right <= 1 or queries < 1:
+            raise MapError(f"P@100R is {right} of {queries} queries")
+    return right, queries
+
+
+def evaluated_runs(folder: Path) -> list[Evaluated]:
+    """Find every evaluated run below a folder.
+
+    Raises
+    ------
+    UsageError
+        If there is none.
+    MapError
+        If the metrics of one are damaged.
+    """
+    found = []
+    for metrics in sorted(folder.rglob(results.METRICS)):
+        if not (metrics.parent / results.MAP).is_file():
+            continue
+        told = evaluation_of(metrics)
+        if told is not None:
+            reference = ReferenceMap.load(metrics.parent / results.MAP)
+            found.append(Evaluated(str(metrics.parent), *told, reference))
+    if not found:
+        raise UsageError(f"no evaluated run in {folder}: edge-vpr match, then edge-vpr evaluate")
+    return found
+
+
+def candidates(evaluated: Iterable[Evaluated], asked: Asked) -> list[Candidate]:
+    """Take evaluated designs for a mission, best accuracy first, then the smallest."""
+    found = [asked.candidate(one) for one in evaluated]
+    return sorted(found, key=lambda one: (-one.accuracy, one.memory_bytes))
+
+
+def answer(found: Sequence[Candidate], asked: Asked, on: str) -> str:
+    """Return a sentence on the best design that fits, its accuracy, and what limits it."""
+    within = " and ".join(budget.text for budget in asked.budgets) or "no budget"
+    head = f"{asked.target.name}, within {within}: "
+    fitting = [one for one in found if not one.limited_by]
+    if not fitting:
+        least = min(found, key=lambda one: one.memory_bytes)
+        return (
+            f"{head}none of the {len(found)} designs fits; the smallest, {_told(least)}, is over "
+            f"{least.limited_by}"
+        )
+    best = fitting[0]
+    # of a share, taken as if the queries had nothing to do with one another
+    error = math.sqrt(best.accuracy * (1 - best.accuracy) / max(best.queries, 1))
+    said = (
+        f"{head}{_told(best)}, {best.accuracy:.1%} right on {on}, among its own {best.own_places} "
+        f"places (standard error {error:.1%} of {best.queries} queries)"
+    )
+    better = [one for one in found if one.accuracy > best.accuracy + error]
+    if not better:
+        return f"{said}. Nothing limits it: no design is more often right by a standard error"
+    # the one that asks for least more
+    nearest = min(better, key=lambda one: one.memory_bytes)
+    return (
+        f"{said}. What limits it: {nearest.limited_by}; {nearest.accuracy:.1%} right would take "
+        f"{_told(nearest)}"
+    )
+
+
+def _told(one: Candidate) -> str:
+    design, power = one.design, one.cost.whole_w or one.cost.marginal_w
+    watts = f"power {UNKNOWN}"
+    if power is None and one.cost.idle_w is not None:
+        watts = spread(one.cost.idle_w, "W") + " at rest alone, modelled"
+    elif power is not None:
+        watts = spread(power, "W")
+        watts += " modelled" if one.cost.whole_w else " added by the work, modelled (rest unknown)"
+    return (
+        f"{design.pixels} pixels, {design.code_bits} bit{'s' * (design.code_bits > 1)} "
+        f"({design.code}), {design.places:,} places, {matching(design)}: "
+        f"{size_text(one.memory_bytes)}, {watts}"
+    )
+
+
+# Accuracy of evaluated designs against their cost on a target, drawn.
+
+
+def frontier(found: Sequence[Candidate], cost_of: Callable[[Candidate], float]) -> list[Candidate]:
+    """Return the designs for which no other is as accurate at a lower cost."""
+    best: list[Candidate] = []
+    for one in sorted(found, key=lambda c: (cost_of(c), -c.accuracy)):
+        if not best or one.accuracy > best[-1].accuracy:
+            best.append(one)
+    return best
+
+
+def draw(found: Sequence[Candidate], target: Target) -> Figure:
+    """Draw accuracy against energy a match and memory; what no other beats has its name."""
+    with panels(1, 2, 12.0, 5.2, sharey=True) as (drawing, ((left, right),)):
+        known = [one for one in found if one.cost.per_match_j is not None]
+        if known:
+            _panel(left, known, _joules, "J", "energy added by the work of a match: modelled")
+        else:
+            left.text(
+                0.5, 0.5, f"energy on {target.name}: unknown", transform=left.transAxes, ha="center"
+            )
+            left.set_xticks([])
+        _panel(right, found, lambda one: one.memory_bytes, "B", "memory (1 kB is 1,000 bytes)")
+        left.set_ylabel("P@100R")
+        legend_below(drawing, [right], 3)
+        drawing.suptitle(f"Accuracy against energy and bytes on {target.name}")
+    return drawing
+
+
+def _joules(one: Candidate) -> float:
+    assert one.cost.per_match_j is not None
+    return one.cost.per_match_j.central
+
+
+def _panel(
+    axes: Axes,
+    found: Sequence[Candidate],
+    cost_of: Callable[[Candidate], float],
+    unit: str,
+    label: str,
+) -> None:
+    for limited, marker, colour, name in (
+        (False, "o", BLUE, "fits"), (True, "x", ORANGE, "over a budget")
+    ):  # fmt: skip
+        those = [one for one in found if bool(one.limited_by) == limited]
+        if those:
+            axes.plot(
+                [cost_of(one) for one in those], [one.accuracy for one in those],
+                marker, color=colour, label=name,
+            )  # fmt: skip
+    kept = frontier(found, cost_of)
+    axes.step(
+        [cost_of(one) for one in kept], [one.accuracy for one in kept], where="post",
+        color=BLUE, lw=1, alpha=0.6, label="no other is better and cheaper",
+    )  # fmt: skip
+    for before, one in zip([None, *kept], kept, strict=False):
+        # to the left of the steps is room, but for what is hardly above the step before
+        beside = before is not None and one.accuracy - before.accuracy < 0.02
+        axes.annotate(
+            name_label(Path(one.name).name), (cost_of(one), one.accuracy), fontsize=7,
+            ha="left" if beside else "right", xytext=(5 if beside else -5, 3),
+            textcoords="offset points",
+        )  # fmt: skip
+    quantity_axis(axes.xaxis, unit)
+    axes.margins(x=0.3)
+    axes.set_xlabel(label)

@@ -1,0 +1,269 @@
+"""Flags that several commands share: recordings, settings, ground truth, figures."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+from edge_vpr.errors import UsageError
+from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
+from edge_vpr_tools.console import warning
+
+# Flags by which every command opens a recording.
+
+
+def add_reading_arguments(
+    parser: argparse.ArgumentParser, *, on_fault: bool = True
+) -> argparse._ArgumentGroup:
+    """Add a group with the flags that `reading.open_from` reads, and return the group."""
+    group = parser.add_argument_group(
+        "reading", "needed where a file does not hold this information"
+    )
+    group.add_argument(
+        "--sensor", metavar="WxH", help="size of the sensor, such as 346x260 (default: the file's)"
+    )
+    if on_fault:
+        group.add_argument(
+            "--on-fault", choices=("error", "drop"), default="error",
+            help="stop at the first faulty event, or leave faulty events out and count them",
+        )  # fmt: skip
+    group.add_argument(
+        "--frame-period", metavar="S",
+        help="duration of a frame of counts in seconds, for example 1/30",
+    )  # fmt: skip
+    group.add_argument(
+        "--format", metavar="NAME",
+        help="format of the file (default: recognised by its name and content)",
+    )  # fmt: skip
+    group.add_argument(
+        "--topic", metavar="NAME",
+        help="topic or stream to read, if the file has several (default: the only one)",
+    )  # fmt: skip
+    group.add_argument(
+        "--time-unit", choices=("s", "ms", "us", "ns"),
+        help="unit of the times in a table (default: s if they have decimals, else us)",
+    )  # fmt: skip
+    group.add_argument(
+        "--columns",
+        metavar="ORDER",
+        help="order of the columns in a table without names, for example xytp (default: the usual "
+        "one of the format)",
+    )
+    crop = parser.add_argument_group("part of the recording")
+    crop.add_argument(
+        "--start", metavar="S", help="first second to read, which becomes time 0 (default: 0)"
+    )
+    crop.add_argument("--end", metavar="S", help="second to read up to (default: the end)")
+    crop.add_argument(
+        "--start-offset",
+        metavar="S",
+        help="time on the clock of the file from which --start and --end count, in seconds, for "
+        "example 1587452582.35 (default: the start of the recording)",
+    )
+    return group
+
+
+def add_window_argument(group: argparse._ArgumentGroup) -> None:
+    """Add the further flag that `reading.open_source` reads."""
+    group.add_argument(
+        "--frames-as-windows", action="store_true",
+        help="take each frame of counts as one window, instead of turning it into events",
+    )  # fmt: skip
+
+
+# Flags of the settings, made from their descriptions; shared by the commands map and match.
+
+
+DEFAULT_PRESET = "default"
+#: the group of settings that can be changed after a map is made
+_MATCHING = "matching"
+
+
+def add_map_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of all settings."""
+    group = parser.add_argument_group(
+        "settings",
+        "a flag overrides the file of --config, and the file overrides --preset; the defaults "
+        f"shown are those of the preset {DEFAULT_PRESET!r}",
+    )
+    group.add_argument(
+        "--preset", choices=tuple(PRESETS), default=DEFAULT_PRESET, help="named set of settings"
+    )
+    group.add_argument("--config", metavar="FILE", help="TOML file with settings")
+    for title in ("pixels", "windows", "counters", "cleaning"):
+        _add_flags(parser.add_argument_group(title), title)
+    add_match_flags(parser.add_argument_group(_MATCHING))
+
+
+def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> None:
+    """Add the flags of the settings of matching.
+
+    Parameters
+    ----------
+    parser : parser or group
+    default : str, optional
+        Text that the help shows as the default; empty for the value of the preset.
+    """
+    _add_flags(parser, _MATCHING, default)
+
+
+def map_settings(args: argparse.Namespace) -> Settings:
+    """Return the settings that result from the flags of `add_map_flags`.
+
+    Raises
+    ------
+    UsageError
+        If a value is wrong.
+    """
+    flags = {field.key: getattr(args, field.key) for field in SETTING_FIELDS.values()}
+    if flags["hot_pixels"] not in (None, "find", "keep"):  # a file, which is read elsewhere
+        flags["hot_pixels"] = "find"
+    settings = resolve_settings(args.preset, args.config, flags)
+    _warn_of_no_effect(args, settings, SETTING_FIELDS.values())
+    return settings
+
+
+def given_map_flags(args: argparse.Namespace) -> list[str]:
+    """Return the given flags that belong to making a map and not to matching; no ``--preset``."""
+    decide = [field for field in SETTING_FIELDS.values() if field.group != _MATCHING]
+    given = ["--config"] if args.config is not None else []
+    return given + [field.flag for field in decide if getattr(args, field.key) is not None]
+
+
+def match_flags(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the given flags of `add_match_flags`, by the key of the setting."""
+    values = {field.key: getattr(args, field.key) for field in _of_group(_MATCHING)}
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def with_match_flags(
+    args: argparse.Namespace, settings: Settings, *, online: bool = False
+) -> Settings:
+    """Return the settings of a map, changed by the flags of `add_match_flags`.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    settings : Settings
+    online : bool
+        Match while the events come, so that nothing is smoothed.
+
+    Raises
+    ------
+    UsageError
+        If a value is wrong, or ``--smooth`` is given online.
+    """
+    if online:
+        if args.smooth:
+            raise UsageError(
+                "--smooth needs all windows after each one, which are not known online: leave it "
+                "out, or wait for some of them with --delay"
+            )
+        settings = replace(settings, smooth=False)
+    changed = settings.replaced(match_flags(args), "the command line")
+    _warn_of_no_effect(args, changed, _of_group(_MATCHING))
+    if args.delay and changed.smooth:
+        warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
+    return changed
+
+
+def _warn_of_no_effect(
+    args: argparse.Namespace, settings: Settings, known: Iterable[SettingField]
+) -> None:
+    """Warn of each given flag that has no effect with the other settings; not of ``--no-...``."""
+    for field in known:
+        if getattr(args, field.key) in (None, False) or field.needs is None:
+            continue
+        name, values = field.needs
+        other, now = SETTING_FIELDS[name].flag, getattr(settings, name)
+        if now not in values:
+            warning(
+                f"{field.flag} has no effect with {other} {now}: it is for {other} "
+                f"{' or '.join(values)}"
+            )
+
+
+def _of_group(group: str) -> Iterable[SettingField]:
+    return (field for field in SETTING_FIELDS.values() if field.group == group)
+
+
+def _add_flags(parser: argparse._ActionsContainer, group: str, default: str = "") -> None:
+    for field in _of_group(group):
+        preset = field.word(getattr(PRESETS[DEFAULT_PRESET], field.name))
+        names = [field.flag] if field.short is None else [field.flag, field.short]
+        text = f"{field.help} (default: {default or preset})"
+        parser.add_argument(*names, dest=field.key, help=text, **_form(field))
+
+
+def _form(field: SettingField) -> dict[str, Any]:
+    """Return the arguments by which argparse reads a flag: a switch, a choice, or a value."""
+    if field.kind is bool and not field.words:
+        return {"action": argparse.BooleanOptionalAction}
+    if field.choices:
+        return {"choices": (*field.choices, *field.words)}
+    if field.kind is bool and field.metavar is None:
+        return {"choices": tuple(field.words)}
+    if field.kind is bool:  # its words, or a file
+        return {"metavar": field.metavar}
+    has_words = field.words or field.read is not None
+    return {"metavar": field.metavar, "type": _checked(field) if has_words else field.kind}
+
+
+def _checked(field: SettingField) -> Callable[[str], str]:
+    """Return a function that checks a given value, raises if it is wrong, and returns it."""
+
+    def word(given: str) -> str:
+        try:
+            field.value_of(given)
+        except UsageError:
+            raise argparse.ArgumentTypeError(f"{given!r}: expected {field.accepted}") from None
+        return given
+
+    return word
+
+
+# Flags of the ground truth, shared by the commands that compare matches with it.
+
+
+def add_truth_flags(group: argparse._ActionsContainer) -> None:
+    """Add the flags that `truth.load_truth` reads."""
+    group.add_argument(
+        "--ground-truth",
+        nargs="+",
+        required=True,
+        metavar="FILE",
+        help="two tracks, first that of the reference (NMEA, GPX, or CSV with time_s and metres or "
+        "degrees); or one alignment (CSV with the columns query_s,reference_s or "
+        "query_frame,reference_frame); or one matrix of 0 and 1 (.npz, .npy)",
+    )
+    group.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="T",
+        help="largest error of a right match: in metres for tracks, in the unit of the file for an "
+        "alignment; needed for both",
+    )
+    group.add_argument(
+        "--rows", choices=("reference", "query"),
+        help="whether the rows of a matrix are reference places or queries; needed for a matrix",
+    )  # fmt: skip
+    group.add_argument(
+        "--offset",
+        nargs=2,
+        type=float,
+        metavar=("REF_S", "QUERY_S"),
+        help="time in each recording at which its track has its time 0, in seconds; negative if "
+        "the track began earlier (default: 0 0)",
+    )
+    group.add_argument(
+        "--frame-period", metavar="S",
+        help="duration of a frame in seconds, for an alignment in frames, for example 1/30",
+    )  # fmt: skip
+
+
+# Help of the flag for the formats of figures, which several commands have.
+
+
+FIGURES_HELP = "formats of the figures: png, pdf, svg, or several separated by commas"

@@ -1,0 +1,144 @@
+"""Recordings and ground truth opened by the flags of the command line."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from edge_vpr.descriptors.windows import PublishedWindows
+from edge_vpr.errors import GroundTruthError, MapError
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.events import Sensor
+from edge_vpr.matching.matches import Matches
+from edge_vpr.recordings import Recording, open_recording, parse_period
+from edge_vpr.recordings.recording import TimeCrop, seconds_us
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools import results
+from edge_vpr_tools.console import note, warning
+from edge_vpr_tools.runs.matching import read_queries
+from edge_vpr_tools.runs.truth_files import load_truth
+
+# Open recordings with the flags of the command line, and describe their faults.
+
+
+def open_from(
+    args: argparse.Namespace, path: str | Path, *, on_fault: str | None = None
+) -> Recording:
+    """Open a recording with the flags of :func:`add_reading_arguments`.
+
+    Prints a warning if something in the recording is implausible.
+
+    Raises
+    ------
+    EdgeVprError
+        If a flag is wrong or the recording cannot be opened.
+    """
+    recording = open_recording(
+        path,
+        format=args.format,
+        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+        on_fault=args.on_fault if on_fault is None else on_fault,
+        frame_period=None if args.frame_period is None else parse_period(args.frame_period),
+        topic=args.topic,
+        time_unit=args.time_unit,
+        columns=args.columns,
+    )
+    if recording.remark:
+        warning(f"{path}: {recording.remark}")
+    crop = _crop_of(args)
+    return recording if crop is None else recording.cropped(crop)
+
+
+def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:
+    """Open a recording as events, or with ``--frames-as-windows`` as windows of counts.
+
+    Raises
+    ------
+    EdgeVprError
+        If a flag is wrong or the file cannot be opened.
+    """
+    if not args.frames_as_windows:
+        return open_from(args, path)
+    return PublishedWindows(
+        path,
+        period=None if args.frame_period is None else parse_period(args.frame_period),
+        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+        crop=_crop_of(args),
+    )
+
+
+def _crop_of(args: argparse.Namespace) -> TimeCrop | None:
+    if args.start is args.end is args.start_offset is None:
+        return None
+    end, offset = args.end, args.start_offset
+    return TimeCrop(
+        start_us=seconds_us(args.start or "0", "--start"),
+        end_us=None if end is None else seconds_us(end, "--end"),
+        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
+    )
+
+
+def describe_faults(recording: Recording | PublishedWindows) -> str:
+    """Return the end of a sentence on the events that were dropped; empty if there were none."""
+    return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""
+
+
+# Load the results and the ground truth that the flags name.
+
+
+#: places times queries of the ground truth: 64 MB
+_MOST_CELLS = 1 << 26
+#: swapped logs are reported if this share of the matches becomes right by it; chosen by judgement
+_SWAPPED_BY = 0.3
+
+
+def _share_right(matches: Matches, truth: GroundTruth) -> float:
+    return float(truth.correct[matches.place, matches.query].mean())
+
+
+def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, GroundTruth]:
+    """Read a folder of results and its ground truth, and print notes on doubtful inputs.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        With ``results`` and what `add_truth_flags` adds.
+
+    Raises
+    ------
+    EdgeVprError
+        If the folder or the ground truth cannot be used.
+    """
+    folder = Path(args.results)
+    if not folder.is_dir():
+        raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
+    reference = ReferenceMap.load(folder / results.MAP)
+    matches = Matches.load(folder / results.MATCHES)
+    queries = read_queries(folder)
+    if queries is None:  # matched online: each match is a query
+        matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
+    queries_us = matches.time_us if queries is None else queries.centre_us
+    truth_of = partial(
+        load_truth,
+        places_us=reference.places.centre_us,
+        queries_us=queries_us,
+        tolerance=args.tolerance,
+        rows=args.rows,
+        frame_period=args.frame_period,
+    )
+    truth = truth_of(args.ground_truth, offset_s=args.offset)
+    for line in truth.notes:
+        note(line)
+    right = _share_right(matches, truth)
+    if len(args.ground_truth) == 2 and right < 1 - _SWAPPED_BY:
+        offsets = None if args.offset is None else args.offset[::-1]
+        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
+            swapped = _share_right(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
+            if swapped > right + _SWAPPED_BY:
+                note(
+                    f"with the two logs in the other order, {swapped:.0%} of the matches would be "
+                    f"right instead of {right:.0%}: name the log of the reference first"
+                )
+    return reference, matches, truth

@@ -1,0 +1,494 @@
+"""Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs, Rerun."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import sys
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from edge_vpr.errors import MissingExtraError, printable
+from edge_vpr.events import Sensor
+from edge_vpr.live.health import Health
+from edge_vpr.live.session import LiveLocaliser, LiveResult
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.console import is_quiet, warning
+from edge_vpr_tools.publish import MatchRows, Publisher
+
+# The full-screen view of a live run on a terminal.
+
+
+#: Notices that are shown, and that are printed again at the end.
+_SHOWN, _KEPT = 6, 50
+_BAR_WIDTH = 50
+_STALE, _WARNING = "bright_black", "yellow"
+#: Texts that have no meaning once nothing arrives.
+_OF_THE_NEWEST = {"place", "certainty", "latency"}
+
+
+class Notice(NamedTuple):
+    """Something that happened."""
+
+    kind: str
+    clock: str
+    text: str
+
+
+class Panel:
+    """Shows named texts, the position as a bar, and notices.
+
+    Attributes
+    ----------
+    lost : bool
+        Whether the terminal has gone.
+    """
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+        self._notices: deque[Notice] = deque(maxlen=_KEPT)
+        self._standing: set[str] = set()
+        self.lost = False
+
+    def notice(self, kind: str, text: str, *, over: bool) -> None:
+        """Add a notice, shown as a warning until a notice of its kind says that it is over."""
+        self._notices.append(Notice(kind, time.strftime("%H:%M:%S"), text))
+        self.settle(kind)
+        if not over:
+            self._standing.add(kind)
+
+    def settle(self, kind: str) -> None:
+        """Show the notices of a kind as past."""
+        self._standing.discard(kind)
+
+    def show(self, rows: Mapping[str, str], share: float | None, *, stale: bool) -> None:
+        """Draw the screen anew.
+
+        Parameters
+        ----------
+        rows : mapping
+            What there is to say, by name.
+        share : float or None
+            Position on the bar, 0 to 1.
+        stale : bool
+            Whether it is too old to be believed; it is greyed then.
+        """
+        try:
+            self._live.update(self._drawn(rows, share, stale=stale), refresh=True)
+            # what was hung up between two pictures is to Rich no terminal, and gets none
+            self.lost = not self._live.console.file.isatty()
+        except OSError:
+            self.lost = True
+
+    def close(self) -> None:
+        """Give the screen back; again is harmless."""
+        # a terminal that has gone needs nothing to be put back
+        with suppress(OSError):
+            self._live.stop()
+
+    def history(self) -> Iterator[str]:
+        """Give the notices, oldest first, for whoever has left the screen."""
+        return (f"{notice.clock} {notice.text}" for notice in self._notices)
+
+    def _drawn(
+        self, rows: Mapping[str, str], share: float | None, *, stale: bool
+    ) -> RenderableType:
+        table = Table.grid(padding=(0, 2))
+        table.add_column(style=_STALE, justify="right")
+        table.add_column()
+        for name, text in rows.items():
+            style = _STALE if stale and name in _OF_THE_NEWEST else ""
+            # a Text, as in a string square brackets would be marks
+            table.add_row(name, Text(text, style=_WARNING if name == "silent" else style))
+            if name == "place" and share is not None:
+                shown = _STALE if stale else "bar.complete"
+                table.add_row(
+                    "",
+                    ProgressBar(1.0, share, _BAR_WIDTH, complete_style=shown, finished_style=shown),
+                )
+        return Group(table, *self._notice_lines())
+
+    def _notice_lines(self) -> Iterable[RenderableType]:
+        """Give the newest notices, and before them the standing ones that are older."""
+        newest = list(self._notices)[-_SHOWN:]
+        last = {notice.kind: notice for notice in self._notices}
+        older = [last[kind] for kind in self._standing if kind in last and last[kind] not in newest]
+        yield Text("")
+        for notice in [*older, *newest]:
+            stands = notice.kind in self._standing and notice is last[notice.kind]
+            yield Text(f"{notice.clock} {notice.text}", style=_WARNING if stands else _STALE)
+
+
+@contextmanager
+def open_panel() -> Iterator[Panel]:
+    """Take the terminal's other screen until the block ends."""
+    live = Live("waiting for events", auto_refresh=False, screen=True)
+    live.start(refresh=True)
+    panel = Panel(live)
+    try:
+        yield panel
+    finally:
+        panel.close()
+
+
+# Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs.
+
+
+_REFRESH_S, _LINE_S = 0.125, 1.0
+#: Length of a silence that is reported.
+SILENT_S = 1.0
+
+
+class Lags:
+    """Histogram of the time from arrival to match, in bins of 0.1 ms up to a second."""
+
+    def __init__(self) -> None:
+        self._pieces = np.zeros(10_001, dtype=np.int64)
+
+    def add(self, lag_s: float) -> None:
+        """Count a piece."""
+        self._pieces[min(int(1e4 * lag_s), self._pieces.size - 1)] += 1
+
+    def percentile_ms(self, share: float) -> float | None:
+        """Return the lag below which this share of pieces stayed, to 0.1 ms; None if none."""
+        sums = np.cumsum(self._pieces)
+        if not sums[-1]:
+            return None
+        return float(np.searchsorted(sums, share * sums[-1]) + 1) / 10
+
+
+class View:
+    """Counts, shows and logs.
+
+    Parameters
+    ----------
+    as_json : bool
+        JSON lines on standard output.
+    log : text file or None
+    reference : ReferenceMap or None
+        Where it has positions, matches have the columns of `matches_csv`.
+    panel : Panel or None
+        On a terminal.
+    publishers : sequence of Publisher
+        Get every row.
+
+    Attributes
+    ----------
+    unread : bool
+        Whether nobody reads our output any more, as after `head`.
+    unwritten : str
+        Which file was given up and why, if one was.
+    """
+
+    def __init__(
+        self,
+        as_json: bool,
+        log: TextIO | None,
+        reference: ReferenceMap | None,
+        panel: Panel | None,
+        publishers: Sequence[Publisher] = (),
+    ) -> None:
+        self._json, self._log, self._panel = as_json, log, panel
+        self._rows, self._publishers = MatchRows(reference), publishers
+        self._places = len(reference or ())
+        self._quiet = is_quiet() or as_json
+        self._goal = "match" if self._places else "event"
+        self.unread = False
+        self.unwritten = ""
+        self._begin = self._shown = self._logged = self._heard = time.monotonic()
+        self._closed = False
+        self._events_then = 0
+        self._rate = 0.0
+        self._lag_s = 0.0
+        self._lags = Lags()
+        self._last: str | None = None  # match, as JSON
+        self.matched = 0
+
+    def matches(self, result: LiveResult, lag_s: float) -> None:
+        """Count and write the matches of a chunk, `lag_s` after it came."""
+        self._heard = time.monotonic()
+        if self._panel is not None:
+            self._panel.settle("stalled")
+        if result.events.size:
+            self._lag_s = lag_s
+            self._lags.add(lag_s)
+        if result.matches.size:
+            host_us = time.time_ns() // 1_000 - int(1e6 * lag_s)
+            lines = list(self._rows.lines(result, host_us))
+            if self._json:  # first: a program may wait at the other end of a pipe
+                self._print(*lines)
+            self._last, self.matched = lines[-1], self.matched + len(lines)
+            for line in lines:
+                self._hand_on("match", line)
+
+    def say(self, kind: str, text: str, *, over: bool = False) -> None:
+        """Report that something happened, or that it is over."""
+        self._write({"kind": kind, "text": text})
+        if kind == "link":
+            self._closed = not over
+        # texts of a device or of the system can contain anything
+        text = printable(text)
+        if self._panel is not None:
+            self._panel.notice(kind, text, over=over)
+        elif not self._quiet:
+            self._print(text)
+        elif not (self._json or over):
+            warning(text)
+
+    def odometry(self, time_us: int, distance_m: float) -> None:
+        """Write a reading of the odometer."""
+        self._write({"kind": "odometry", "t": time_us, "distance_m": distance_m})
+
+    def give_up(self, text: str) -> None:
+        """Report that a file is given up; the run continues without it."""
+        self.unwritten = text
+        self.say("file", f"{text}; going on without it")
+
+    def tick(self, live: LiveLocaliser) -> None:
+        """Update the view, if it is time to."""
+        for publisher in self._publishers:
+            for text, good in publisher.notices():
+                self.say(publisher.name, text, over=good)
+        now = time.monotonic()
+        since = now - self._shown
+        if since < (_LINE_S if self._panel is None else _REFRESH_S):
+            return
+        health = live.decoder.health
+        self._rate = (health.events - self._events_then) / since
+        self._events_then, self._shown = health.events, now
+        if now - self._logged >= _LINE_S:
+            self._logged = now
+            self._write(self._health(health))
+        if self._panel is not None:
+            said = self._said(health, live.filled)
+            share = self._position(live.filled) if self._places else None
+            self._panel.show(said, share, stale=self._closed or self._silent_s() > SILENT_S)
+            self.unread |= self._panel.lost
+        elif not self._quiet:
+            self._print(" | ".join(self._said(health, live.filled).values()))
+
+    def summary(self, health: Health, bursts_removed: int) -> None:
+        """Write the summary of the run."""
+        self._write({**self._health(health), "kind": "summary", "matches": self.matched})
+        if self._quiet:
+            return
+        if self._panel is not None:
+            # notices disappear with the screen
+            self._panel.close()
+            self._print(*self._panel.history())
+        seconds = time.monotonic() - self._begin
+        text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
+        if self._places:
+            text += f", {self.matched:,} matches; {bursts_removed:,} events removed as bursts"
+        half, most = (self._lags.percentile_ms(share) for share in (0.5, 0.99))
+        if half is not None:
+            text += f"\nfrom byte to {self._goal}: {half:.1f} ms median, {most:.1f} ms for 99 %"
+        self._print(f"{text}\nhealth: {health}\nlosses: {health.describe_losses()}")
+
+    def _health(self, health: Health) -> dict[str, Any]:
+        return {
+            "kind": "health",
+            **asdict(health),
+            "rate": self._rate,
+            "silent_s": self._silent_s(),
+            "lag_ms": 1e3 * self._lag_s,
+            "lag_p50_ms": self._lags.percentile_ms(0.5),
+            "lag_p99_ms": self._lags.percentile_ms(0.99),
+        }
+
+    def _said(self, health: Health, filled: float) -> dict[str, str]:
+        """Return the parts of a line, or of the panel, by name."""
+        said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
+        if (silent_s := self._silent_s()) > SILENT_S:
+            said["silent"] = f"nothing came for {silent_s:.0f} s"
+        if self._last is not None:
+            last = json.loads(self._last)
+            said["place"] = (
+                f"place {last['place']} of {self._places}"
+                f" ({100 * self._position(filled):.0f} % of the route)"
+            )
+            if last.get("along_m") is not None:
+                said["place"] += f", at {last['along_m']:,.1f} m"
+            ratio, probability = last["ratio"], last["probability"]
+            said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
+            if probability is not None:
+                said["certainty"] = f"right with probability {probability:.2f}"
+            if last["lost"]:
+                said["certainty"] += ", lost"
+            if last["incomplete"]:
+                said["certainty"] += ", incomplete: events were lost"
+        elif self._places:
+            said["place"] = f"first sequence {100 * filled:.0f} % full"
+        if health.events:
+            said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
+        said["health"] = str(health)
+        return said
+
+    def _silent_s(self) -> float:
+        """Seconds since the newest bytes."""
+        return time.monotonic() - self._heard
+
+    def _position(self, filled: float) -> float:
+        """Share of the route before the newest match, or of the first sequence if there is none."""
+        if self._last is None:
+            return filled
+        return float(json.loads(self._last)["place"] / max(1, self._places - 1))
+
+    def _write(self, row: dict[str, Any]) -> None:
+        text = json.dumps(row)
+        self._hand_on(row["kind"], text)
+        if self._json:
+            self._print(text)
+
+    def _hand_on(self, kind: str, text: str) -> None:
+        """Pass a row to the publishers and to the log."""
+        for publisher in self._publishers:
+            publisher.send(kind, text)
+        if self._log is not None:
+            try:
+                self._log.write(text + "\n")
+                if kind != "match":
+                    self._log.flush()
+            except OSError as error:
+                name, self._log = self._log.name, None
+                self.give_up(ends_early(name, error))
+
+    def _print(self, *text: str) -> None:
+        """Print lines at once; end the run in an orderly way if the reader has gone.
+
+        A second signal ends it too, if the reader does not read.
+        """
+        try:
+            if text:
+                print(*text, sep="\n", flush=True)
+        except (OSError, KeyboardInterrupt) as error:
+            if isinstance(error, OSError) and error.errno not in (errno.EPIPE, errno.EIO):
+                raise
+            self.unread = True
+            with Path(os.devnull).open("wb") as nowhere:
+                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+def ends_early(path: str, error: OSError) -> str:
+    """Report that no more can be written to a file."""
+    return (
+        f"{printable(path)} ends early: {error.strerror}: check its permissions and the free space"
+    )
+
+
+@contextmanager
+def open_view(
+    as_json: bool,
+    log: str | None,
+    reference: ReferenceMap | None,
+    publishers: Sequence[Publisher] = (),
+) -> Iterator[View]:
+    """Open a view, and its log until the block ends."""
+    file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
+    try:
+        plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
+        if plain or not sys.stdout.isatty():
+            yield View(as_json, file, reference, None, publishers)
+        else:
+            with open_panel() as panel:
+                yield View(as_json, file, reference, panel, publishers)
+    finally:
+        if file is not None:
+            # every line was flushed when written, and failures were reported then
+            with suppress(OSError):
+                file.close()
+
+
+# Output of a live run in the Rerun viewer: events as pictures, matches as curves.
+
+
+#: Time span of the events in a picture.
+PICTURE_US = 33_000
+_ON, _OFF, _NONE = (255, 255, 255), (70, 110, 255), (20, 20, 20)
+
+
+class RerunView:
+    """Sends pictures and matches, with times on the clock of the stream."""
+
+    def __init__(self, recording: Any, sensor: Sensor) -> None:
+        self._recording = recording
+        self._blank = np.full((sensor.height, sensor.width, 3), _NONE, dtype=np.uint8)
+        self._picture = self._blank.copy()
+        self._begin_us = 0
+
+    def show(self, result: LiveResult) -> None:
+        """Send the events and matches of a chunk."""
+        import rerun
+
+        events = result.events
+        slots = events["t"] // PICTURE_US
+        for part in np.split(events, np.flatnonzero(np.diff(slots)) + 1) if events.size else []:
+            begin_us = int(part["t"][0]) // PICTURE_US * PICTURE_US
+            if begin_us != self._begin_us:
+                self._send_picture(begin_us)
+            colours = np.where(part["p"][:, None], _ON, _OFF)
+            self._picture[part["y"], part["x"]] = colours
+        matches = result.matches
+        if matches.size:
+            # only the newest match of a piece is visible
+            match = matches[-1]
+            self._recording.set_time("stream", duration=match["t"] / 1e6)
+            self._recording.log("match/place", rerun.Scalars(float(match["place"])))
+            if not np.isnan(match["ratio"]):
+                self._recording.log("match/ratio", rerun.Scalars(float(match["ratio"])))
+            if not np.isnan(match["probability"]):
+                probability = rerun.Scalars(float(match["probability"]))
+                self._recording.log("match/probability", probability)
+            self._recording.log("match/incomplete", rerun.Scalars(float(result.incomplete)))
+
+    def _send_picture(self, next_us: int) -> None:
+        import rerun
+
+        self._recording.set_time("stream", duration=(self._begin_us + PICTURE_US) / 1e6)
+        self._recording.log("events", rerun.Image(self._picture))
+        self._picture = self._blank.copy()
+        self._begin_us = next_us
+
+
+@contextmanager
+def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]:
+    """Open a viewer, or a file for one.
+
+    Parameters
+    ----------
+    target : str or None
+        ``viewer``, or a file ``.rrd`` to look at later; None: nothing.
+    sensor : Sensor
+
+    Raises
+    ------
+    MissingExtraError
+        If the library is not installed.
+    """
+    if target is None:
+        yield None
+        return
+    try:
+        import rerun
+    except ImportError as error:
+        raise MissingExtraError("--rerun", "rerun-sdk", "rerun") from error
+    with rerun.RecordingStream("edge-vpr") as recording:
+        if target == "viewer":
+            recording.spawn()
+        else:
+            recording.save(target)
+        yield RerunView(recording, sensor)
+        recording.flush()

@@ -1,1 +1,0 @@
-"""Output of a run: folders of results, progress, live views."""

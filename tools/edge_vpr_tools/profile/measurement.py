@@ -1,0 +1,698 @@
+"""Measurement of energy by alternating idle and load periods: samples, intervals, record."""
+
+from __future__ import annotations
+
+import resource
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.console import check_interrupted, note
+from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
+from edge_vpr_tools.results import LEFT_OUT, fields_from_json, fields_to_json, from_json, to_json
+
+# Samples of power over time, and the energy between two times.
+
+
+Floats = npt.NDArray[np.float64]
+
+
+class Window(NamedTuple):
+    """Period of one kind of load, on the monotonic clock."""
+
+    load: bool
+    start_s: float
+    end_s: float
+    matches: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Cumulated energy, at increasing times.
+
+    Attributes
+    ----------
+    time_s : ndarray of float64, shape (n,)
+    energy_j : ndarray of float64, shape (n,)
+        Energy since the first sample.
+    fresh : ndarray of bool, shape (n,)
+        Whether the reading differs from the previous one. A meter that is read more often than it
+        measures repeats its readings.
+    """
+
+    time_s: Floats
+    energy_j: Floats
+    fresh: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of_energy(cls, time_s: Floats, joules: Floats) -> Trace:
+        """Make a trace from an energy counter's readings."""
+        return cls(time_s, joules - joules[0], _fresh(joules))
+
+    @classmethod
+    def of_power(cls, time_s: Floats, watts: Floats) -> Trace:
+        """Integrate power by trapezoids; repeated readings do not change the integral's mean."""
+        steps = np.diff(time_s) * (watts[1:] + watts[:-1]) / 2
+        return cls(time_s, np.concatenate([[0.0], np.cumsum(steps)]), _fresh(watts))
+
+    def energy(self, start_s: float, end_s: float) -> float:
+        """Return the joules between two times, with linear interpolation between samples.
+
+        Raises
+        ------
+        SensorError
+            If the trace does not cover both times.
+        """
+        if not self.time_s[0] <= start_s < end_s <= self.time_s[-1]:
+            raise SensorError(
+                f"the power trace covers {self.time_s[0]:g} to {self.time_s[-1]:g} s and not "
+                f"{start_s:g} to {end_s:g} s: let the meter run longer"
+            )
+        before, after = np.interp([start_s, end_s], self.time_s, self.energy_j)
+        return float(after - before)
+
+    def native_samples(self, start_s: float, end_s: float) -> int:
+        """Count the readings between two times that differ from the previous one."""
+        inside = (self.time_s >= start_s) & (self.time_s <= end_s)
+        return int(np.count_nonzero(inside & self.fresh))
+
+
+def _fresh(readings: Floats) -> npt.NDArray[np.bool_]:
+    return np.concatenate([[True], np.diff(readings) != 0])
+
+
+@dataclass
+class Sampler:
+    """Reads a sensor at its period, in a thread of its own.
+
+    Attributes
+    ----------
+    cpu_s, commands_s : float
+        Processor time of the thread, and of the commands that ran during sampling; it is part of
+        idle and load alike.
+    error : SensorError, optional
+        Reason why sampling stopped early.
+    """
+
+    sensor: Sensor
+    cpu_s: float = 0.0
+    commands_s: float = 0.0
+    error: SensorError | None = None
+    _times: list[float] = field(default_factory=list)
+    _values: list[float] = field(default_factory=list)
+    _stop: threading.Event = field(default_factory=threading.Event)
+    _thread: threading.Thread | None = None
+
+    def __enter__(self) -> Sampler:
+        self._take()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self._stop.set()
+        assert self._thread is not None
+        self._thread.join()
+        if self.error is None:
+            try:
+                self._take()
+            except SensorError as error:
+                self.error = error
+
+    def trace(self) -> Trace:
+        """Return the samples.
+
+        Raises
+        ------
+        SensorError
+            If the sensor failed during sampling.
+        """
+        if self.error is not None:
+            raise self.error
+        times, values = np.array(self._times), np.array(self._values)
+        if self.sensor.about.kind == "energy":
+            return Trace.of_energy(times, values)
+        return Trace.of_power(times, values)
+
+    def _take(self) -> None:
+        when, value = self.sensor.sample()
+        if self._times and when <= self._times[-1]:
+            return  # the sensor was read before it had a new value
+        self._times.append(when)
+        self._values.append(value)
+
+    def _run(self) -> None:
+        period, before = self.sensor.about.period_s, _commands_s()
+        try:
+            while not self._stop.wait(period):
+                self._take()
+        except SensorError as error:
+            self.error = error
+        self.cpu_s, self.commands_s = time.thread_time(), _commands_s() - before
+
+
+def _commands_s() -> float:
+    """Return the processor time of all commands that this process has run."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+# Statistics of pairs of idle and load periods: median, interval, and whether it is resolved.
+
+
+LEAST_PAIRS = 5
+_RESAMPLES = 2_000
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Median of paired differences.
+
+    Attributes
+    ----------
+    value : float
+    low, high : float
+        95 % interval by block bootstrap.
+    pairs : int
+    """
+
+    value: float
+    low: float
+    high: float
+    pairs: int
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the whole interval is above zero."""
+        return self.low > 0
+
+    def with_gain(self, error: float) -> tuple[float, float]:
+        """Widen the interval by the gain error of a meter, which repetition does not reduce."""
+        low, high = self.low, self.high
+        return (
+            low / (1 + error) if low > 0 else low / (1 - error),
+            high / (1 - error) if high > 0 else high / (1 + error),
+        )
+
+    def pairs_needed(self) -> int | None:
+        """Return the number of pairs that would resolve the median; None if it is not above 0.
+
+        The spread is assumed to stay the same; an interval narrows with the square root of the
+        number.
+        """
+        if self.value <= 0:
+            return None
+        half = (self.high - self.low) / 2
+        return max(self.pairs + 1, int(np.ceil(self.pairs * (1.2 * half / self.value) ** 2)))
+
+
+def paired_energy(trace: Trace, windows: Sequence[Window]) -> tuple[Floats, Floats]:
+    """Return the mean power of each pair's idle and load window.
+
+    Parameters
+    ----------
+    trace : Trace
+    windows : sequence of Window
+        An even number: each two consecutive windows are a pair, in either order.
+
+    Returns
+    -------
+    idle_w, load_w : ndarray of float64, shape (pairs,)
+    """
+    watts = [
+        (window.load, trace.energy(window.start_s, window.end_s) / (window.end_s - window.start_s))
+        for window in windows
+    ]
+    idle = np.array([power for load, power in watts if not load])
+    load = np.array([power for loaded, power in watts if loaded])
+    return idle, load
+
+
+def interval(differences: Floats) -> Estimate:
+    """Return the median of paired differences, and its interval by a circular block bootstrap.
+
+    Neighbouring pairs share slow changes of the board's temperature. Blocks of neighbours are
+    therefore drawn together: two pairs from 27 pairs on, and three from 126 on; with fewer pairs,
+    each is drawn by itself. The unit is always a pair of windows and never a sample, so that
+    duplicates of samples do not narrow the interval.
+
+    Parameters
+    ----------
+    differences : ndarray of float64, shape (pairs,)
+
+    Raises
+    ------
+    UsageError
+        If there are fewer than five pairs.
+    """
+    n = differences.size
+    if n < LEAST_PAIRS:
+        raise UsageError(f"{n} pairs of windows: an interval needs {LEAST_PAIRS} or more")
+    block = max(1, int(n ** (1 / 3) / 2 + 0.5))
+    rng = np.random.default_rng(0)
+    starts = rng.integers(0, n, (_RESAMPLES, -(-n // block)))
+    at = (starts[:, :, None] + np.arange(block)) % n
+    medians = np.median(differences[at.reshape(_RESAMPLES, -1)[:, :n]], axis=1)
+    low, high = np.quantile(medians, [0.025, 0.975]).tolist()
+    value, wider = float(np.median(differences)), _small_sample(n)
+    return Estimate(value, value + wider * (low - value), value + wider * (high - value), n)
+
+
+def interval_of_times(seconds: Floats) -> Estimate:
+    """Return the median of repeated timings or ratios, and the interval from their logarithms.
+
+    Logarithms are used because disturbances multiply a timing, and no timing is below zero.
+
+    Parameters
+    ----------
+    seconds : ndarray of float64, shape (n,)
+        Above zero.
+
+    Raises
+    ------
+    UsageError
+        See `interval`.
+    """
+    of_logs = interval(np.log(seconds))
+    value, low, high = np.exp([of_logs.value, of_logs.low, of_logs.high]).tolist()
+    return Estimate(value, low, high, of_logs.pairs)
+
+
+def _small_sample(n: int) -> float:
+    """Return the factor by which to widen a bootstrap interval of few values (Hesterberg, 2015).
+
+    The bootstrap resamples with the variance of n instead of n - 1, and has quantiles of a normal
+    instead of Student's distribution, whose quantile is expanded here (Abramowitz and Stegun,
+    26.7.5).
+    """
+    z, degrees = 1.959964, n - 1
+    student = (
+        z
+        + (z**3 + z) / (4 * degrees)
+        + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * degrees**2)
+    )  # fmt: skip
+    return float(student / z * np.sqrt(n / degrees))
+
+
+# Energy of a match: measured, void because of throttling, or not measured.
+
+
+Bounds = tuple[float, float]
+#: the figures that have an interval
+BOUNDED = (
+    "marginal_j_per_match", "saturated_j_per_match", "mission_j_per_match", "matches_per_joule",
+    "idle_w",
+)  # fmt: skip
+
+
+class Bounded(NamedTuple):
+    """Figure with its 95 % interval; None if it is not resolved or not known."""
+
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Figures on the energy of a match, from idle and load periods.
+
+    Attributes
+    ----------
+    marginal_j_per_match : float or None
+        Joules under load minus joules at rest; None if the difference is not resolved.
+    marginal_j_per_match_interval : pair of float
+        95 % interval, like all intervals here.
+    marginal_j_per_match_interval_with_gain : pair of float
+        The same interval, widened by the gain error of the meter.
+    pairs_needed : int or None
+        Number of pairs that would resolve the difference if the spread stays the same; None if it
+        is resolved, or if no number would resolve it.
+    saturated_j_per_match, mission_j_per_match : float
+        Joules of the whole board, at full speed and at the match rate of the mission.
+    matches_per_joule : float or None
+        Computed from the marginal energy.
+    idle_w, load_w : float
+        Power at rest and under load, in watts.
+    """
+
+    marginal_j_per_match: float | None
+    marginal_j_per_match_interval: Bounds
+    marginal_j_per_match_interval_with_gain: Bounds
+    pairs_needed: int | None
+    saturated_j_per_match: float
+    saturated_j_per_match_interval: Bounds
+    mission_j_per_match: float
+    mission_j_per_match_interval: Bounds
+    matches_per_joule: float | None
+    matches_per_joule_interval: Bounds | None
+    idle_w: float
+    idle_w_interval: Bounds
+    load_w: float
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the energy of the work is larger than the noise."""
+        return self.marginal_j_per_match is not None
+
+    def bounded(self, name: str) -> Bounded:
+        """Return one of the figures `BOUNDED` with its interval."""
+        return Bounded(getattr(self, name), *(getattr(self, f"{name}_interval") or ()))
+
+
+class PowerTrace(NamedTuple):
+    """Power over time, with few points for a figure; seconds since the first window, and watts."""
+
+    time_s: tuple[float, ...]
+    watts: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Readings:
+    """Readings and their sensor, which are kept even if the figures are void.
+
+    Attributes
+    ----------
+    sensor : About
+    differences_w : tuple of float
+        Power under load minus power at rest, one value for each pair.
+    windows : tuple of Window
+        Times are in seconds since the first window.
+    trace : PowerTrace
+    """
+
+    sensor: About
+    differences_w: tuple[float, ...]
+    windows: tuple[Window, ...]
+    trace: PowerTrace
+
+
+@dataclass(frozen=True, kw_only=True)
+class Energy:
+    """Measured energy of a match.
+
+    In JSON, the fields of `figures` and `readings` are on the same level as the others.
+
+    Attributes
+    ----------
+    pairs : int
+        Number of pairs of an idle and a load window.
+    window_s : float
+        Median length of a window.
+    native_samples_per_window : int
+        Number of readings that differ from the previous one.
+    saturated_matches_per_s, mission_matches_per_s : float
+        Matches per second at full speed, and in the mission.
+    figures : Figures or None
+        None if the machine was throttled, since figures would then mislead.
+    readings : Readings or None
+        None for a design other than the main load.
+    quick : bool
+        Whether windows were too short for a figure that can be published.
+    cpu_s_per_match, sampler_cpu_share : float or None
+        Processor time of a match, and share of a core that sampling took; not known with an
+        external meter.
+    """
+
+    pairs: int
+    window_s: float
+    native_samples_per_window: int
+    saturated_matches_per_s: float
+    mission_matches_per_s: float
+    figures: Figures | None
+    readings: Readings | None = None
+    quick: bool = False
+    cpu_s_per_match: float | None = field(default=None, metadata=LEFT_OUT)
+    sampler_cpu_share: float | None = field(default=None, metadata=LEFT_OUT)
+
+    @property
+    def resolved(self) -> bool:
+        """Whether there are figures, and they resolve the energy of the work."""
+        return self.figures is not None and self.figures.resolved
+
+    def void(self) -> Energy:
+        """Return the same without figures, because the machine was throttled."""
+        return replace(self, figures=None)
+
+    def brief(self) -> Energy:
+        """Return the same without the readings, which are shown only for the main load."""
+        return replace(self, readings=None)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold."""
+        values = fields_to_json(self)
+        figures, readings = values.pop("figures"), values.pop("readings")
+        figures = figures or dict.fromkeys(one.name for one in fields(Figures))
+        return {"measured": True, "resolved": self.resolved} | values | figures | (readings or {})
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any], where: str) -> Energy:
+        """Read an object from values of JSON; see `json_records.from_json`."""
+        void = all(values.get(one.name) is None for one in fields(Figures))
+        nested = {
+            "figures": None if void else from_json(Figures, values, where),
+            "readings": from_json(Readings, values, where) if "trace" in values else None,
+        }
+        return fields_from_json(cls, {**values, **nested}, where)
+
+
+@dataclass(frozen=True)
+class NotMeasured:
+    """The reason why no energy was measured.
+
+    Attributes
+    ----------
+    not_measured_because : tuple of str
+    windows : tuple of Window
+        Windows that were run for an external meter, on the monotonic clock.
+    """
+
+    not_measured_because: tuple[str, ...]
+    windows: tuple[Window, ...] = ()
+
+    @property
+    def resolved(self) -> bool:
+        """Always False."""
+        return False
+
+    def void(self) -> NotMeasured:
+        """Return the same object, since there are no figures to remove."""
+        return self
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values that JSON can hold."""
+        because = list(self.not_measured_because)
+        values = {"measured": False, "resolved": False, "not_measured_because": because}
+        return values | ({"windows": to_json(self.windows)} if self.windows else {})
+
+
+#: in the order in which the types are tried when a file is read
+Outcome = NotMeasured | Energy
+
+
+# Measurement of the energy of a match by alternating idle and load periods.
+
+
+#: function that runs the load for some seconds and returns the number of matches
+Load = Callable[[float], int]
+
+#: least duration and native samples of a window, for a figure that can be published
+LEAST_S, LEAST_SAMPLES = 10.0, 100
+_LEAST_QUICK_S = 0.1
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Number and length of the periods of a measurement.
+
+    Attributes
+    ----------
+    pairs : int
+        Number of pairs of an idle and a load window.
+    window_s : float
+        Duration of each window in seconds.
+    quick : bool
+        Whether windows are too short for a figure that can be published; figures are then labelled.
+    """
+
+    pairs: int = LEAST_PAIRS
+    window_s: float = LEAST_S
+    quick: bool = False
+
+    @classmethod
+    def checked(cls, pairs: int, window_s: float | None, quick: bool) -> Plan:
+        """Build a plan whose figures can be published, or a quick one.
+
+        Parameters
+        ----------
+        pairs : int
+        window_s : float, optional
+            10 s by default, or 1 s if `quick`.
+        quick : bool
+
+        Raises
+        ------
+        UsageError
+            If there are too few pairs, or windows are too short.
+        """
+        least_s = _LEAST_QUICK_S if quick else LEAST_S
+        if window_s is None:
+            window_s = 1.0 if quick else LEAST_S
+        if not (window_s >= least_s and pairs >= LEAST_PAIRS):
+            raise UsageError(
+                f"{pairs} pairs of {window_s:g} s: expected {LEAST_PAIRS} pairs or more, and "
+                f"{least_s:g} s or more (shorter: --quick)"
+            )
+        return cls(pairs, window_s, quick)
+
+    def for_period(self, period_s: float) -> Plan:
+        """Lengthen the windows so that each holds a hundred native samples."""
+        if self.quick:
+            return self
+        return Plan(self.pairs, max(self.window_s, LEAST_SAMPLES * period_s))
+
+
+def take_turns(
+    plan: Plan,
+    load: Load,
+    *,
+    sleep: Callable[[float], None] = time.sleep,
+    clock: Callable[[], float] = time.monotonic,
+) -> list[Window]:
+    """Alternate idle and load windows, with alternating order within pairs.
+
+    A steady drift of the board's power cancels over two pairs: idle, load, load, idle. In idle
+    windows, this process sleeps.
+
+    Parameters
+    ----------
+    plan : Plan
+    load : callable
+        Must be warm: compiled, and in the caches.
+    sleep, clock : callable
+        Replaced in tests.
+    """
+    windows = []
+    for pair in range(plan.pairs):
+        left_s = 2 * plan.window_s * (plan.pairs - pair)
+        note(f"idle and load, pair {pair + 1} of {plan.pairs}: {left_s:.0f} s left")
+        for loaded in (False, True) if pair % 2 == 0 else (True, False):
+            check_interrupted()
+            start, matches = clock(), 0
+            if loaded:
+                matches = load(plan.window_s)
+            else:
+                sleep(plan.window_s)
+            windows.append(Window(loaded, start, clock(), matches))
+    return windows
+
+
+def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> Energy:
+    """Measure the energy of a match.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    plan : Plan
+    load : callable
+    rate : float
+        Matches per second of the mission.
+
+    Returns
+    -------
+    Energy
+        See `analyse`; includes the cost of sampling.
+
+    Raises
+    ------
+    SensorError
+        If the sensor fails during the measurement.
+    """
+    plan = plan.for_period(sensor.about.period_s)
+    cpu = time.process_time()
+    with Sampler(sensor) as sampler:
+        time.sleep(3 * sensor.about.period_s)
+        windows = take_turns(plan, load)
+        time.sleep(3 * sensor.about.period_s)
+    cpu = time.process_time() - cpu
+    found = analyse(sampler.trace(), windows, sensor.about, rate)
+    matches = sum(window.matches for window in windows)
+    elapsed = windows[-1].end_s - windows[0].start_s
+    return replace(
+        found,
+        quick=plan.quick,
+        cpu_s_per_match=(cpu - sampler.cpu_s) / max(matches, 1),
+        sampler_cpu_share=(sampler.cpu_s + sampler.commands_s) / elapsed,
+    )
+
+
+def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) -> Energy:
+    """Return the energy of a match with intervals: marginal, saturated, and at the mission's rate.
+
+    Parameters
+    ----------
+    trace : Trace
+    windows : sequence of Window
+        Pairs of an idle and a load window.
+    about : About
+        Description of the meter.
+    rate : float
+        Matches per second of the mission.
+    """
+    idle_w, load_w = paired_energy(trace, windows)
+    loads = [window for window in windows if window.load]
+    # divided by the matches of the same period, so that a slow period does not seem cheap
+    a_match_s = np.array([(w.end_s - w.start_s) / max(w.matches, 1) for w in loads])
+    marginal = interval((load_w - idle_w) * a_match_s)
+    saturated = interval(load_w * a_match_s)
+    idle = interval(idle_w)
+    resolved, value = marginal.resolved, marginal.value
+    at_mission = interval(idle_w / rate + (load_w - idle_w) * a_match_s)
+    start = windows[0].start_s
+    samples = [trace.native_samples(w.start_s, w.end_s) for w in windows]
+    return Energy(
+        pairs=marginal.pairs,
+        window_s=float(np.median([w.end_s - w.start_s for w in windows])),
+        native_samples_per_window=int(np.median(samples)),
+        saturated_matches_per_s=float(np.median(1 / a_match_s)),
+        mission_matches_per_s=rate,
+        figures=Figures(
+            marginal_j_per_match=value if resolved else None,
+            marginal_j_per_match_interval=(marginal.low, marginal.high),
+            marginal_j_per_match_interval_with_gain=marginal.with_gain(about.gain_error),
+            pairs_needed=None if resolved else marginal.pairs_needed(),
+            saturated_j_per_match=saturated.value,
+            saturated_j_per_match_interval=(saturated.low, saturated.high),
+            mission_j_per_match=at_mission.value,
+            mission_j_per_match_interval=(at_mission.low, at_mission.high),
+            matches_per_joule=1 / value if resolved else None,
+            matches_per_joule_interval=(1 / marginal.high, 1 / marginal.low) if resolved else None,
+            idle_w=idle.value,
+            idle_w_interval=(idle.low, idle.high),
+            load_w=float(np.median(load_w)),
+        ),
+        readings=Readings(
+            sensor=about,
+            differences_w=tuple((load_w - idle_w).tolist()),
+            windows=tuple(
+                Window(w.load, w.start_s - start, w.end_s - start, w.matches) for w in windows
+            ),
+            trace=_thinned(trace, start),
+        ),
+    )
+
+
+def _thinned(trace: Trace, start: float) -> PowerTrace:
+    """Return at most a thousand points of power, for a figure."""
+    step = 1 + trace.time_s.size // 1_000
+    time_s, energy = trace.time_s[::step], trace.energy_j[::step]
+    return PowerTrace(
+        tuple(((time_s[1:] + time_s[:-1]) / 2 - start).tolist()),
+        tuple((np.diff(energy) / np.diff(time_s)).tolist()),
+    )

@@ -1,0 +1,89 @@
+"""Search this machine for power and energy sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.profile.sensors import hwmon, jetson, pmic, powercap
+from edge_vpr_tools.profile.sensors.sensor import ROOT, Missing, Sensor
+from edge_vpr_tools.profile.sensors.um_meter import UmMeter
+
+Finder = Callable[[Path], tuple[list[Sensor], list[Missing]]]
+
+
+def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
+    """Find all sensors of this machine.
+
+    Parameters
+    ----------
+    root : path
+        Root of the file system; replaced in tests.
+
+    Returns
+    -------
+    sensors : list of Sensor
+        The best one first: sensors of the whole board precede those of parts of it.
+    missing : list of Missing
+    """
+    finders: tuple[Finder, ...] = (hwmon.find, jetson.find, pmic.find, powercap.find)
+    sensors, missing = [], []
+    for finder in finders:
+        found, absent = finder(root)
+        sensors += found
+        missing += absent
+    return sensors, missing
+
+
+def choose_sensor(
+    root: Path = ROOT,
+    *,
+    name: str | None = None,
+    meter_port: str | None = None,
+    shunt_mohm: float | None = None,
+) -> tuple[Sensor | None, list[Missing]]:
+    """Open the meter at a port, else the sensor of a name, else the best sensor of the machine.
+
+    Parameters
+    ----------
+    root : path
+        Root of the file system; replaced in tests.
+    name, meter_port : str, optional
+    shunt_mohm : float, optional
+        Real shunt of the monitor.
+
+    Returns
+    -------
+    sensor : Sensor or None
+        Must be closed by the caller.
+    missing : list of Missing
+        Reasons why there is no sensor.
+
+    Raises
+    ------
+    UsageError
+        If there is no sensor of this name, or no monitor with a shunt.
+    SensorError
+        If the meter cannot be opened.
+    """
+    sensors, missing = find_sensors(root)
+    if meter_port is not None:
+        for unused in sensors:
+            unused.close()
+        sensors = [UmMeter(meter_port)]
+    if name is not None:
+        known = ", ".join(sensor.about.name for sensor in sensors) or "none"
+        sensors = [sensor for sensor in sensors if sensor.about.name == name]
+        if not sensors:
+            raise UsageError(f"there is no power sensor {name!r}: this machine has {known}")
+    for unused in sensors[1:]:
+        unused.close()
+    if not sensors:
+        if shunt_mohm is not None:
+            raise UsageError(f"--shunt-mohm {shunt_mohm:g}: no power monitor was found")
+        return None, missing
+    chosen = sensors[0]
+    if shunt_mohm is not None:
+        chosen = hwmon.with_shunt(chosen, shunt_mohm)
+    return chosen, missing

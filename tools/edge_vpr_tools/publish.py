@@ -1,0 +1,558 @@
+"""Publishing of live matches: TCP lines and MQTT."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import selectors
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any, NamedTuple, Protocol, Self
+from urllib.parse import unquote
+
+import numpy as np
+
+from edge_vpr.errors import MissingExtraError, UsageError
+from edge_vpr.live.links import LinkError, bracketed
+from edge_vpr.live.session import LiveResult
+from edge_vpr.matching.matches import ALONG
+from edge_vpr.reference_map import ReferenceMap
+
+# Server that sends rows of JSON, one in each line, to every program that connects.
+
+
+#: Largest number of lines that wait for a reader; beyond it, its oldest lines are left out.
+WAITING_LINES = 1_000
+#: Largest number of readers; others are refused.
+MOST_READERS = 32
+#: Buffer of the system for a slow reader, in bytes.
+_SYSTEM_BYTES = 65_536
+#: Time at the end for readers to read their waiting lines, in seconds.
+_LAST_S = 1.0
+_ADDRESS = re.compile(r"(?:(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]*)):)?(?P<port>\d{1,5})")
+
+
+def parse_address(address: str) -> tuple[str, int]:
+    """Return host and port of ``[HOST:]PORT``; the host is loopback unless one is named.
+
+    Raises
+    ------
+    UsageError
+        If it is no such address.
+
+    Examples
+    --------
+    >>> parse_address("7000"), parse_address("0.0.0.0:7000"), parse_address("[::1]:7000")
+    (('127.0.0.1', 7000), ('0.0.0.0', 7000), ('::1', 7000))
+    """
+    found = _ADDRESS.fullmatch(address)
+    if found is None or int(found["port"]) > 65_535:
+        raise UsageError(
+            f"--serve {address}: expected a port, as 7000, or an address to listen on with a port, "
+            "as 0.0.0.0:7000"
+        )
+    return found["six"] or found["host"] or "127.0.0.1", int(found["port"])
+
+
+class _Reader:
+    """A connection and the lines that wait for it."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        self.socket = sock
+        self.lines: deque[bytes] = deque()
+        self.left_out = 0
+        self._rest = b""
+
+    def add(self, line: bytes) -> None:
+        """Add a line, in place of the oldest if too many wait."""
+        if len(self.lines) == WAITING_LINES:
+            self.lines.popleft()
+            self.left_out += 1
+        self.lines.append(line)
+
+    @property
+    def waits(self) -> bool:
+        """Whether something is to be sent."""
+        return bool(self._rest or self.lines)
+
+    def next_bytes(self) -> bytes:
+        """Return the next bytes to send; the number of lines left out is sent in their place."""
+        if not self._rest:
+            if self.left_out:
+                note = {"kind": "left_out", "lines": self.left_out}
+                self.lines.appendleft(json.dumps(note).encode() + b"\n")
+                self.left_out = 0
+            self._rest = b"".join(self.lines)
+            self.lines.clear()
+        return self._rest
+
+    def was_sent(self, n: int) -> None:
+        """Take note that `n` bytes of `next_bytes` are sent."""
+        self._rest = self._rest[n:]
+
+
+class LineServer:
+    """Sends each row to every reader; bytes from readers are ignored.
+
+    A slow reader loses only its own lines, and gets a row ``{"kind": "left_out", "lines": n}`` in
+    their place. Rows are not stored for readers that connect later.
+
+    Parameters
+    ----------
+    address : str
+        ``[HOST:]PORT``; port 0 is any that is free. Loopback unless a host is named.
+
+    Attributes
+    ----------
+    address : str
+        Where readers connect to, as ``tcp://HOST:PORT``.
+
+    Raises
+    ------
+    UsageError
+        If the address is none.
+    LinkError
+        If it cannot be listened on.
+    """
+
+    name = "serve"
+
+    def __init__(self, address: str) -> None:
+        host, port = parse_address(address)
+        try:
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self._server = socket.create_server(found[4][:2], family=found[0])
+        except OSError as error:
+            raise LinkError(
+                f"cannot serve on {bracketed(host)}:{port}: {error.strerror}: name an address of "
+                "this machine, and a port that is free (0: any)"
+            ) from error
+        self._server.setblocking(False)
+        host, port = self._server.getsockname()[:2]
+        self.address = f"tcp://{bracketed(host)}:{port}"
+        self._notices = deque([(f"matches are at {self.address}", True)])
+        self._readers: frozenset[_Reader] = frozenset()
+        self._lock = threading.Lock()  # of the readers and their lines
+        self._woken, self._wake = socket.socketpair()
+        self._wake.setblocking(False)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._server, selectors.EVENT_READ)
+        self._selector.register(self._woken, selectors.EVENT_READ)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="serve", daemon=True)
+        self._thread.start()
+
+    def send(self, kind: str, line: str) -> None:
+        """See `Publisher.send`."""
+        if not self._readers:
+            return
+        data = line.encode() + b"\n"
+        with self._lock:
+            for reader in self._readers:
+                reader.add(data)
+        self._rouse()
+
+    def notices(self) -> Iterator[tuple[str, bool]]:
+        """See `Publisher.notices`."""
+        while self._notices:
+            yield self._notices.popleft()
+
+    def close(self) -> None:
+        """Give readers a second to read waiting lines, then close; may be called again."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._rouse()
+        self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _rouse(self) -> None:
+        # full: the thread will wake up anyway
+        with suppress(BlockingIOError):
+            self._wake.send(b"\0")
+
+    def _run(self) -> None:
+        end_s = None
+        while end_s is None or (
+            time.monotonic() < end_s and any(reader.waits for reader in self._readers)
+        ):
+            if end_s is None and self._closing.is_set():
+                end_s = time.monotonic() + _LAST_S
+            for key, ready in self._selector.select(None if end_s is None else 0.05):
+                if key.fileobj is self._server:
+                    self._accept()
+                elif key.fileobj is self._woken:
+                    self._woken.recv(4096)
+                else:
+                    self._serve(key.data, ready)
+            for reader in self._readers:
+                self._listen_to(reader)
+        for sock in (*(r.socket for r in self._readers), self._server, self._woken, self._wake):
+            sock.close()
+        self._selector.close()
+
+    def _accept(self) -> None:
+        try:
+            sock, _ = self._server.accept()
+        except OSError:  # gone again, or no descriptor is free
+            return
+        if len(self._readers) >= MOST_READERS:
+            self._notices.append((f"{MOST_READERS} readers are there, another is refused", False))
+            sock.close()
+            return
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SYSTEM_BYTES)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        reader = _Reader(sock)
+        self._selector.register(sock, selectors.EVENT_READ, reader)
+        with self._lock:
+            self._readers |= {reader}
+
+    def _serve(self, reader: _Reader, ready: int) -> None:
+        try:
+            if ready & selectors.EVENT_READ and not reader.socket.recv(4096):
+                self._leave(reader)
+            elif ready & selectors.EVENT_WRITE:
+                with self._lock:
+                    data = reader.next_bytes()
+                reader.was_sent(reader.socket.send(data))
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._leave(reader)
+
+    def _listen_to(self, reader: _Reader) -> None:
+        """Wait for the socket to be ready to send only while lines wait."""
+        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if reader.waits else 0)
+        if self._selector.get_key(reader.socket).events != wanted:
+            self._selector.modify(reader.socket, wanted, reader)
+
+    def _leave(self, reader: _Reader) -> None:
+        self._selector.unregister(reader.socket)
+        with self._lock:
+            self._readers -= {reader}
+        reader.socket.close()
+
+
+# Publisher that sends rows of JSON to an MQTT broker.
+
+
+#: Largest number of messages that wait for the broker; beyond it, the newest are left out.
+WAITING_MESSAGES = 1_000
+#: Environment variable with the password; other users could read an argument.
+PASSWORD = "EDGE_VPR_MQTT_PASSWORD"
+_KEEP_ALIVE_S = 10
+_URL = re.compile(
+    r"mqtt://(?:(?P<user>[^@/:]+)@)?(?P<host>\[[^\]/]+\]|[^@:/\[\]]+)(?::(?P<port>\d{1,5}))?"
+    r"/(?P<topic>.+)"
+)
+
+
+class Broker(NamedTuple):
+    """Address of a broker, and topic of the messages.
+
+    Attributes
+    ----------
+    host : str
+    port : int
+    topic : str
+        Of matches; other rows go to ``TOPIC/KIND``.
+    user : str or None
+    """
+
+    host: str
+    port: int
+    topic: str
+    user: str | None = None
+
+
+def parse_url(url: str) -> Broker:
+    """Parse ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
+
+    Raises
+    ------
+    UsageError
+        If it is no such address.
+
+    Examples
+    --------
+    >>> parse_url("mqtt://localhost/rover/match")
+    Broker(host='localhost', port=1883, topic='rover/match', user=None)
+    """
+    found = _URL.fullmatch(url)
+    port = int((found and found["port"]) or 1883)
+    if found is None or not 0 < port < 65_536:
+        raise UsageError(
+            f"--mqtt {url}: expected mqtt://HOST/TOPIC, as mqtt://localhost/rover/match; a "
+            f"password is taken from {PASSWORD}"
+        )
+    topic = unquote(found["topic"])
+    if set("+#\0") & set(topic) or len(topic.encode()) > 60_000:
+        raise UsageError(f"--mqtt {url}: a topic has no +, # or NUL and at most 60,000 bytes")
+    user = unquote(found["user"]) if found["user"] else None
+    return Broker(found["host"].strip("[]"), port, topic, user)
+
+
+class MqttPublisher:
+    """Passes rows to a client of paho-mqtt, which reconnects by itself.
+
+    Messages are sent with QoS 0. While there is no broker, they are not stored.
+    """
+
+    name = "mqtt"
+
+    def __init__(self, client: Any, broker: Broker) -> None:
+        self._client, self._broker = client, broker
+        self._lock = threading.Lock()
+        self._waiting = 0
+        self._there, self._tried = threading.Event(), threading.Event()
+        self._notices: deque[tuple[str, bool]] = deque(maxlen=100)
+        self._said = ""
+        client.on_connect = self._connected
+        client.on_disconnect = self._lost
+        client.on_connect_fail = self._failed
+        client.on_publish = self._published
+
+    def send(self, kind: str, line: str) -> None:
+        """See `Publisher.send`."""
+        if not self._there.is_set():
+            return
+        with self._lock:
+            if self._waiting >= WAITING_MESSAGES:
+                return
+            self._waiting += 1
+        topic = self._broker.topic if kind == "match" else f"{self._broker.topic}/{kind}"
+        self._client.publish(topic, line.encode())
+
+    def notices(self) -> Iterator[tuple[str, bool]]:
+        """See `Publisher.notices`."""
+        while self._notices:
+            yield self._notices.popleft()
+
+    def wait_for_broker(self, seconds: float) -> None:
+        """Wait until the broker answers or cannot be reached, so that the first rows are sent."""
+        self._tried.wait(seconds)
+
+    def close(self) -> None:
+        """Give the broker a second to receive waiting messages, then disconnect."""
+        end = time.monotonic() + _LAST_S
+        while self._there.is_set() and self._waiting and time.monotonic() < end:
+            time.sleep(0.01)
+        self._client.on_disconnect = None
+        self._client.disconnect()
+        if self._waiting and (sock := self._client.socket()) is not None:
+            # otherwise the client would wait for a hanging broker until a ping times out
+            with suppress(OSError):
+                sock.shutdown(socket.SHUT_RDWR)
+        self._client.loop_stop()
+
+    def _say(self, text: str, good: bool) -> None:
+        if text != self._said:  # each attempt fails in the same way
+            self._said = text
+            self._notices.append((text, good))
+        self._tried.set()
+
+    def _where(self) -> str:
+        return f"{self._broker.host}:{self._broker.port}"
+
+    def _connected(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
+        if reason.is_failure:
+            self._say(f"the broker at {self._where()} refuses: {reason}", False)
+            return
+        self._waiting = 0
+        self._there.set()
+        self._say(f"matches go to {self._where()}, topic {self._broker.topic}", True)
+
+    def _lost(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
+        if self._there.is_set():
+            self._there.clear()
+            self._say(f"the broker at {self._where()} is lost; trying again", False)
+
+    def _failed(self, client: Any, data: Any) -> None:
+        self._say(f"no broker at {self._where()}; trying again", False)
+
+    def _published(self, client: Any, data: Any, number: int, reason: Any, more: Any) -> None:
+        with self._lock:
+            self._waiting -= 1
+
+
+@contextmanager
+def open_mqtt(url: str) -> Iterator[MqttPublisher]:
+    """Connect to a broker; if it cannot be reached, try again during the run.
+
+    Parameters
+    ----------
+    url : str
+        ``mqtt://[USER@]HOST[:PORT]/TOPIC``. There is no encryption.
+
+    Raises
+    ------
+    UsageError
+        If it is no such address.
+    MissingExtraError
+        If the library is not installed.
+    """
+    broker = parse_url(url)
+    try:
+        from paho.mqtt import client as paho
+        from paho.mqtt import enums
+    except ImportError as error:
+        raise MissingExtraError("--mqtt", "paho-mqtt", "mqtt") from error
+    client = paho.Client(enums.CallbackAPIVersion.VERSION2)
+    client.reconnect_delay_set(1, 10)
+    if broker.user is not None:
+        client.username_pw_set(broker.user, os.environ.get(PASSWORD))
+    publisher = MqttPublisher(client, broker)
+    client.connect_async(broker.host, broker.port, keepalive=_KEEP_ALIVE_S)
+    client.loop_start()
+    try:
+        publisher.wait_for_broker(2.0)
+        yield publisher
+    finally:
+        publisher.close()
+
+
+# Interface of publishers, which send the rows of a live run to other programs.
+
+
+class Publisher(Protocol):
+    """Sends rows to readers, without ever waiting for a reader.
+
+    Attributes
+    ----------
+    name : str
+        Kind of the row that its notices are.
+    """
+
+    name: str
+
+    def send(self, kind: str, line: str) -> None:
+        """Send a row of JSON.
+
+        Parameters
+        ----------
+        kind : str
+            The row's own.
+        line : str
+            Without a line feed.
+        """
+
+    def notices(self) -> Iterator[tuple[str, bool]]:
+        """Yield what happened since the last call, and whether it is good news."""
+
+
+@contextmanager
+def open_publishers(serve: str | None, mqtt: str | None) -> Iterator[tuple[Publisher, ...]]:
+    """Open the requested publishers, until the block ends.
+
+    Parameters
+    ----------
+    serve : str or None
+        ``[HOST:]PORT`` to listen on.
+    mqtt : str or None
+        ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
+
+    Raises
+    ------
+    UsageError
+        If an address is none, or a library is missing.
+    LinkError
+        If the port cannot be listened on.
+    """
+    with ExitStack() as stack:
+        publishers: list[Publisher] = []
+        if serve is not None:
+            publishers.append(stack.enter_context(LineServer(serve)))
+        if mqtt is not None:
+            publishers.append(stack.enter_context(open_mqtt(mqtt)))
+        yield tuple(publishers)
+
+
+# Conversion of live matches to rows of JSON.
+
+
+class MatchRows:
+    """Makes rows of live matches.
+
+    Parameters
+    ----------
+    reference : ReferenceMap, optional
+        With positions, each row has that of its place. With a delay, each row has the host time
+        of its own window.
+    """
+
+    def __init__(self, reference: ReferenceMap | None = None) -> None:
+        self._names: tuple[str, ...] = ()
+        self._where: list[list[float | None]] = []
+        self._late = reference is not None and reference.settings.late > 0
+        self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
+        if reference is not None and reference.route is not None:
+            route = reference.route
+            found = route.locate(np.arange(len(reference)), reference.settings.exclusion)
+            columns = (*found.position.T, found.along_m, found.from_m, found.to_m)
+            self._names = (*route.coordinates, *ALONG)
+            self._where = [
+                [_or_none(value) for value in place] for place in np.stack(columns, axis=1).tolist()
+            ]
+
+    def lines(self, result: LiveResult, host_us: int) -> Iterator[str]:
+        """Yield the row of each match as JSON, without a line feed.
+
+        A reader waits for each row, and `json.dumps` would take three times as long.
+
+        Parameters
+        ----------
+        result : LiveResult
+        host_us : int
+            When the bytes came that gave these matches, in microseconds since 1970 by the clock of
+            this machine; `t` is the time of the event by the camera's.
+
+        Yields
+        ------
+        str
+            What is not known is null: JSON has no not-a-number.
+        """
+        incomplete = _FLAG[result.incomplete]
+        for values in result.matches.tolist():
+            t, place, best_sum, second, second_sum, ratio, events, start, trust, chance, lost = (
+                values
+            )
+            came_us = host_us - (result.reached_us - t) * self._late
+            yield (
+                f'{{"kind": "match", "t": {t}, "place": {place}, "distance_sum": {best_sum}, '
+                f'"second": {second}, "second_sum": {second_sum}, "ratio": {_number(ratio)}, '
+                f'"events": {events}, "start": {start}, "trust": {trust}, '
+                f'"probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
+                f'"incomplete": {incomplete}, "host_us": {came_us}'
+                f"{self._where_text(place) if self._where else ''}}}"
+            )
+
+    def _where_text(self, place: int) -> str:
+        text = self._texts.get(place)
+        if text is None:
+            where = dict(zip(self._names, self._where[place], strict=True))
+            text = self._texts[place] = f", {json.dumps(where)[1:-1]}"
+        return text
+
+
+#: As JSON has it.
+_FLAG = {True: "true", False: "false"}
+
+
+def _number(value: float) -> str:
+    return repr(value) if value == value else "null"
+
+
+def _or_none(value: float) -> float | None:
+    return value if value == value else None

@@ -1,1 +1,0 @@
-"""Publishing of live matches to other programs: rows of JSON, over TCP and MQTT."""

@@ -1,0 +1,1 @@
+"""Comparison of methods: experiments, sweeps, baselines, data sets."""

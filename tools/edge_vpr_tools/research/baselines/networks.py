@@ -1,0 +1,587 @@
+"""Baselines with a network: LENS from its published weights, and any network as ONNX."""
+
+from __future__ import annotations
+
+import math
+import pickletools
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, WeightsError, printable
+from edge_vpr_tools.research.baselines.baseline import Described, Images
+from edge_vpr_tools.research.baselines.dense import CosineBaseline, mean_cells
+
+# Weights that PyTorch saved (``torch.save`` of a state dict), read without PyTorch.
+#
+# Such a file is a ZIP with a pickle, and pickles can run code. No unpickler is used here: this
+# module executes only the few instructions and names that a state dict needs. Keys must be strings
+# (tuples within tuples would take extremely long to hash).
+
+
+#: most bytes of the pickle, which holds only names and shapes, and of one tensor's numbers
+_LONGEST_PICKLE, _LARGEST = 1 << 22, 1 << 30
+_KINDS = {
+    "FloatStorage": "f4",
+    "DoubleStorage": "f8",
+    "HalfStorage": "f2",
+    "LongStorage": "i8",
+    "IntStorage": "i4",
+    "ShortStorage": "i2",
+    "CharStorage": "i1",
+    "ByteStorage": "u1",
+    "BoolStorage": "?",
+}
+_MOST_DIMENSIONS = 16
+
+
+_ORDERED = ("collections", "OrderedDict")
+_TENSOR = ("torch._utils", "_rebuild_tensor_v2")
+_PARAMETER = ("torch._utils", "_rebuild_parameter")
+
+
+class _Name(NamedTuple):
+    """Class or function that the pickle names."""
+
+    module: str
+    name: str
+
+
+def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
+    """Read the tensors of a state dict.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``.pth`` or ``.pt`` file of PyTorch 1.6 or newer.
+
+    Returns
+    -------
+    dict of str to ndarray
+
+    Raises
+    ------
+    WeightsError
+        If the file is missing, damaged or of another kind, or holds anything other than tensors.
+    """
+    path = Path(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            values = _read(archive)
+    except EdgeVprError:
+        raise
+    except OSError as error:
+        raise WeightsError(
+            f"{path} cannot be read: {error.strerror or error}: check the path"
+        ) from error
+    except MemoryError as error:
+        raise WeightsError(f"{path} needs more memory than there is: give it more") from error
+    except Exception as error:  # zipfile and pickle raise exceptions of many kinds
+        raise WeightsError(
+            f"{path} is damaged, or no state dict of PyTorch 1.6 or newer "
+            f"({printable(error, 200)}): save it again with torch.save(model.state_dict(), ...)"
+        ) from error
+    if not isinstance(values, dict):
+        raise WeightsError(
+            f"{path} holds a {type(values).__name__} and no state dict: save it again with "
+            "torch.save(model.state_dict(), ...)"
+        )
+    tensors = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
+    if not tensors:
+        raise WeightsError(f"{path} holds no tensors: save the state dict of a trained network")
+    return tensors
+
+
+def _read(archive: zipfile.ZipFile) -> Any:
+    names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
+    if len(names) != 1:
+        raise ValueError(f"{len(names)} files data.pkl")
+    folder = names[0].removesuffix("data.pkl")
+    order = "<"
+    if f"{folder}byteorder" in archive.namelist():
+        order = ">" if _member(archive, f"{folder}byteorder", 16) == b"big" else "<"
+    text = _member(archive, names[0], _LONGEST_PICKLE)
+
+    def storage(kind: str, key: str, count: int) -> npt.NDArray[Any]:
+        dtype = np.dtype(order + kind)
+        octets = _member(archive, f"{folder}data/{key}", _LARGEST)
+        if not 0 <= count * dtype.itemsize <= len(octets):
+            raise ValueError(f"{len(octets):,} bytes for {count} numbers of {dtype}")
+        return np.frombuffer(octets, dtype, count)
+
+    return _Machine(storage).run(text)
+
+
+def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
+    """Return a member of at most `most` bytes; PyTorch compresses no member."""
+    member = archive.getinfo(name)
+    if member.file_size > most or member.compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"{name} of {member.file_size:,} bytes, or compressed")
+    return archive.read(member)
+
+
+class _Machine:
+    """Stack on which a pickle builds its objects.
+
+    Parameters
+    ----------
+    storage : callable
+        Function that maps ``(kind, key, count)`` to the numbers of a storage.
+    """
+
+    def __init__(self, storage: Callable[[str, str, int], npt.NDArray[Any]]) -> None:
+        self._storage = storage
+        self._stack: list[Any] = []
+        self._marks: list[int] = []
+        self._memo: dict[int, Any] = {}
+
+    def run(self, text: bytes) -> Any:
+        """Execute the instructions, and return the object that they build."""
+        for operation, argument, _ in pickletools.genops(text):
+            self._step(operation.name, argument)
+        return self._stack[-1]
+
+    def _step(self, name: str, argument: Any) -> None:
+        stack = self._stack
+        if name in ("PROTO", "FRAME", "STOP"):
+            return
+        if name in _LITERALS:
+            stack.append(argument)
+        elif name in _FIXED:
+            stack.append(_FIXED[name])
+        elif name == "EMPTY_DICT":
+            stack.append({})
+        elif name == "MARK":
+            self._marks.append(len(stack))
+        elif name == "TUPLE":
+            stack.append(tuple(self._marked()))
+        elif name in ("TUPLE1", "TUPLE2", "TUPLE3"):
+            stack.append(tuple(self._popped(int(name[-1]))))
+        elif name in ("BINPUT", "LONG_BINPUT"):
+            self._memo[argument] = stack[-1]
+        elif name == "MEMOIZE":
+            self._memo[len(self._memo)] = stack[-1]
+        elif name in ("BINGET", "LONG_BINGET"):
+            stack.append(self._memo[argument])
+        elif name == "GLOBAL":
+            stack.append(_known(*argument.split(" ", 1)))
+        elif name == "STACK_GLOBAL":
+            stack.append(_known(*self._popped(2)))
+        elif name == "BINPERSID":
+            stack.append(self._persistent(stack.pop()))
+        elif name == "REDUCE":
+            function, arguments = self._popped(2)
+            stack.append(_called(function, arguments))
+        elif name == "BUILD":  # attributes of the dictionary, such as versions of layers
+            stack.pop()
+        elif name in ("SETITEM", "SETITEMS"):
+            self._set(self._popped(2) if name == "SETITEM" else self._marked())
+        else:
+            raise ValueError(f"it has the instruction {name}, which no state dict needs")
+
+    def _popped(self, count: int) -> list[Any]:
+        """Remove the last values from the stack, and return them."""
+        if len(self._stack) < count:
+            raise ValueError("it takes values that it has not built")
+        taken = self._stack[-count:]
+        del self._stack[-count:]
+        return taken
+
+    def _marked(self) -> list[Any]:
+        """Remove the values since the last mark from the stack, and return them."""
+        first = self._marks.pop()
+        taken = self._stack[first:]
+        del self._stack[first:]
+        return taken
+
+    def _set(self, pairs: list[Any]) -> None:
+        target = self._stack[-1]
+        keys = pairs[::2]
+        if not isinstance(target, dict) or any(type(key) is not str for key in keys):
+            raise ValueError("a key that is no text, or no dictionary to put it into")
+        target.update(zip(keys, pairs[1::2], strict=True))
+
+    def _persistent(self, parts: Any) -> npt.NDArray[Any]:
+        """Return the numbers of a storage: ("storage", kind, key, device, count)."""
+        if not isinstance(parts, tuple) or len(parts) != 5:
+            raise ValueError("a part that is no storage")
+        tag, kind, key, _, count = parts
+        known = isinstance(kind, _Name) and kind.module == "torch" and kind.name in _KINDS
+        if type(tag) is not str or tag != "storage" or not known:
+            raise ValueError("a part that is no storage of a known kind")
+        if type(key) is not str or type(count) is not int:
+            raise ValueError("a storage without a name or a length")
+        return self._storage(_KINDS[kind.name], key, count)
+
+
+#: instructions that contain a value, and those that stand for one
+_LITERALS = ("BINUNICODE", "SHORT_BINUNICODE", "BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT")
+_FIXED: dict[str, Any] = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
+
+
+def _known(module: Any, name: Any) -> _Name:
+    """Return a name if a state dict may have it; raise an error if not."""
+    if type(module) is not str or type(name) is not str:
+        raise ValueError("a name that is no text")
+    found = _Name(module, name)
+    if found not in (_ORDERED, _TENSOR, _PARAMETER) and not (module == "torch" and name in _KINDS):
+        raise ValueError(f"it names {module}.{name}, which no state dict needs")
+    return found
+
+
+def _called(function: Any, arguments: Any) -> Any:
+    """Return the object that a call of `function` would make."""
+    if isinstance(function, _Name) and isinstance(arguments, tuple):
+        if function == _ORDERED and not arguments:
+            return {}
+        if function == _TENSOR and len(arguments) >= 4:
+            return _tensor(*arguments[:4])
+        if function == _PARAMETER and arguments and isinstance(arguments[0], np.ndarray):
+            return arguments[0]
+    raise ValueError("a call of what is no function, or with other arguments")
+
+
+def _tensor(storage: Any, offset: Any, shape: Any, strides: Any) -> npt.NDArray[Any]:
+    """Return a tensor of a storage as an array of its own, in native byte order."""
+    if (
+        not (isinstance(storage, np.ndarray) and isinstance(shape, tuple))
+        or not (isinstance(strides, tuple) and len(shape) == len(strides) <= _MOST_DIMENSIONS)
+        or any(type(number) is not int for number in (offset, *shape, *strides))
+    ):
+        raise ValueError("a tensor without a storage, a shape or strides")
+    if min((offset, *shape, *strides)) < 0:
+        raise ValueError(f"a tensor of shape {shape} and strides {strides}")
+    size = math.prod(shape)
+    last = offset + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
+    # a stride of 0 could repeat a number without limit
+    if size and (last >= storage.size or size > storage.size):
+        raise ValueError(f"a tensor of shape {shape} in {storage.size} numbers")
+    if not size:
+        return np.empty(shape, storage.dtype.newbyteorder("="))
+    steps = [step * storage.itemsize for step in strides]
+    view = np.lib.stride_tricks.as_strided(storage[offset:], shape, steps, writeable=False)
+    return view.astype(storage.dtype.newbyteorder("="))
+
+
+# LENS (Hines, Milford and Fischer, 2025): a spiking network with one output neuron a place.
+#
+# Written from the description and the released code (https://github.com/AdamDHines/LENS,
+# ``lens/run_model.py``, off the chip), for the weights that its training saves. Pixels on a grid
+# are converted to random spikes. A hidden layer and an output layer of integrate-and-fire neurons
+# (those of sinabs: the membrane may fall to -1, several spikes a step, reset by subtraction) count
+# the spikes over a number of steps. The place with the most spikes is the match. Membranes are not
+# reset between windows.
+
+
+#: steps of a window, as in the released code (``timebin``)
+STEPS = 1000
+#: lowest value of a membrane, as in sinabs
+LOWEST = -1.0
+_LAYERS = ("feature_layer.w.weight", "output_layer.w.weight")
+
+Floats = npt.NDArray[np.float32]
+
+
+class LensWeights(NamedTuple):
+    """Weights of the two layers.
+
+    Attributes
+    ----------
+    feature : ndarray of float32, shape (F, side * side)
+    output : ndarray of float32, shape (K, F)
+        One row for each place.
+    """
+
+    feature: Floats
+    output: Floats
+
+
+def load_lens(path: str | Path) -> LensWeights:
+    """Read the weights that LENS saved after its training.
+
+    Parameters
+    ----------
+    path : str or Path
+        For example ``NAME_LENS_IN100_FN200_DB80.pth``.
+
+    Raises
+    ------
+    WeightsError
+        If the weights cannot be read, or are not those of LENS.
+    """
+    found = read_state_dict(path)
+    missing = [name for name in _LAYERS if name not in found]
+    if missing:
+        raise WeightsError(
+            f"{path} has no {' and no '.join(missing)}; it has {', '.join(found)}: give weights "
+            "that LENS saved"
+        )
+    feature, output = (found[name] for name in _LAYERS)
+    fits = feature.ndim == output.ndim == 2 and feature.shape[0] == output.shape[1]
+    if not fits or math.isqrt(feature.shape[1]) ** 2 != feature.shape[1] or not output.size:
+        raise WeightsError(
+            f"{path} has layers of shape {feature.shape} and {output.shape}: expected "
+            "(features, side * side) and (places, features)"
+        )
+    if not (np.isfinite(feature).all() and np.isfinite(output).all()):
+        raise WeightsError(f"{path} has weights that are not finite: train the network again")
+    return LensWeights(feature.astype(np.float32), output.astype(np.float32))
+
+
+class Lens:
+    """LENS as a baseline; its places are the windows with which it was trained.
+
+    Parameters
+    ----------
+    weights : LensWeights
+    seed : int
+        Seed of the input's random spikes.
+    steps : int
+        Number of steps of a window.
+    thresholds : tuple of float
+        Thresholds of the membranes of the hidden and of the output layer. They are (1, 1) in the
+        released code, and (10, 2) in its first edition, for the Speck.
+    """
+
+    title = "LENS"
+
+    def __init__(
+        self,
+        weights: LensWeights,
+        seed: int = 0,
+        steps: int = STEPS,
+        thresholds: tuple[float, float] = (1.0, 1.0),
+    ) -> None:
+        self._weights, self._seed, self._steps = weights, seed, steps
+        self._thresholds = thresholds
+
+    def prepare(self, reference: Images) -> None:
+        """Check that there is an output neuron for each window of the reference.
+
+        Raises
+        ------
+        UsageError
+            If there are more or fewer.
+        """
+        places = len(self._weights.output)
+        if places != len(reference):
+            raise UsageError(
+                f"the weights are of {places} places, and the reference has {len(reference)} "
+                "windows: train LENS with these windows"
+            )
+
+    def describe(self, images: Images) -> Described:
+        """Return the spikes of each place's neuron during each window, shape (n, K), float32."""
+        # as in the released code, all windows use the same random numbers
+        shape = (self._steps, self._weights.feature.shape[1])
+        draws = np.random.default_rng(self._seed).random(shape, np.float32)
+        share = grid_pixels(images, math.isqrt(self._weights.feature.shape[1]))
+        feature = np.zeros(len(self._weights.feature), np.float32)
+        output = np.zeros(len(self._weights.output), np.float32)
+        counts = np.zeros((len(images), output.size), np.float32)
+        for window, row in zip(counts, share, strict=True):
+            driven = (draws < row).astype(np.float32) @ self._weights.feature.T
+            hidden = np.empty_like(driven)
+            for step, current in enumerate(driven):
+                hidden[step] = fire(feature, current, self._thresholds[0])
+            for current in hidden @ self._weights.output.T:
+                window += fire(output, current, self._thresholds[1])
+        return counts
+
+    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
+        """Return the difference of each place's spikes from the largest number, shape (K, Q).
+
+        The places' own spikes are not used, since the weights are the map.
+        """
+        spikes = queries.T.astype(np.float64)
+        return np.asarray(spikes.max(initial=0.0) - spikes)
+
+    def bits_per_place(self, places: Described) -> int:
+        """Return the bits of both layers' weights for each place, rounded up."""
+        bits = 32 * (self._weights.feature.size + self._weights.output.size)
+        return -(-bits // len(self._weights.output))
+
+    def operations_per_place(self, places: Described) -> int:
+        """Return the products of both layers in all steps for each place, rounded up."""
+        products = self._weights.feature.size + self._weights.output.size
+        return -(-self._steps * products // len(self._weights.output))
+
+
+def fire(membrane: Floats, current: Floats, threshold: float) -> Floats:
+    """Advance integrate-and-fire neurons by a step, and return their spikes.
+
+    Parameters
+    ----------
+    membrane : ndarray of float32, shape (n,)
+        Changed in place.
+    current : ndarray of float32, shape (n,)
+    threshold : float
+    """
+    membrane += current
+    spikes = np.maximum(np.trunc(membrane / np.float32(threshold)), np.float32(0))
+    membrane -= spikes * np.float32(threshold)
+    np.maximum(membrane, np.float32(LOWEST), out=membrane)
+    return np.asarray(spikes)
+
+
+def grid_pixels(images: Images, side: int) -> Floats:
+    """Return one pixel of each cell of a grid over the middle of the image, from 0 to 1.
+
+    Parameters
+    ----------
+    images : ndarray of int, shape (n, height, width)
+    side : int
+        Number of cells in a row and in a column.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, side * side)
+        Count of the pixel to the upper left of each cell's centre, as a share of 255 events.
+
+    Raises
+    ------
+    UsageError
+        If the image is smaller than the grid.
+    """
+    _, height, width = images.shape
+    cell = min(height, width) // side
+    if cell < 1:
+        raise UsageError(
+            f"images of {width}x{height} pixels for weights of a grid of {side}x{side}: give "
+            "weights of a smaller grid"
+        )
+    first = max(cell // 2 - 1, 0) + cell * np.arange(side)
+    top, left = ((length - side * cell) // 2 for length in (height, width))
+    taken = images[:, (top + first)[:, None], left + first].reshape(len(images), -1)
+    return np.asarray(np.minimum(taken, 255).astype(np.float32) / np.float32(255))
+
+
+def lens(seed: int, path: Path) -> Lens:
+    """Make the baseline with the weights of a file."""
+    return Lens(load_lens(path), seed)
+
+
+# Descriptors of a network that the user exported to ONNX: NetVLAD, EventVLAD, or any other.
+#
+# The model maps images, float32 of shape (n, channels, height, width), to vectors, which are
+# compared by their cosine. Its input is from 0 to 1: intensities divided by 255, or the logarithms
+# of event counts divided by the largest one of the window. Any other preprocessing (means and
+# deviations of ImageNet) must be part of the exported model.
+
+
+#: number of images in one call of a model that takes any number
+BATCH = 8
+
+
+def load_runtime() -> Any:
+    """Import ONNX Runtime, or raise an error that names the extra with it."""
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise MissingExtraError("a baseline model:FILE", "onnxruntime", "models") from error
+    return onnxruntime
+
+
+class ModelDescriptor(CosineBaseline):
+    """Vectors of an ONNX model; distance is 1 less the cosine.
+
+    Images are resized to the model's height and width by the mean of the pixels in each cell
+    (smaller images repeat pixels), and repeated for its channels. A model of variable size gets the
+    images as they are. The model runs on one core.
+
+    Raises
+    ------
+    MissingExtraError
+        If ONNX Runtime is not installed.
+    WeightsError
+        If the file cannot be read, or the model does not take images.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        path = Path(path)
+        runtime = load_runtime()
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4
+        self._path = path
+        try:
+            self._session = runtime.InferenceSession(
+                path.read_bytes(), options, providers=["CPUExecutionProvider"]
+            )
+        except OSError as error:
+            raise WeightsError(
+                f"{path} cannot be read: {error.strerror}: check the path"
+            ) from error
+        except Exception as error:  # the runtime raises classes of its own
+            raise WeightsError(
+                f"{path} is no model that ONNX Runtime reads ({printable(error, 300)}): export it "
+                "again, weights included"
+            ) from error
+        inputs = self._session.get_inputs()
+        shape = list(inputs[0].shape) if inputs else []
+        if len(inputs) != 1 or len(shape) != 4 or inputs[0].type != "tensor(float)":
+            listed = ", ".join(f"{each.name} {each.type} {each.shape}" for each in inputs)
+            raise WeightsError(
+                f"{path} takes {listed or 'nothing'}: export a model of one input, float32 of "
+                "shape (n, channels, height, width)"
+            )
+        self._name = str(inputs[0].name)
+        # an axis whose length is not a number has any length
+        self._size = [length if isinstance(length, int) else None for length in shape]
+        self.title = f"{path.stem}, cosine"
+
+    def describe(self, images: Images) -> Described:
+        """Return the vectors, shape (n, D), float32.
+
+        Raises
+        ------
+        WeightsError
+            If the model fails, or does not return a finite vector for each image.
+        """
+        batch = self._size[0] or BATCH
+        rows = []
+        for first in range(0, len(images), batch):
+            part = self._input(images[first : first + batch])
+            wanted = len(part)
+            if self._size[0]:  # a model of a fixed number always gets that number
+                part = np.concatenate([part, np.repeat(part[-1:], batch - wanted, axis=0)])
+            rows.append(self._run(part)[:wanted])
+        return np.concatenate(rows)
+
+    def _run(self, part: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        try:
+            vectors = np.asarray(self._session.run(None, {self._name: part})[0])
+        except Exception as error:  # the runtime raises classes of its own
+            raise WeightsError(
+                f"{self._path} fails on images of shape {part.shape} ({printable(error, 300)}): "
+                "export it for this shape"
+            ) from error
+        if vectors.ndim < 2 or len(vectors) != len(part) or vectors.dtype.kind != "f":
+            raise WeightsError(
+                f"{self._path} gives {vectors.dtype} of shape {vectors.shape} for {len(part)} "
+                "images: export a model that gives a vector an image"
+            )
+        if not np.isfinite(vectors).all():
+            raise WeightsError(f"{self._path} gives values that are not finite: check its weights")
+        return vectors.reshape(len(vectors), -1).astype(np.float32)
+
+    def _input(self, images: Images) -> npt.NDArray[np.float32]:
+        _, channels, height, width = self._size
+        size = (height or images.shape[1], width or images.shape[2])
+        values = images if size == images.shape[1:] else mean_cells(images, *size)
+        if images.dtype == np.uint8:  # intensities; counts have more bits
+            scaled = values / 255.0
+        else:
+            logarithms = np.log1p(values)
+            most = logarithms.max(axis=(1, 2), keepdims=True)
+            scaled = np.divide(logarithms, most, out=np.zeros_like(logarithms), where=most > 0)
+        return np.repeat(scaled[:, None].astype(np.float32), channels or 1, axis=1)
+
+
+def model(seed: int, path: Path) -> ModelDescriptor:
+    """Make the baseline of a model's file; it draws no random numbers."""
+    return ModelDescriptor(path)

@@ -1,0 +1,336 @@
+"""The published traverses of Brisbane-Event-VPR and QCR-Event-VPR: files, clocks and positions.
+
+The figures are facts stated by the data sets' authors in
+
+- https://github.com/Tobias-Fischer/sparse-event-vpr, ``src/sparse_event_vpr/constants.py``
+- https://github.com/Tobias-Fischer/ensemble-event-vpr,
+  ``correspondence-event-camera-frame-camera.py``
+
+A file belongs to a traverse if its name is exactly one of the traverse's names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.evaluation.tracks import Track, load_nmea
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import Recording, open_recording
+from edge_vpr.recordings.recording import TimeCrop
+
+#: DAVIS346, in both data sets.
+SENSOR = Sensor(346, 260)
+
+BRISBANE_PAGE = "https://huggingface.co/datasets/TobiasRobotics/brisbane-event-vpr"
+BRISBANE_BAGS_PAGE = "https://zenodo.org/records/4302805"
+QCR_PAGE = "https://zenodo.org/records/10494919"
+
+#: Length of the route of QCR-Event-VPR in metres (How Many Events Do You Need?, section I).
+QCR_ROUTE_M = 160.0
+
+Files = Literal["parquet", "bag"]
+Landmarks = Literal["common", "released-code"]
+
+
+@dataclass(frozen=True)
+class BrisbaneTraverse:
+    """One drive of the 8 km route of Brisbane-Event-VPR.
+
+    The GPS logs come from a second camera, whose first frame and first GPS second coincide. The
+    time of this beginning on the event camera's clock was published twice, with two editions of the
+    logs: the complete logs on Zenodo (``*_concat.nmea``), and others on Hugging Face, which have
+    the names of the recordings and lack the first seconds. Each beginning belongs to its own
+    edition: for sunset 1 the two beginnings differ by 11 s, and the published logs by exactly 11 s
+    of sentences.
+
+    Attributes
+    ----------
+    name : str
+    recording : str
+        Stem of the recording's file names.
+    video : str
+        Stem of the complete log's file name.
+    beginning_s : float or None
+        Unix time at the first second of the log on Hugging Face; None if there is no such log.
+    complete_beginning_s : float
+        Unix time at the first second of the log on Zenodo.
+    """
+
+    name: str
+    recording: str
+    video: str
+    beginning_s: float | None
+    complete_beginning_s: float
+
+    def file_name(self, kind: Files) -> str:
+        """Return the published name of the recording's file."""
+        if kind == "bag":
+            return f"{self.recording}.bag"
+        return f"{self.recording}_no_hot_pixels_nobursts_denoised.parquet"
+
+    @property
+    def logs(self) -> dict[str, float]:
+        """Return the published GPS logs by name, each with the Unix time at its first second."""
+        logs = {f"{self.video}_concat.nmea": self.complete_beginning_s}
+        if self.beginning_s is not None:
+            logs = {f"{self.recording}.nmea": self.beginning_s, **logs}
+        return logs
+
+    def track(self, folder: Path) -> tuple[Track, int]:
+        """Load the GPS log.
+
+        Returns
+        -------
+        track : Track
+        beginning_us : int
+            Unix time of the track's time 0 on the event camera's clock, in microseconds.
+
+        Raises
+        ------
+        GroundTruthError
+            If the folder holds none of the traverse's logs.
+        """
+        for log, beginning_s in self.logs.items():
+            if (folder / log).is_file():
+                return load_nmea(folder / log), round(beginning_s * 1e6)
+        raise GroundTruthError(
+            f"{folder} holds no GPS log of {self.name} ({' or '.join(self.logs)}): download it "
+            f"from {BRISBANE_PAGE if self.beginning_s else BRISBANE_BAGS_PAGE}"
+        )
+
+
+@dataclass(frozen=True)
+class QCRTraverse:
+    """One traverse of the 160 m indoor route of QCR-Event-VPR, with the camera facing sideways.
+
+    Attributes
+    ----------
+    name : str
+    recording : str
+        Stem of the recording's file names.
+    start_s : float
+        Time at which the robot set off, in seconds after the first event.
+    landmarks_s : tuple of float
+        Times at which it passed each of the eleven landmarks, in seconds after it set off.
+    """
+
+    name: str
+    recording: str
+    start_s: float
+    landmarks_s: tuple[float, ...]
+
+    def file_name(self, kind: Files) -> str:
+        """Return the published name of the recording's file."""
+        return f"{self.recording}.bag" if kind == "bag" else f"{self.recording}_denoised.parquet"
+
+    def track(self, landmarks: Landmarks = "common") -> Track:
+        """Return the metres along the route, from the times at which the landmarks were passed.
+
+        Parameters
+        ----------
+        landmarks : {"common", "released-code"}
+            Positions of the landmarks, which were not published. "common": the same for all
+            traverses, the median over traverses of the landmark's share of time, times 160 m.
+            "released-code": each traverse's own share of time, so that the landmarks in between
+            have no effect; the positions of a landmark then differ by up to 13 m, although the
+            tolerance is 3 m.
+
+        Returns
+        -------
+        Track
+            Metric, one coordinate; time 0 is when the robot set off.
+        """
+        time_s = np.array(self.landmarks_s)
+        if landmarks == "common":
+            route = QCR_LANDMARKS_M
+        elif landmarks == "released-code":
+            route = QCR_ROUTE_M * time_s / time_s[-1]
+        else:
+            raise UsageError(f"landmarks {landmarks!r} is unknown: use common or released-code")
+        # the times were set by hand, tens of seconds apart: no gap is too long
+        return Track(np.round(time_s * 1e6).astype(np.int64), route[:, None])
+
+
+BRISBANE_TRAVERSES = (
+    BrisbaneTraverse("sunset1", "dvs_vpr_2020-04-21-17-03-03", "20200421_170039-sunset1",
+                     1587452593.35, 1587452582.35),
+    BrisbaneTraverse("sunset2", "dvs_vpr_2020-04-22-17-24-21", "20200422_172431-sunset2",
+                     1587540271.65, 1587540271.65),
+    BrisbaneTraverse("daytime", "dvs_vpr_2020-04-24-15-12-03", "20200424_151015-daytime",
+                     1587705136.80, 1587705130.80),
+    # published only as a bag, and not evaluated in either paper
+    BrisbaneTraverse("night", "dvs_vpr_2020-04-27-18-13-29", "20200427_181204-night",
+                     None, 1587975221.10),
+    BrisbaneTraverse("morning", "dvs_vpr_2020-04-28-09-14-11", "20200428_091154-morning",
+                     1588029271.73, 1588029265.73),
+    BrisbaneTraverse("sunrise", "dvs_vpr_2020-04-29-06-20-23", "20200429_061912-sunrise",
+                     1588105240.91, 1588105232.91),
+)  # fmt: skip
+
+QCR_TRAVERSES = (
+    QCRTraverse("normal1", "bags_2021-08-19-08-25-42", 2.0,
+                (0, 6, 13, 31, 58, 77, 101.5, 124, 148, 157.7, 163)),
+    QCRTraverse("normal2", "bags_2021-08-19-08-28-43", 0.0,
+                (0, 6, 13, 31.5, 58, 76, 100.5, 123, 148.5, 156.5, 162)),
+    QCRTraverse("normal3", "bags_2021-08-19-09-45-28", 2.0,
+                (0, 6.5, 13.5, 31.5, 58.5, 77.5, 102.5, 126, 150, 158.5, 165)),
+    QCRTraverse("normal4", "bags_2022-03-28-11-51-26", 8.0,
+                (0, 6.7, 13.2, 31, 57, 74, 97, 119, 141, 148, 154)),
+    QCRTraverse("fast1", "bags_2022-03-28-12-01-42", 7.7,
+                (0, 2.9, 5.8, 12.9, 23.5, 32, 41.5, 50, 59.3, 62, 64.5)),
+    QCRTraverse("fast2", "bags_2021-08-20-10-19-45", 0.0,
+                (0, 2.5, 5, 12.7, 23.7, 33.6, 43, 52.4, 62.3, 65.4, 68)),
+    QCRTraverse("slow1", "bags_2022-03-28-12-03-44", 12.0,
+                (0, 15.5, 30, 63.5, 110, 141, 185, 217, 246.5, 256, 263)),
+)  # fmt: skip
+
+#: Metres along the route of each landmark; see `QCRTraverse.track`.
+QCR_LANDMARKS_M = QCR_ROUTE_M * np.median(
+    [np.array(t.landmarks_s) / t.landmarks_s[-1] for t in QCR_TRAVERSES], axis=0
+)
+QCR_LANDMARKS_M.setflags(write=False)
+
+
+# Pairs of published traverses that lie in a folder, as in the paper of the method.
+#
+# tonic is not needed. The first traverse of each data set is the reference, and the other traverses
+# of the paper are matched against it.
+
+
+#: largest distance of a correct match in metres (paper, IV-B)
+BRISBANE_M, QCR_M = 70.0, 3.0
+#: not evaluated in either paper
+_LEFT_OUT = ("night",)
+_DATA_SETS: Mapping[str, tuple[tuple[BrisbaneTraverse | QCRTraverse, ...], float]] = {
+    "Brisbane": (BRISBANE_TRAVERSES, BRISBANE_M),
+    "QCR": (QCR_TRAVERSES, QCR_M),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedDrive:
+    """Traverse from the beginning of its track to the end of it.
+
+    Attributes
+    ----------
+    name : str
+    path : Path
+    recording : Recording
+        Its time 0 is that of the track.
+    track : Track
+    """
+
+    name: str
+    path: Path
+    recording: Recording
+    track: Track
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedPair:
+    """Two traverses of one data set."""
+
+    name: str
+    reference: PublishedDrive
+    query: PublishedDrive
+    tolerance_m: float
+
+
+def published_pairs(
+    folder: Path, files: tuple[Files, ...] = ("parquet", "bag")
+) -> Iterator[PublishedPair]:
+    """Open the pairs whose files are in a folder, one after another.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds recordings and GPS logs under their published names (`edge_vpr_tools.research.datasets`).
+    files : tuple of {"parquet", "bag"}
+        Kinds of files to use, in order of preference.
+
+    Raises
+    ------
+    RecordingError
+        If a recording cannot be read.
+    GroundTruthError
+        If the GPS log of a recording is missing or cannot be read.
+    """
+    for title, found in found_traverses(folder, files).items():
+        for traverse, path in found[1:]:
+            reference, query = open_drive(*found[0]), open_drive(traverse, path)
+            yield PublishedPair(
+                f"{title}, {query.name} against {reference.name}",
+                reference,
+                query,
+                _DATA_SETS[title][1],
+            )
+
+
+def found_traverses(
+    folder: Path, files: tuple[Files, ...] = ("parquet", "bag")
+) -> dict[str, list[tuple[BrisbaneTraverse | QCRTraverse, Path]]]:
+    """Return the traverses whose recordings are in a folder, in order, by their data set.
+
+    Parameters
+    ----------
+    folder : Path
+    files : tuple of {"parquet", "bag"}
+        Kinds of files to use, in order of preference.
+
+    Returns
+    -------
+    dict of str to list of (traverse, path)
+        Brisbane and QCR; the lists may be empty.
+    """
+    return {
+        title: [
+            (traverse, path)
+            for traverse in traverses
+            if traverse.name not in _LEFT_OUT and (path := find_file(traverse, folder, files))
+        ]
+        for title, (traverses, _) in _DATA_SETS.items()
+    }
+
+
+def find_file(
+    traverse: BrisbaneTraverse | QCRTraverse, folder: Path, files: tuple[Files, ...]
+) -> Path | None:
+    """Return the recording of a traverse; None if the folder does not hold it."""
+    for kind in files:
+        if (path := folder / traverse.file_name(kind)).is_file():
+            return path
+    return None
+
+
+def open_drive(traverse: BrisbaneTraverse | QCRTraverse, path: Path) -> PublishedDrive:
+    """Open the recording of a traverse, cut to its track.
+
+    Parameters
+    ----------
+    traverse : BrisbaneTraverse or QCRTraverse
+    path : Path
+        Path of its recording; the GPS log must lie in the same folder.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read.
+    GroundTruthError
+        If the GPS log is missing or cannot be read.
+    """
+    recording = open_recording(
+        path, sensor=SENSOR, on_fault="drop", time_unit="us" if path.suffix == ".parquet" else None
+    )
+    if isinstance(traverse, BrisbaneTraverse):
+        track, beginning_us = traverse.track(path.parent)
+    else:
+        track = traverse.track()
+        beginning_us = recording.start_us + round(traverse.start_s * 1e6)
+    crop = TimeCrop(end_us=int(track.time_us[-1]), offset_us=beginning_us)
+    return PublishedDrive(traverse.name, path, recording.cropped(crop), track)

@@ -1,0 +1,249 @@
+"""The embedded default: one route driven twice, the second time at another and varying speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.state import MatchSchedule
+from edge_vpr.pipeline import EventSource, cleaned
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr_tools.report.style import dot_plot, save
+from edge_vpr_tools.research.experiments.trial import (
+    DEFAULT_MATCHING,
+    Summary,
+    Trial,
+    TruthOf,
+    Variant,
+    markdown_table,
+    run_trial,
+    truth_of_tracks,
+)
+
+# Variants of the method side by side: how often each is right, and what a match costs.
+
+
+#: trials by the name of the variant
+Trials = Mapping[str, Sequence[Trial]]
+_HEADER = (
+    "variant", "P@100R", "R@99P", "Recall@5", "bytes a place", "operations a match",
+    "time a query",
+)  # fmt: skip
+
+
+def variants_table(found: Trials) -> str:
+    """Return a Markdown table with a row for each variant, and the spread of its trials.
+
+    Operations are differences of two counters. The time of a query is the median over the trials of
+    what it takes to match one described window with all places.
+    """
+    rows = []
+    for name, trials in found.items():
+        measures = (str(Summary(values)) for values in _measures(trials).values())
+        rows.append(
+            [
+                name,
+                *measures,
+                f"{max(t.reference.packed_bytes_per_place for t in trials):,}",
+                f"{max(t.operations for t in trials):,}",
+                f"{np.median([t.microseconds_per_match for t in trials]):,.0f} us",
+            ]
+        )
+    return markdown_table(_HEADER, rows)
+
+
+def draw_variants(found: Trials) -> Figure:
+    """Draw each measure of every variant, with the spread of its trials."""
+    by_variant = {name: _measures(trials) for name, trials in found.items()}
+    return dot_plot(
+        {
+            measure: {"": {name: values[measure] for name, values in by_variant.items()}}
+            for measure in next(iter(by_variant.values()))
+        }
+    )
+
+
+def _measures(trials: Sequence[Trial]) -> dict[str, list[float]]:
+    found = [trial.evaluation for trial in trials]
+    return {
+        "P@100R": [each.precision_at_100_recall for each in found],
+        "R@99P": [each.recall_at_99_precision for each in found],
+        "Recall@5": [each.recall_at[5] for each in found],
+    }
+
+
+# How soon a place is recognised after it was entered: event by event against window by window.
+
+
+@dataclass(frozen=True, eq=False)
+class Latency:
+    """Times from entering a place to its first right match.
+
+    Attributes
+    ----------
+    seconds : ndarray of float64, shape (m,)
+        For the places that were recognised before the drive was `reach_m` past their end.
+    places : int
+        Number of places entered while matches were given.
+    matches : int
+    """
+
+    seconds: npt.NDArray[np.float64]
+    places: int
+    matches: int
+
+    @property
+    def median_s(self) -> float:
+        """Median over the recognised places in seconds; NaN if there are none."""
+        return float(np.median(self.seconds)) if self.seconds.size else float("nan")
+
+
+def measure_latency(
+    reference: ReferenceMap,
+    query: EventSource,
+    reference_track: Track,
+    query_track: Track,
+    every: MatchSchedule,
+    reach_m: float,
+) -> Latency:
+    """Run the query online, and measure the time to each place's first right match.
+
+    A place is entered when the query reaches the position at which the reference's window began. It
+    is recognised by the first later match with this place, or with a later place whose window began
+    within `reach_m` of the query's position, while the query is not yet `reach_m` past the window's
+    end.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    query : EventSource
+    reference_track, query_track : Track
+        Metric, one coordinate: the distance along the route, which does not decrease.
+    every : MatchSchedule
+        Schedule of matches.
+    reach_m : float
+        Reach in metres.
+    """
+    localiser = Localiser(reference, every=every)
+    given = [localiser.update(events) for events in cleaned(query, reference.settings)]
+    matches = np.concatenate(given)
+    begin_m = reference_track.at(reference.places.start_us)[:, 0]
+    end_m = reference_track.at(reference.places.end_us)[:, 0]
+    at_m = query_track.at(matches["t"])[:, 0]
+    way = query_track.position[:, 0]
+    entered_us = np.interp(begin_m, way, query_track.time_us, left=np.nan, right=np.nan)
+
+    named = matches["place"]
+    near = np.abs(begin_m[named] - at_m) <= reach_m
+    seconds, places = [], 0
+    for k in range(reference.settings.windows_per_match - 1, len(reference)):
+        if not (np.isfinite(entered_us[k]) and matches["t"][0] <= entered_us[k]):
+            continue
+        places += 1
+        first, last = np.searchsorted(matches["t"], [entered_us[k], np.inf])
+        last = first + np.searchsorted(at_m[first:last], end_m[k] + reach_m)
+        right = (named[first:last] == k) | ((named[first:last] > k) & near[first:last])
+        if right.any():
+            seconds.append((matches["t"][first + np.argmax(right)] - entered_us[k]) / 1e6)
+    return Latency(np.array(seconds), places, len(matches))
+
+
+#: name of the pairs in tables of several experiments
+SIMULATED = "simulated streets"
+#: largest distance of a right match along the route, in metres
+TOLERANCE_M = 10.0
+SETTINGS = PRESETS["paper"]
+DEFAULT = "150 varying pixels, place filter (default)"
+DEFAULT_FEW = "25 varying pixels, place filter"
+BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
+CODED = "150 varying pixels, fixed N, 3-bit log"
+FEW, FEW_RANDOM = "25 varying pixels, fixed N", "25 random pixels, fixed N"
+DENSE = "all pixels, fixed N"
+VARIANTS = (
+    Variant(DEFAULT, DEFAULT_MATCHING),
+    Variant(DEFAULT_FEW, {**DEFAULT_MATCHING, "pixels": 25}),
+    Variant(BEST, {"window": "count"}),
+    Variant(CODED, {"window": "count", "counter_code": "log"}),
+    Variant(BY_TIME),
+    Variant("150 random pixels, fixed N", {"window": "count", "strategy": "random"}),
+    Variant(FEW, {"window": "count", "pixels": 25}),
+    Variant(FEW_RANDOM, {"window": "count", "pixels": 25, "strategy": "random"}),
+    Variant(DENSE, {"window": "count"}, all_pixels=True),
+    Variant("all pixels, fixed tau", all_pixels=True),
+)
+
+
+def truth_of_pair(reference: SimulatedRecording, query: SimulatedRecording) -> TruthOf:
+    """Return the ground truth of a simulated pair, by the positions along the route."""
+    return truth_of_tracks(reference.track, query.track, TOLERANCE_M)
+
+
+def run_variants(
+    reference: SimulatedRecording,
+    query: SimulatedRecording,
+    seed: int,
+    on_start: Callable[[str], None] = lambda name: None,
+) -> dict[str, Trial]:
+    """Run every variant on one pair.
+
+    Parameters
+    ----------
+    reference, query : SimulatedRecording
+    seed : int
+        Seed of the draw of pixels.
+    on_start : callable, optional
+        Called with the name of each variant before it begins.
+    """
+    settings = SETTINGS.replaced({"seed": seed}, "seed")
+    truth_of = truth_of_pair(reference, query)
+    trials = {}
+    for variant in VARIANTS:
+        on_start(variant.name)
+        trials[variant.name] = run_trial(reference, query, truth_of, settings, variant)
+    return trials
+
+
+def run_pair(seed: int) -> dict[str, Trial]:
+    """Simulate the pair of this seed, and run every variant on it."""
+    reference, query = (drive.keep() for drive in simulate_pair(seed))
+    return run_variants(reference, query, seed)
+
+
+def compare_latencies(
+    reference: SimulatedRecording, query: SimulatedRecording, trial: Trial
+) -> dict[str, Latency]:
+    """Time the recognition of places with a match after every event, and after every window."""
+    policies = {
+        "event by event": MatchSchedule(events=1),
+        "window by window": MatchSchedule.window(trial.reference.settings),
+    }
+    return {
+        name: measure_latency(
+            trial.reference, query, reference.track, query.track, every, TOLERANCE_M
+        )
+        for name, every in policies.items()
+    }
+
+
+def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
+    """Simulate several pairs, and return the figures of every variant as a Markdown table."""
+    pairs = []
+    for seed in range(seeds):
+        on_start(f"pair {seed + 1} of {seeds}")
+        pairs.append(run_pair(seed))
+    found = {variant.name: [pair[variant.name] for pair in pairs] for variant in VARIANTS}
+    if figures:
+        save(draw(found), *figures)
+    return variants_table(found)
+
+
+draw = draw_variants

@@ -1,0 +1,343 @@
+"""Images of folders, HDF5 files and ROS bags."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.recordings.frames import MOST_PIXELS, number_key, read_metadata, read_png
+from edge_vpr.recordings.hdf5 import checked_dataset, load_h5py, open_hdf5
+from edge_vpr.recordings.reading import ArrayStream
+from edge_vpr.recordings.recording import foreign_errors
+from edge_vpr.recordings.rosbag import Bag, Cursor, read_preamble
+from edge_vpr_tools.research.intensity.frames import Image, IntensityFrame, start_of, to_grey
+
+# Folder of images, one a file: PNG, or ``.npy`` arrays, with a time for each.
+
+
+#: file with one line of seconds for each image, in the order of the images' names
+TIMES = "timestamps.txt"
+_LONGEST_TIMES = 1 << 26
+#: name that is a time in seconds, as the exporter of Brisbane-Event-VPR writes it
+_SECONDS = re.compile(r"\d+\.\d+")
+
+
+class ImageFolder:
+    """Images of a folder, and the time of each.
+
+    The times are taken from the first of these that is present: the lines of ``timestamps.txt``, in
+    seconds; the names, if each is a number of seconds with a point (``1587452593.35.png``); the
+    index of each image times the period in ``metadata.json`` or of the caller.
+
+    Parameters
+    ----------
+    path : Path
+    period : Fraction, optional
+        Time from one image to the next in seconds.
+
+    Attributes
+    ----------
+    start_us : int
+        Start in ``metadata.json``, else the time of the first image.
+    has_events : bool
+        False.
+
+    Raises
+    ------
+    RecordingError
+        If there are no images, or their times are not known.
+    """
+
+    has_events = False
+
+    def __init__(self, path: Path, period: Fraction | None = None) -> None:
+        self._files = sorted(path.glob("*.png"), key=number_key) or sorted(
+            path.glob("*.npy"), key=number_key
+        )
+        if not self._files:
+            raise RecordingError(f"{path} holds no *.png and no *.npy: name a folder of images")
+        stated, start_us = read_metadata(path)
+        self._times = self._read_times(path, stated or period)
+        order = np.argsort(self._times, kind="stable")
+        self._files = [self._files[i] for i in order]
+        self._times = self._times[order]
+        self.start_us = start_us or int(self._times[0])
+
+    def __iter__(self) -> Iterator[IntensityFrame]:
+        for time_us, path in zip(self._times.tolist(), self._files, strict=True):
+            with foreign_errors(path):
+                yield IntensityFrame(time_us, _read(path))
+
+    def _read_times(self, path: Path, period: Fraction | None) -> npt.NDArray[np.int64]:
+        listing = path / TIMES
+        if listing.is_file():
+            return _listed(listing, len(self._files))
+        if all(_SECONDS.fullmatch(file.stem) for file in self._files):
+            return np.array([_microseconds(file.stem, file) for file in self._files])
+        if period is None:
+            raise RecordingError(
+                f"{path} does not say when its images were taken: write {TIMES} with a line of "
+                "seconds for each"
+            )
+        return np.array([round(i * period * 1_000_000) for i in range(len(self._files))])
+
+
+def _listed(listing: Path, images: int) -> npt.NDArray[np.int64]:
+    with foreign_errors(listing), listing.open(encoding="utf-8") as file:
+        lines = file.read(_LONGEST_TIMES).split()
+    if len(lines) != images:
+        raise RecordingError(
+            f"{listing} has {len(lines)} times for {images} images: write a line for each"
+        )
+    return np.array([_microseconds(line, listing) for line in lines], dtype=np.int64)
+
+
+def _microseconds(text: str, path: Path) -> int:
+    try:
+        # exact: a float of seconds since 1970 has errors of some tenths of a microsecond
+        time_us = round(Fraction(text) * 1_000_000) if len(text) < 64 else TIME_LIMIT_US
+    except (ValueError, ZeroDivisionError):
+        time_us = TIME_LIMIT_US
+    if abs(time_us) >= TIME_LIMIT_US:
+        raise RecordingError(f"{path}: {text[:40]!r} is no time in seconds: write it again")
+    return time_us
+
+
+def _read(path: Path) -> Image:
+    if path.suffix == ".png":
+        return to_grey(read_png(path), blue_first=False)
+    with path.open("rb") as file:
+        stream = ArrayStream(file, str(path))
+        shape, dtype = stream.shape, stream.dtype
+        colours = len(shape) == 3 and shape[2] in (3, 4)
+        if not (len(shape) == 2 or colours) or 0 in shape or dtype.kind not in "uif":
+            raise RecordingError(
+                f"{path} has shape {shape} and dtype {dtype}: an image is numbers of shape "
+                "(height, width), or (height, width, 3) with red, green, blue"
+            )
+        if math.prod(shape[:2]) > MOST_PIXELS:
+            raise RecordingError(
+                f"{path} has {math.prod(shape[:2]):,} pixels, and the most is {MOST_PIXELS:,}"
+            )
+        return to_grey(_eight_bits(stream.load(MOST_PIXELS * 32), path), blue_first=False)
+
+
+def _eight_bits(values: npt.NDArray[Any], path: Path) -> npt.NDArray[np.uint8]:
+    """Return values from 0 to 255: floats are multiplied by 255, 16 bits cut to the upper 8."""
+    if values.dtype == np.uint8:
+        return values
+    if values.dtype == np.uint16:
+        return (values >> 8).astype(np.uint8)
+    full = 1.0 if values.dtype.kind == "f" else 255.0
+    with np.errstate(invalid="ignore"):
+        if not ((values >= 0) & (values <= full)).all():
+            raise RecordingError(
+                f"{path} has values outside 0 to {full:g}: write 8 or 16 bits, or floats up to 1"
+            )
+    return np.rint(values * (255.0 / full)).astype(np.uint8)
+
+
+# Images of HDF5 files: a data set ``NAME`` and one ``NAME_ts`` of their times, as in MVSEC.
+
+
+_TIMES = "_ts"
+
+
+class Hdf5Images:
+    """Images of one data set of 8 bits, shape (n, height, width) or (n, height, width, 3).
+
+    Colours are red, green, blue. Times are seconds on the clock of the file.
+
+    Parameters
+    ----------
+    path : Path
+    topic : str, optional
+        Name of the data set, if there are several.
+
+    Attributes
+    ----------
+    start_us : int
+        Time of the first image.
+    has_events : bool
+        False: the reader does not search for events in the same file.
+    """
+
+    has_events = False
+
+    def __init__(self, path: Path, topic: str | None = None) -> None:
+        self._path = path
+        with open_hdf5(path) as file:
+            self._name = _choose_image_set(_image_sets(file), topic, path)
+            times = file[self._name + _TIMES]
+            seconds = checked_dataset(path, times).read(slice(0, times.shape[0]))
+        seconds = np.asarray(seconds, dtype=np.float64)
+        if not (np.abs(seconds) * 1e6 < TIME_LIMIT_US).all():
+            raise RecordingError(
+                f"{path}: {self._name}{_TIMES} has times that are no seconds: write it again"
+            )
+        self._times = np.round(seconds * 1e6).astype(np.int64)
+        self.start_us = int(self._times[0])
+
+    def __iter__(self) -> Iterator[IntensityFrame]:
+        with open_hdf5(self._path) as file:
+            images = checked_dataset(self._path, file[self._name])
+            for i, time_us in enumerate(self._times.tolist()):
+                image = images.read(slice(i, i + 1))[0]
+                yield IntensityFrame(time_us, to_grey(image, blue_first=False))
+
+
+def _image_sets(file: Any) -> list[str]:
+    """Return the names of data sets that hold images and have times."""
+    h5py = load_h5py()
+    found = []
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or item.dtype != np.uint8 or 0 in item.shape:
+            return
+        grey, coloured = item.ndim == 3, item.ndim == 4 and item.shape[3] in (3, 4)
+        if not (grey or coloured) or item.shape[1] * item.shape[2] > MOST_PIXELS:
+            return
+        last = name.rsplit("/", 1)[-1] + _TIMES
+        if isinstance(item.parent.get(last, getlink=True), h5py.HardLink):
+            times = item.parent[last]
+            if isinstance(times, h5py.Dataset) and times.shape == item.shape[:1]:
+                found.append(name)
+
+    file.visititems(visit)  # does not follow links
+    return found
+
+
+def _choose_image_set(names: list[str], wanted: str | None, path: Path) -> str:
+    listed = ", ".join(names) or "none"
+    if wanted is not None:
+        names = [name for name in names if name == wanted.strip("/")]
+    if not names:
+        raise RecordingError(
+            f"{path} has no images of 8 bits with times beside them (NAME and NAME{_TIMES})"
+            + (f" called {wanted}" if wanted else "")
+            + f"; such are: {listed}: write them so, or name one"
+        )
+    if len(names) > 1:
+        raise UsageError(f"{path} has images in {listed}: name one data set")
+    return names[0]
+
+
+# Images of ROS 1 and ROS 2 bags: ``sensor_msgs/Image``, as the drivers of a DAVIS write them.
+
+
+_TYPE = "sensor_msgs/msg/Image"
+_EVENTS = ("EventArray", "EventPacket")
+#: A DAVIS's driver stamps its first images with the time since power-on, which is below this.
+_FIRST_STAMP_US = 100 * 1_000_000
+
+
+class _Encoding(NamedTuple):
+    """Bytes of a channel, number of channels, and whether blue is the first of them."""
+
+    size: int
+    channels: int
+    blue_first: bool = False
+
+
+#: a colour mosaic (Bayer) is used as it is, since a pixel is only compared with itself
+_ENCODINGS = {
+    "mono8": _Encoding(1, 1),
+    "8UC1": _Encoding(1, 1),
+    "mono16": _Encoding(2, 1),
+    "16UC1": _Encoding(2, 1),
+    "rgb8": _Encoding(1, 3),
+    "rgba8": _Encoding(1, 4),
+    "bgr8": _Encoding(1, 3, True),
+    "8UC3": _Encoding(1, 3, True),
+    "bgra8": _Encoding(1, 4, True),
+    **{f"bayer_{order}8": _Encoding(1, 1) for order in ("rggb", "bggr", "gbrg", "grbg")},
+}
+
+
+class BagImages:
+    """Images of one topic.
+
+    Parameters
+    ----------
+    path : Path
+    ros : {1, 2}
+    topic : str, optional
+        Name of the topic, if there are several.
+
+    Attributes
+    ----------
+    start_us : int
+        Start of the events of the same bag, or time of the first image without events.
+    has_events : bool
+    """
+
+    def __init__(self, path: Path, ros: int, topic: str | None = None) -> None:
+        self._bag = Bag(path, ros)
+        with self._bag.errors(), self._bag.open() as reader:
+            self._topic = _choose_topic(reader.connections, topic, path)
+            self.has_events = any(str(c.msgtype).endswith(_EVENTS) for c in reader.connections)
+        self.start_us = start_of(self, path)
+
+    def __iter__(self) -> Iterator[IntensityFrame]:
+        number = 0
+        with self._bag.errors(), self._bag.open() as reader:
+            for number, data in enumerate(self._bag.messages(reader, self._topic), 1):
+                try:
+                    frame = _image(data, self._bag.ros)
+                except (struct.error, ValueError) as error:
+                    raise RecordingError(
+                        f"{self._bag.path}: image {number:,} on {self._topic} cannot be read "
+                        f"({error}): record or copy the bag again"
+                    ) from error
+                if frame.time_us >= _FIRST_STAMP_US:
+                    yield frame
+
+
+def _choose_topic(connections: Any, wanted: str | None, path: Path) -> str:
+    names = list(dict.fromkeys(c.topic for c in connections if c.msgtype == _TYPE))
+    listed = ", ".join(names) or "none"
+    if wanted is not None:
+        if wanted not in names:
+            raise RecordingError(
+                f"{path} has no images on {wanted}; topics of images are: {listed}: name one"
+            )
+        return wanted
+    if not names:
+        raise RecordingError(f"{path} has no topic of sensor_msgs/Image: record the images too")
+    if len(names) > 1:
+        raise UsageError(f"{path} has images on {listed}: name one topic")
+    return str(names[0])
+
+
+def _image(data: bytes, ros: int) -> IntensityFrame:
+    cursor = Cursor(data, ros)
+    stamp = read_preamble(cursor, ros)
+    name = cursor.text()
+    big_endian, step = cursor.number("B"), cursor.number("I")
+    octets = cursor.octets()
+    if name not in _ENCODINGS:
+        raise ValueError(f"encoding {name!r} is none of {', '.join(_ENCODINGS)}")
+    size, channels, blue_first = _ENCODINGS[name]
+    height, width = stamp.height, stamp.width
+    if not 0 < height * width <= MOST_PIXELS or step < width * channels * size:
+        raise ValueError(f"{width}x{height} pixels in rows of {step} bytes")
+    if len(octets) < step * height:
+        raise ValueError(f"{len(octets):,} bytes for {height} rows of {step} bytes")
+    rows = np.frombuffer(octets, np.uint8, step * height).reshape(height, step)
+    rows = np.ascontiguousarray(rows[:, : width * channels * size])
+    image: Image = rows
+    if size == 2:
+        image = (rows.view(">u2" if big_endian else "<u2") >> 8).astype(np.uint8)
+    elif channels > 1:
+        image = to_grey(rows.reshape(height, width, channels), blue_first)
+    return IntensityFrame(stamp.stamp_us, image)

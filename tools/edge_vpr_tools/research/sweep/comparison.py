@@ -1,0 +1,264 @@
+"""Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr.errors import UsageError, printable
+from edge_vpr.files import read_json, replacing, understood
+from edge_vpr_tools import results
+from edge_vpr_tools.report.style import CYCLE, figure, name_label, save
+from edge_vpr_tools.research.sweep.store import SWEEP, Store
+from edge_vpr_tools.results import RUN, run_record, write_json, write_spreadsheet
+
+# Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated.
+
+
+#: figures of merit by their name in a file, with the heading of their column
+MEASURES = {
+    "precision_at_100_recall": "P@100R",
+    "recall_at_99_precision": "R@99P",
+    "average_precision": "AP",
+    "recall_at_1": "Recall@1",
+    "packed_bytes_per_place": "bytes a place",
+    "operations_per_match": "operations a match",
+    "microseconds_per_match": "us a match",
+}
+#: shown with thousands and without decimals
+_WHOLE = ("operations_per_match",)
+#: more rows than this are illegible in one figure
+MOST_DRAWN = 60
+_REMEDY = "evaluate it again"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One variant on one pair of drives.
+
+    Attributes
+    ----------
+    run : str
+        Name of the run's folder; its path if two folders have the same name.
+    variant, drives : str
+        Empty for a single match.
+    values : mapping of str to tuple of float
+        Values of `MEASURES`, one for each seed.
+    failed : int
+        Number of seeds without a result.
+    """
+
+    run: str
+    variant: str
+    drives: str
+    values: Mapping[str, tuple[float, ...]]
+    failed: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name of the row in a figure."""
+        return ", ".join(part for part in (self.run, self.variant, self.drives) if part)
+
+    def mean(self, measure: str) -> float:
+        """Return the mean over seeds; NaN without a result."""
+        values = self.values[measure]
+        return float(np.mean(values)) if values else float("nan")
+
+    def spread(self, measure: str) -> float:
+        """Return the sample's standard deviation over seeds; NaN with fewer than two."""
+        values = self.values[measure]
+        return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+
+
+def rows_of(runs: Sequence[Path]) -> list[Row]:
+    """Read the rows of runs.
+
+    Parameters
+    ----------
+    runs : sequence of Path
+        Folders of `edge-vpr sweep`, or of `edge-vpr match` after `edge-vpr evaluate`.
+
+    Raises
+    ------
+    UsageError
+        If a folder is neither, or a file in it is damaged.
+    """
+    found: list[Row] = []
+    last = [run.resolve().name for run in runs]
+    for run, short in zip(runs, last, strict=True):
+        name = short if last.count(short) == 1 else str(run)
+        if (run / SWEEP).is_file():
+            found += _of_sweep(run, name)
+        elif (run / results.METRICS).is_file():
+            found.append(_of_match(run, name))
+        else:
+            raise UsageError(f"{run} is no run: name a folder of edge-vpr sweep or edge-vpr match")
+    return found
+
+
+def table_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str]]]:
+    """Return heading and cells of a table: means, and their spread if there are several seeds."""
+    head = ["run", "variant", "drives", "seeds", *MEASURES.values()]
+    lines = []
+    for row in rows:
+        seeds = len(next(iter(row.values.values())))
+        counted = f"{seeds}" + (f" ({row.failed} failed)" if row.failed else "")
+        lines.append([row.run, row.variant, row.drives, counted, *_cells(row)])
+    return head, lines
+
+
+def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | float | None]]]:
+    """Return heading and cells of a spreadsheet, with mean and spread in separate columns."""
+    head = ["run", "variant", "drives", "seeds", "failed"]
+    head += [f"{name}_{what}" for name in MEASURES for what in ("mean", "std")]
+    lines: list[list[str | float | None]] = []
+    for row in rows:
+        numbers = [value for name in MEASURES for value in (row.mean(name), row.spread(name))]
+        seeds = len(next(iter(row.values.values())))
+        lines.append(
+            [row.run, row.variant, row.drives, seeds, row.failed,
+             *(None if np.isnan(value) else value for value in numbers)]
+        )  # fmt: skip
+    return head, lines
+
+
+def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figure:
+    """Draw a measure of each row: a dot for each seed, and the mean.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        If there are more than `MOST_DRAWN`, only the best are drawn.
+    measure : str
+        One of `MEASURES`.
+    """
+    known = [row for row in rows if row.values[measure]]
+    shown = sorted(known, key=lambda row: -row.mean(measure))[:MOST_DRAWN]
+    pairs = list(dict.fromkeys(row.drives for row in shown))
+    with figure(8.0, 1.5 + 0.28 * max(1, len(shown))) as (drawing, axes):
+        for i, row in enumerate(shown):
+            colour = CYCLE[pairs.index(row.drives) % len(CYCLE)]
+            values = row.values[measure]
+            axes.plot(values, [i] * len(values), ".", color=colour, ms=5, alpha=0.6)
+            axes.plot(row.mean(measure), i, "|", color=colour, ms=14, mew=2)
+        left_out = f", the best {len(shown)} of {len(known)}" if len(shown) < len(known) else ""
+        axes.set_yticks(range(len(shown)), [name_label(row.name) for row in shown], fontsize=8)
+        axes.invert_yaxis()
+        axes.set(
+            title=f"{MEASURES[measure]}: a dot a seed, a bar their mean{left_out}",
+            xlabel=MEASURES[measure],
+        )
+    return drawing
+
+
+def _of_sweep(run: Path, name: str) -> list[Row]:
+    store = Store(run)
+    found: dict[tuple[str, str], dict[str, list[float]]] = {}
+    failed: dict[tuple[str, str], int] = defaultdict(int)
+    for trial in store.listed():
+        names = trial.variant, trial.drives
+        values = found.setdefault(names, {name: [] for name in MEASURES})
+        kept = store.kept(trial.key)
+        if kept is None:
+            failed[names] += 1
+            continue
+        operations = _operations(kept.found.pixels, kept.found.places, kept.trial.settings)
+        counted = {**asdict(kept.found), "operations_per_match": operations}
+        for measure in MEASURES:
+            values[measure].append(float(counted[measure]))
+    return [
+        Row(
+            run=name,
+            variant=names[0],
+            drives=names[1],
+            values={measure: tuple(listed) for measure, listed in values.items()},
+            failed=failed[names],
+        )
+        for names, values in found.items()
+    ]
+
+
+def _of_match(run: Path, name: str) -> Row:
+    path = run / results.METRICS
+    metrics = read_json(path, "metrics", _REMEDY)
+    if "evaluation" not in metrics:
+        raise UsageError(f"{run} is not evaluated: run edge-vpr evaluate {run} first")
+    made = run / results.RUN
+    record = read_json(made, "run", "match again")
+    with understood(made, "run", "match again"):
+        settings = dict(record["settings"])
+    with understood(path, "metrics", _REMEDY):
+        evaluation = metrics["evaluation"]
+        values = {name: evaluation[name] for name in list(MEASURES)[:3]}
+        values["recall_at_1"] = evaluation["recall_at"]["1"]
+        if "packed_bytes_per_place" in metrics:  # absent for matches event by event
+            values["packed_bytes_per_place"] = metrics["packed_bytes_per_place"]
+            values["microseconds_per_match"] = 1e6 * metrics["matching_s"] / metrics["queries"]
+            values["operations_per_match"] = _operations(
+                metrics["pixels"], metrics["places"], settings
+            )
+        numbers = {name: (float(values[name]),) if name in values else () for name in MEASURES}
+    return Row(run=name, variant="", drives="", values=numbers)
+
+
+def _operations(pixels: int, places: int, settings: Mapping[str, Any]) -> int:
+    """Return the number of differences of counters between one query window and all places."""
+    return (2 if settings.get("polarity") else 1) * pixels * places
+
+
+def _cells(row: Row) -> list[str]:
+    cells = []
+    for name in MEASURES:
+        mean, spread = row.mean(name), row.spread(name)
+        digits = 0 if name in _WHOLE else 3 if name in list(MEASURES)[:4] else 1
+        if np.isnan(mean):
+            cells.append("-")
+        elif np.isnan(spread):
+            cells.append(f"{mean:,.{digits}f}")
+        else:
+            cells.append(f"{mean:,.{digits}f} ± {spread:,.{digits}f}")
+    return cells
+
+
+# Files of a comparison, for papers and programs.
+
+
+NAME = "compare"
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Return the table as Markdown."""
+    head, lines = table_of(rows)
+    # names come from files: a bar would end a cell, and an escape sequence would reach the terminal
+    cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in [head, *lines]]
+    cells.insert(1, ["---"] * len(head))
+    return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+
+
+def write_comparison(
+    folder: Path, rows: Sequence[Row], formats: Sequence[str], measure: str
+) -> None:
+    """Write ``compare.csv``, ``.json``, ``.md``, and the figure in each format.
+
+    Parameters
+    ----------
+    folder : Path
+    rows : sequence of Row
+    formats : sequence of str
+        Names from `report.formats.FORMATS`.
+    measure : str
+        Measure of the figure, one of `MEASURES`.
+    """
+    head, lines = spreadsheet_of(rows)
+    write_spreadsheet(folder / f"{NAME}.csv", head, lines)
+    with replacing(folder / f"{NAME}.md") as temporary:
+        temporary.write_text(markdown(rows), encoding="utf-8")
+    write_json(folder / f"{NAME}.json", {"schema": 1, "measures": MEASURES, "rows": list(rows)})
+    write_json(folder / RUN, run_record({}, []))
+    save(draw(rows, measure), *(folder / f"{NAME}.{kind}" for kind in formats))

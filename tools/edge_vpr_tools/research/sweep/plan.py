@@ -1,0 +1,436 @@
+"""The plan of a sweep (``sweep.toml``), and its trials."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import edge_vpr
+from edge_vpr.errors import UsageError, did_you_mean
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.events import Sensor
+from edge_vpr.files import read_toml
+from edge_vpr.recordings import Recording, open_recording, parse_period
+from edge_vpr.recordings.recording import TimeCrop, seconds_us
+from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
+from edge_vpr_tools.results import RecordError, from_json
+from edge_vpr_tools.runs.mapping import map_recording
+from edge_vpr_tools.runs.matching import match_recording
+from edge_vpr_tools.runs.truth_files import load_truth
+
+# One trial of a sweep: a variant of the method on one pair of drives with one seed.
+
+
+#: version of the key and of the result's file
+SCHEMA = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairOfDrives:
+    """Two recordings, the options for reading them, and the ground truth of the second.
+
+    Attributes
+    ----------
+    reference, query : str
+        Paths of the recordings.
+    ground_truth : tuple of str
+        Files, as for `edge-vpr evaluate --ground-truth`.
+    tolerance, rows, frame_period, offset
+        As the flags of `evaluate` with these names.
+    sensor, format, time_unit, topic, columns, on_fault
+        As the flags of `map` with these names, for both drives.
+    start, end, start_offset : (str, str), optional
+        For the reference and for the query: seconds at which to start, at which to end, and from
+        which these count, as the flags with these names.
+    """
+
+    reference: str
+    query: str
+    ground_truth: tuple[str, ...]
+    tolerance: float | None = None
+    rows: str | None = None
+    frame_period: str | None = None
+    offset: tuple[float, float] | None = None
+    sensor: str | None = None
+    format: str | None = None
+    time_unit: str | None = None
+    topic: str | None = None
+    columns: str | None = None
+    on_fault: str = "error"
+    start: tuple[str, str] | None = None
+    end: tuple[str, str] | None = None
+    start_offset: tuple[str, str] | None = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Paths of all input files."""
+        return (self.reference, self.query, *self.ground_truth)
+
+    def open(self, which: int) -> Recording:
+        """Open the reference (0) or the query (1).
+
+        Raises
+        ------
+        EdgeVprError
+            If it cannot be read.
+        """
+        period = None if self.frame_period is None else parse_period(self.frame_period)
+        recording = open_recording(
+            (self.reference, self.query)[which],
+            format=self.format,
+            sensor=None if self.sensor is None else Sensor.parse(self.sensor),
+            on_fault=self.on_fault,
+            frame_period=period,
+            topic=self.topic,
+            time_unit=self.time_unit,
+            columns=self.columns,
+        )
+        if self.start is self.end is self.start_offset is None:
+            return recording
+        start, end, offset = (
+            None if pair is None else seconds_us(pair[which], name)
+            for name, pair in (
+                ("start", self.start), ("end", self.end), ("start_offset", self.start_offset)
+            )
+        )  # fmt: skip
+        return recording.cropped(TimeCrop(start_us=start or 0, end_us=end, offset_us=offset))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """Everything that determines a result; can be sent to another process or machine.
+
+    Attributes
+    ----------
+    settings : mapping
+        As returned by `Settings.to_dict`, with the seed.
+    drives : PairOfDrives
+    inputs : tuple of str
+        SHA-256 of each file of `drives.files`, in that order.
+    version : str
+        Version of edge-vpr.
+    """
+
+    settings: Mapping[str, Any]
+    drives: PairOfDrives
+    inputs: tuple[str, ...]
+    version: str = edge_vpr.__version__
+
+    @property
+    def key(self) -> str:
+        """Key of the result: a hash of settings, contents of inputs, and version.
+
+        Names of files and variants have no effect on it.
+        """
+        drives = asdict(self.drives)
+        for name in ("reference", "query", "ground_truth"):
+            del drives[name]
+        decides = [SCHEMA, self.version, dict(self.settings), drives, self.inputs]
+        text = json.dumps(decides, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialResult:
+    """Result of a trial.
+
+    Attributes
+    ----------
+    precision_at_100_recall, recall_at_99_precision, average_precision, recall_at_1 : float
+    queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
+    mapping_s, counting_s, microseconds_per_match : float
+        Times on this machine, under its load during the trial.
+    elapsed_s : float
+        Time of the whole trial on its worker.
+    """
+
+    precision_at_100_recall: float
+    recall_at_99_precision: float
+    average_precision: float
+    recall_at_1: float
+    queries: int
+    places: int
+    pixels: int
+    bytes_per_place: int
+    packed_bytes_per_place: int
+    events: int
+    mapping_s: float
+    counting_s: float
+    microseconds_per_match: float
+    elapsed_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeptResult:
+    """Stored result, with its trial."""
+
+    key: str
+    trial: Trial
+    found: TrialResult
+    schema: int = SCHEMA
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeptFailure:
+    """Stored failure of a trial.
+
+    Attributes
+    ----------
+    error : str
+        One-line message.
+    where : str
+        Traceback; empty if the worker died.
+    """
+
+    key: str
+    trial: Trial
+    error: str
+    where: str = ""
+    schema: int = SCHEMA
+
+
+def run_trial(trial: Trial) -> TrialResult:
+    """Map, match and evaluate one trial.
+
+    Raises
+    ------
+    EdgeVprError
+        If an input cannot be used, or `trial` is of another version of edge-vpr.
+    """
+    begin = time.perf_counter()
+    if trial.version != edge_vpr.__version__:
+        raise UsageError(
+            f"this worker has edge-vpr {edge_vpr.__version__} and the sweep is of {trial.version}: "
+            "install one version everywhere"
+        )
+    drives = trial.drives
+    for file in drives.files:
+        if not Path(file).exists():
+            raise UsageError(
+                f"{file} is not on this worker: name a path that all workers of a cluster share"
+            )
+    settings = Settings.from_dict(trial.settings, "the trial")
+    mapped = map_recording(drives.open(0), settings)
+    matched = match_recording(mapped.reference, drives.open(1))
+    matches, reference = matched.matches, mapped.reference
+    truth = load_truth(
+        drives.ground_truth,
+        reference.places.centre_us,
+        matched.queries.centre_us,
+        tolerance=drives.tolerance,
+        rows=drives.rows,
+        frame_period=drives.frame_period,
+        offset_s=drives.offset,
+    )
+    found = evaluate(matches, truth)
+    return TrialResult(
+        precision_at_100_recall=found.precision_at_100_recall,
+        recall_at_99_precision=found.recall_at_99_precision,
+        average_precision=found.curve.average_precision,
+        recall_at_1=found.recall_at[1],
+        queries=found.queries,
+        places=len(reference),
+        pixels=len(reference.pixel_map),
+        bytes_per_place=reference.bytes_per_place,
+        packed_bytes_per_place=reference.packed_bytes_per_place,
+        events=int(matched.queries.events.sum()),
+        mapping_s=mapped.seconds,
+        counting_s=matched.counting_s,
+        microseconds_per_match=1e6 * matched.matching_s / len(matches),
+        elapsed_s=time.perf_counter() - begin,
+    )
+
+
+# Plan of a sweep: the file ``sweep.toml``.
+
+
+_REMEDY = "write it as docs/sweep.md shows"
+_TABLES = ("seeds", "settings", "grid", "variants", "drives")
+_MOST_TRIALS = 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedTrial:
+    """Trial with its names in the plan."""
+
+    variant: str
+    drives: str
+    seed: int
+    trial: Trial
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """All combinations of variants, drives and seeds."""
+
+    variants: Mapping[str, Settings]
+    drives: Mapping[str, PairOfDrives]
+    seeds: tuple[int, ...]
+
+    def trials(self) -> Iterator[NamedTrial]:
+        """Hash every input once, and yield all trials.
+
+        Raises
+        ------
+        UsageError
+            If an input cannot be read.
+        """
+        files = {file for drives in self.drives.values() for file in drives.files}
+        hashes = {file: content_hash(Path(file)) for file in sorted(files)}
+        for (drive, drives), (name, settings), seed in itertools.product(
+            self.drives.items(), self.variants.items(), self.seeds
+        ):
+            trial = Trial(
+                settings=replace(settings, seed=seed).to_dict(),
+                drives=drives,
+                inputs=tuple(hashes[file] for file in drives.files),
+            )
+            yield NamedTrial(variant=name, drives=drive, seed=seed, trial=trial)
+
+
+def read_plan(path: Path) -> Plan:
+    """Read a plan; paths in it are relative to its folder.
+
+    Parameters
+    ----------
+    path : Path
+        TOML: ``seeds`` (a number, or a list); ``[settings]`` of all variants; ``[grid]`` with a
+        list of values for each setting, every combination of which is a variant;
+        ``[variants.NAME]`` with additional variants; ``[drives.NAME]`` with the fields of
+        `PairOfDrives`.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, or a name or value in it is wrong.
+    """
+    values = read_toml(path, "a sweep", _REMEDY)
+    _check_names(values, _TABLES, str(path))
+    tables = {name: _table(values, name, path) for name in _TABLES[1:]}
+    drives = {
+        name: _drives(one, f"{path}: drives.{name}", path.parent)
+        for name, one in tables["drives"].items()
+    }
+    if not drives:
+        raise UsageError(f"{path} names no drives: {_REMEDY}")
+    variants = dict(_variants(tables, path))
+    seeds = _seeds(values.get("seeds", 1), path)
+    if len(variants) * len(drives) * len(seeds) > _MOST_TRIALS:
+        raise UsageError(f"{path} asks for more than {_MOST_TRIALS:,} trials: split it")
+    return Plan(variants=variants, drives=drives, seeds=seeds)
+
+
+def content_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, or of the names and contents of all files of a folder.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read.
+    """
+    try:
+        if not path.is_dir():
+            with path.open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        whole = hashlib.sha256()
+        for inner in sorted(file for file in path.rglob("*") if file.is_file()):
+            whole.update(f"{inner.relative_to(path)}\0{content_hash(inner)}\n".encode())
+        return whole.hexdigest()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read ({error.strerror}): check the path") from error
+
+
+def _variants(tables: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Settings]]:
+    common, grid = tables["settings"], tables["grid"]
+    for name, choices in grid.items():
+        if not isinstance(choices, list) or not choices:
+            raise UsageError(f"{path}: grid.{name} is {choices!r}: give a list of values")
+    if len(list(itertools.islice(itertools.product(*grid.values()), _MOST_TRIALS + 1))) > (
+        _MOST_TRIALS
+    ):
+        raise UsageError(f"{path}: the grid has more than {_MOST_TRIALS:,} variants: split it")
+    # without a grid and without variants, the settings are the only variant
+    if grid or not tables["variants"]:
+        for values in itertools.product(*grid.values()):
+            changes = dict(zip(grid, values, strict=True))
+            name = " ".join(f"{key}={_word(value)}" for key, value in changes.items())
+            yield name or "settings", _resolved(common, changes, f"{path}: grid")
+    for name, changes in tables["variants"].items():
+        if not isinstance(changes, Mapping):
+            raise UsageError(f"{path}: variants.{name} is {changes!r}: give settings")
+        yield name, _resolved(common, changes, f"{path}: variants.{name}")
+
+
+def _resolved(common: Mapping[str, Any], own: Mapping[str, Any], where: str) -> Settings:
+    values = {**common, **own}
+    preset = values.pop("preset", "default")
+    if "seed" in values:
+        raise UsageError(f"{where} sets seed: name the seeds of all variants as seeds = [...]")
+    known = {field.key for field in SETTING_FIELDS.values()} | set(SETTING_FIELDS)
+    _check_names(values, tuple(sorted(known)), where)
+    try:
+        return resolve_settings(preset, None, values)
+    except UsageError as error:
+        raise UsageError(f"{where}: {error}") from None
+
+
+def _drives(values: object, where: str, folder: Path) -> PairOfDrives:
+    if not isinstance(values, Mapping):
+        raise UsageError(f"{where} is {values!r}: give reference, query and ground_truth")
+    _check_names(values, tuple(field.name for field in fields(PairOfDrives)), where)
+    given = dict(values)
+    for name in ("start", "end", "start_offset"):
+        if isinstance(given.get(name), list):
+            given[name] = [str(value) for value in given[name]]
+    if isinstance(given.get("ground_truth"), str):
+        given["ground_truth"] = [given["ground_truth"]]
+    try:
+        drives = from_json(PairOfDrives, given)
+    except RecordError as error:
+        raise UsageError(f"{where}: {error}: {_REMEDY}") from None
+    return replace(
+        drives,
+        reference=str(folder / drives.reference),
+        query=str(folder / drives.query),
+        ground_truth=tuple(str(folder / file) for file in drives.ground_truth),
+    )
+
+
+def _seeds(given: object, path: Path) -> tuple[int, ...]:
+    seeds = list(range(given)) if type(given) is int and 0 < given <= _MOST_TRIALS else given
+    if (
+        not isinstance(seeds, list)
+        or not seeds
+        or not all(type(seed) is int and 0 <= seed < 1 << 32 for seed in seeds)
+        or len(set(seeds)) < len(seeds)
+    ):
+        raise UsageError(
+            f"{path}: seeds is {given!r}: give how many, or a list of different whole numbers"
+        )
+    return tuple(seeds)
+
+
+def _table(values: Mapping[str, Any], name: str, path: Path) -> Mapping[str, Any]:
+    table = values.get(name, {})
+    if not isinstance(table, Mapping):
+        raise UsageError(f"{path}: {name} is {table!r}: {_REMEDY}")
+    return table
+
+
+def _check_names(values: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+    for name in values:
+        if name not in known:
+            raise UsageError(
+                f"{where} has the unknown name {name!r}{did_you_mean(name, known)} (known: "
+                f"{', '.join(known)})"
+            )
+
+
+def _word(value: object) -> str:
+    return ",".join(map(str, value)) if isinstance(value, list) else str(value)

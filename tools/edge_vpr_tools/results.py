@@ -1,0 +1,458 @@
+"""Results: folders that are written whole or not at all, records in JSON, provenance."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import hashlib
+import json
+import os
+import platform
+import sys
+import tempfile
+import types
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from edge_vpr.archive import damaged
+from edge_vpr.errors import EdgeVprError, MapError, UsageError, printable
+from edge_vpr.files import check_output, clear_dead_runs, replacing, replacing_folder
+
+# Folders of results, which are written whole or not at all.
+
+
+MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
+QUERIES_KIND = "set of query descriptors"
+_SUFFIXES = (".npz", ".csv", ".json", ".md", ".png", ".pdf", ".svg", ".html")
+RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
+
+
+def check_output_folder(
+    path: Path, overwrite: bool, inputs: Iterable[str | Path | None] = ()
+) -> None:
+    """Check that a folder can be written, before any work is done.
+
+    Parameters
+    ----------
+    path : path
+    overwrite : bool
+    inputs : iterable of path or None
+        What the run reads, see `check_output`; None is not given.
+
+    Raises
+    ------
+    UsageError
+        If it exists and may not be replaced, does not look like one of ours, or an input would be
+        lost.
+    """
+    check_output(path, inputs)
+    check_parent(path)
+    clear_dead_runs(path.absolute().parent)
+    if not path.exists():
+        return
+    if not overwrite:
+        raise UsageError(f"output {path} exists: name another one, or replace it with --overwrite")
+    ours = path.is_dir() and (not any(path.iterdir()) or (path / RUN).is_file())
+    if not ours:
+        raise UsageError(
+            f"output {path} is not a folder of edge-vpr's results (no {RUN} in it), so that it is "
+            "not replaced: name another one"
+        )
+    foreign = sorted(file.name for file in path.iterdir() if not _is_ours(file))
+    if foreign:
+        raise UsageError(
+            f"output {path} also holds {foreign[0]!r}, which is not ours to delete: move it away, "
+            "or name another folder"
+        )
+
+
+def check_parent(path: Path) -> None:
+    """Check that the folder of an output exists and is writable, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        If it does not exist, or is not writable.
+    """
+    parent = path.absolute().parent
+    if not parent.is_dir():
+        raise UsageError(f"{parent} is not a folder: make it first")
+    if not os.access(parent, os.W_OK) or not _can_create(parent):
+        raise UsageError(f"cannot write {path}: {parent} is not writable: name another folder")
+
+
+def _can_create(folder: Path) -> bool:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _is_ours(file: Path) -> bool:
+    return file.is_file() and file.suffix in _SUFFIXES
+
+
+@contextmanager
+def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
+    """Yield an empty folder that becomes `path` if the block succeeds, see `replacing_folder`.
+
+    Raises
+    ------
+    UsageError
+        See `check_output_folder`.
+    """
+    check_output_folder(path, overwrite)
+    with replacing_folder(path) as folder:
+        yield folder
+
+
+# Conversion of frozen dataclasses to and from JSON, with all checks of such files.
+#
+# The names of the fields are the names in the file. Fields that the class does not have are
+# ignored, so that a file of a newer version with the same schema can be read.
+
+
+T = TypeVar("T")
+
+#: metadata of a field that is not written while it is None
+LEFT_OUT: Mapping[str, bool] = {"left_out": True}
+_NUMBERS = {float: "a number", int: "an integer", str: "text", bool: "true or false"}
+
+
+class RecordError(EdgeVprError):
+    """Values from a file do not fit the expected record."""
+
+
+def to_json(value: Any) -> Any:
+    """Return a record as values that JSON can hold.
+
+    Parameters
+    ----------
+    value : object
+        A dataclass, a named tuple, or a sequence or mapping of them. Where it has a method
+        `to_json`, that one is called.
+
+    Returns
+    -------
+    object
+        Dictionaries, lists and plain values.
+    """
+    if hasattr(value, "to_json"):
+        return value.to_json()
+    if is_dataclass(value) and not isinstance(value, type):
+        return fields_to_json(value)
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return {name: to_json(one) for name, one in value._asdict().items()}
+    if isinstance(value, Mapping):
+        return {name: to_json(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_json(one) for one in value]
+    return value
+
+
+def fields_to_json(record: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass, for a `to_json` that adds to them."""
+    found = {}
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if value is not None or not field.metadata.get("left_out"):
+            found[field.name] = to_json(value)
+    return found
+
+
+def from_json(kind: type[T], value: object, where: str = "") -> T:
+    """Build a record from values of JSON.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass or a named tuple of plain values, tuples, mappings by name, and records. Where
+        it has a class method `from_json`, that one is called.
+    value : object
+        As read; nothing of it is trusted.
+    where : str
+        Names of the fields that lead to it, for the message.
+
+    Raises
+    ------
+    RecordError
+        If a field is missing, or is not of its type.
+    """
+    own = getattr(kind, "from_json", None)
+    if own is not None:
+        found: T = own(_names(value, where), where)
+        return found
+    return fields_from_json(kind, _names(value, where), where)
+
+
+def fields_from_json(kind: type[T], values: Mapping[str, Any], where: str = "") -> T:
+    """Build the fields of a record, for a `from_json` that makes some of them itself."""
+    record: Any = kind
+    given = {}
+    for name, hint in _hints(record).items():
+        if name in values:
+            given[name] = _value(hint, values[name], f"{where}.{name}" if where else name)
+        elif name not in _defaults(record):
+            raise RecordError(f"{where or 'the file'} lacks {name}")
+    return kind(**given)
+
+
+@cache
+def _hints(kind: Any) -> Mapping[str, Any]:
+    return get_type_hints(kind)
+
+
+@cache
+def _defaults(kind: Any) -> frozenset[str]:
+    if not is_dataclass(kind):
+        return frozenset(kind._field_defaults)
+    return frozenset(
+        field.name for field in fields(kind)
+        if field.default is not MISSING or field.default_factory is not MISSING
+    )  # fmt: skip
+
+
+def _value(hint: Any, value: object, where: str) -> Any:
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return _any_of(arguments, value, where)
+    if origin is Literal:
+        if value not in arguments:
+            raise RecordError(f"{where} is {value!r}: expected one of {', '.join(arguments)}")
+        return value
+    if origin is tuple:
+        return _sequence(arguments, value, where)
+    if origin is not None and issubclass(origin, Mapping):
+        return {
+            name: _value(arguments[1], one, f"{where}.{name}")
+            for name, one in _names(value, where).items()
+        }
+    if hint is Any:
+        return value
+    if hint in _NUMBERS:
+        # some programs write 1.0 as 1; true and false are not numbers
+        fits = isinstance(value, int | float if hint is float else hint)
+        if not fits or (isinstance(value, bool) and hint is not bool):
+            raise RecordError(f"{where} is {value!r}: expected {_NUMBERS[hint]}")
+        return hint(value)
+    return value if isinstance(value, hint) else from_json(hint, value, where)
+
+
+def _any_of(kinds: tuple[Any, ...], value: object, where: str) -> Any:
+    """Return the value as the first kind that it fits; the error is that of the last one."""
+    if value is None and types.NoneType in kinds:
+        return None
+    *others, last = (kind for kind in kinds if kind is not types.NoneType)
+    for kind in others:
+        try:
+            return _value(kind, value, where)
+        except RecordError:
+            continue
+    return _value(last, value, where)
+
+
+def _sequence(kinds: tuple[Any, ...], value: object, where: str) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple):
+        raise RecordError(f"{where} is {value!r}: expected a list")
+    if kinds[1:] == (...,):
+        kinds = kinds[:1] * len(value)
+    if len(kinds) != len(value):
+        raise RecordError(f"{where} has {len(value)} values: expected {len(kinds)}")
+    return tuple(
+        _value(kind, one, f"{where}[{i}]")
+        for i, (kind, one) in enumerate(zip(kinds, value, strict=True))
+    )
+
+
+def _names(value: object, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise RecordError(
+            f"{where or 'the file'} holds a {type(value).__name__}: expected names and values"
+        )
+    return value
+
+
+# The record of a run: command, settings, versions, machine, and the files it read.
+
+
+#: longer files are identified by size and beginning: hashing 3 GB takes longer than mapping them
+_HASHED_BYTES = 64 << 20
+
+
+@dataclass(frozen=True)
+class Machine:
+    """The operating system, and the processor as the system names it."""
+
+    system: str
+    processor: str
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that was read, with its hash.
+
+    Attributes
+    ----------
+    path : str
+    bytes : int
+    sha256 : str
+        Of what `sha256_of` says: ``file``, or its first bytes.
+    sha256_of : str
+    """
+
+    path: str
+    bytes: int
+    sha256: str
+    sha256_of: str
+
+
+@dataclass(frozen=True)
+class RemovedEvents:
+    """Numbers of events that cleaning removed from a recording."""
+
+    events_read: int
+    burst_events: int
+    burst_share: float
+    hot_pixels: int
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """The record of a run, stored as `run.json`.
+
+    Attributes
+    ----------
+    schema : int
+    command : tuple of str
+    finished_utc : str
+        ISO 8601.
+    settings : mapping
+        Plain values by name.
+    versions : mapping of str to str
+        Of Python and the libraries that compute.
+    machine : Machine
+    inputs : tuple of InputFile
+    removed : RemovedEvents or None
+        None where the run cleaned no recording.
+    """
+
+    schema: int
+    command: tuple[str, ...]
+    finished_utc: str
+    settings: Mapping[str, Any]
+    versions: dict[str, str]
+    machine: Machine
+    inputs: tuple[InputFile, ...]
+    removed: RemovedEvents | None = field(default=None, metadata=LEFT_OUT)
+
+
+def run_record(
+    settings: Mapping[str, Any], inputs: Iterable[str | Path], removed: RemovedEvents | None = None
+) -> RunRecord:
+    """Describe this run, for `run.json`.
+
+    Parameters
+    ----------
+    settings : mapping
+    inputs : iterable of path
+        Files or folders that were read.
+    removed : RemovedEvents, optional
+        By cleaning.
+    """
+    versions = {"python": platform.python_version()}
+    versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
+    return RunRecord(
+        schema=1,
+        command=tuple(sys.argv),
+        finished_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        settings=dict(settings),
+        versions=versions,
+        machine=Machine(platform.platform(), processor_name()),
+        inputs=tuple(_input_file(file) for path in inputs for file in _files(Path(path))),
+        removed=removed,
+    )
+
+
+def processor_name() -> str:
+    """Return the name of the processor from the system."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            key, _, value = line.partition(":")
+            # "Model" is the name of the board on a Raspberry Pi
+            if key.strip() in ("model name", "Model"):
+                return value.strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def write_json(path: Path, values: object) -> None:
+    """Write a record, or values by name, as indented JSON, atomically."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(to_json(values), indent=2) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path, remedy: str) -> dict[str, Any]:
+    """Read values that `write_json` wrote.
+
+    Raises
+    ------
+    MapError
+        If the file is missing, or does not hold an object of JSON.
+    """
+    with damaged(path, remedy):
+        values = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(values, dict):
+            raise MapError(f"it holds a {type(values).__name__}: expected names and values")
+        return values
+
+
+def _files(path: Path) -> list[Path]:
+    return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+
+
+def _input_file(path: Path) -> InputFile:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        digest = hashlib.sha256(file.read(_HASHED_BYTES)).hexdigest()
+    covers = "file" if size <= _HASHED_BYTES else f"first {_HASHED_BYTES} bytes"
+    return InputFile(str(path), size, digest, covers)
+
+
+# CSV files of measured values, which also contain names from files.
+
+
+#: a spreadsheet takes a cell that begins like this as a formula, which can run programs
+_OF_FORMULAS = ("=", "+", "-", "@")
+
+
+def write_spreadsheet(
+    path: Path, header: Sequence[str], lines: Iterable[Sequence[str | float | None]]
+) -> None:
+    """Write a CSV file, atomically.
+
+    Parameters
+    ----------
+    path : Path
+    header : sequence of str
+    lines : iterable of sequence of str, float or None
+        None is an empty cell, which was not measured. Text that a spreadsheet would compute has an
+        apostrophe before it.
+    """
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(map(_cell, header))
+        writer.writerows(map(_cell, line) for line in lines)
+
+
+def _cell(value: str | float | None) -> str | float:
+    if not isinstance(value, str):
+        return "" if value is None else value
+    text = printable(value)
+    return f"'{text}" if text.startswith(_OF_FORMULAS) else text

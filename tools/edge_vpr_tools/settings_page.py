@@ -1,0 +1,76 @@
+"""The reference page of all settings, made from their descriptions.
+
+``python -m edge_vpr_tools.settings_page > docs/settings.md``
+"""
+
+from __future__ import annotations
+
+import re
+
+from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
+
+_HEAD = """# Settings
+
+Every setting can be given in two ways: as a key of a TOML file, which `--config` reads, and as a
+flag of `edge-vpr map`. The key `filter_steps` is the flag `--filter-steps`, and both take the same
+values. The settings of matching are flags of `edge-vpr match` too. A flag overrides the file, and
+the file overrides the preset (`--preset`, or `preset = "tiny"` in the file). A map stores its
+settings, and the query is described with the same settings.
+
+This page is made by `python -m edge_vpr_tools.settings_page`.
+
+```toml
+preset = "default"
+pixels = 100
+tau = "500ms"
+bursts = "keep"
+filter_steps = [1, 0, 1]   # or "1,0,1", as the flag takes it
+```
+
+In Python, the attributes of `edge_vpr.Settings` have the same names, except `tau_us` (in
+microseconds), `remove_hot_pixels` and `remove_bursts` (true or false). Files may use these names
+too. In Python, `none` and `auto` are None. In older files they are 0, which is still read.
+
+The table shows the defaults of `--preset default`, and in brackets those of other presets.
+"""
+
+#: the name of a page in the text of a meaning
+_PAGE = re.compile(r"(?:docs/)?(\w+\.md)")
+
+
+def page() -> str:
+    """Return the page as Markdown."""
+    lines = [_HEAD, "| key | values | default | meaning |", "| --- | --- | --- | --- |"]
+    for field in SETTING_FIELDS.values():
+        meaning = _PAGE.sub(r"[\1](\1)", field.meaning.replace("|", "\\|"))
+        lines.append(f"| `{field.key}` | {_values(field)} | {_defaults(field)} | {meaning} |")
+    return "\n".join(lines)
+
+
+def _defaults(field: SettingField) -> str:
+    """Return the default, with the values of other presets in brackets."""
+    default = _word(field, "default")
+    found = {name: _word(field, name) for name in PRESETS}
+    others = [f"{name}: {word}" for name, word in found.items() if word != default]
+    return default + (f" ({', '.join(others)})" if others else "")
+
+
+def _word(field: SettingField, preset: str) -> str:
+    value = getattr(PRESETS[preset], field.name)
+    if field.kind is bool and not field.words:
+        return f"`{str(value).lower()}`"
+    return f"`{field.word(value)}`"
+
+
+def _values(field: SettingField) -> str:
+    """Return the values that a setting takes, as text."""
+    if field.choices:
+        return ", ".join(f"`{choice}`" for choice in field.choices)
+    if field.kind is bool and not field.words:
+        return "`true`, `false`"
+    words = [f"`{word}`" for word in field.words]
+    return ", or ".join([field.range] * bool(field.range) + words)
+
+
+if __name__ == "__main__":
+    print(page())
