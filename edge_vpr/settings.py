@@ -592,8 +592,8 @@ class Settings:
     precision: float | None = None
 
     def __post_init__(self) -> None:
-        for name, field in SETTING_FIELDS.items():
-            field.check(getattr(self, name))
+        for name, setting in SETTING_FIELDS.items():
+            setting.check(getattr(self, name))
         if self.events_per_pixel is not None:
             self._check_events_per_window()
         self._check_code()

@@ -1,4 +1,4 @@
-"""The matches of a query traverse: best and second-best place of each window; as CSV and archive."""
+"""The matches of a query traverse: best and second-best place of each window; their files."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A recording: an iterable of checked event arrays, for any number of passes.
 
-What a reader yields (`EventColumns`), the faults that are found in it, the source behind it, and
+What a reader yields (`Columns`), the faults that are found in it, the source behind it, and
 the part of it between two times.
 """
 
@@ -29,7 +29,7 @@ class Columns(NamedTuple):
     """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
 
     Times are whole microseconds of the file's own clock without wraps. They may run backwards, and
-    coordinates may lie off the sensor (or be negative): :mod:`edge_vpr.recordings.recording` handles
+    coordinates may lie off the sensor (or be negative): `FaultLog` handles
     such events. A column may be a view into a buffer that the next chunk overwrites.
     """
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -32,10 +32,11 @@ from edge_vpr.recordings.recording import (
 
 @dataclass(frozen=True)
 class Format:
-    """File format, and the module that reads (and perhaps writes) it.
+    """File format, and the module of this package that reads (and perhaps writes) it.
 
     The module is imported when the first such file is opened. It has ``open_source(path, options)``
-    and, if `writable`, ``open_sink(path, sensor, start_us)``.
+    and, if `writable`, ``open_sink(path, sensor, start_us)``. In a module of several formats, these
+    functions have the name of the `family` in theirs, for example ``open_npz_source``.
     """
 
     name: str
@@ -43,24 +44,30 @@ class Format:
     module: str
     suffixes: tuple[str, ...] = ()
     writable: bool = False
+    family: str = ""
+
+    def function(self, end: Literal["source", "sink"]) -> Any:
+        """Return the function that opens a file to read from, or to write to."""
+        module = import_module(f"edge_vpr.recordings.{self.module}")
+        return getattr(module, f"open_{self.family}_{end}" if self.family else f"open_{end}")
 
 
 #: All formats by their short names, which ``--format`` takes.
 FORMATS: dict[str, Format] = {
     entry.name: entry
     for entry in (
-        Format("npz", "NumPy archive of events", "numpy_files", (".npz",), True),
-        Format("npy", "NumPy array of events", "numpy_files", (".npy",), True),
+        Format("npz", "NumPy archive of events", "numpy_files", (".npz",), True, family="npz"),
+        Format("npy", "NumPy array of events", "numpy_files", (".npy",), True, family="npy"),
         Format("csv", "text, one event a line", "text", (".csv", ".txt"), True),
         Format("frames", "count frames in .npz or .npy, or a folder of PNG or .npy", "frames"),
         Format("parquet", "Apache Parquet", "parquet", (".parquet",), True),
-        Format("evt2", "Prophesee RAW EVT 2.0", "prophesee", (".raw",), True),
-        Format("evt21", "Prophesee RAW EVT 2.1", "prophesee"),
-        Format("evt3", "Prophesee RAW EVT 3.0", "prophesee"),
-        Format("dat", "Prophesee DAT", "prophesee", (".dat",), True),
-        Format("aedat4", "iniVation AEDAT 4", "aedat", (".aedat4",)),
-        Format("aedat3", "cAER AEDAT 3.1", "aedat"),
-        Format("aedat2", "jAER AEDAT 2", "aedat", (".aedat", ".aedat2")),
+        Format("evt2", "Prophesee RAW EVT 2.0", "prophesee", (".raw",), True, family="evt"),
+        Format("evt21", "Prophesee RAW EVT 2.1", "prophesee", family="evt"),
+        Format("evt3", "Prophesee RAW EVT 3.0", "prophesee", family="evt"),
+        Format("dat", "Prophesee DAT", "prophesee", (".dat",), True, family="dat"),
+        Format("aedat4", "iniVation AEDAT 4", "aedat", (".aedat4",), family="aedat4"),
+        Format("aedat3", "cAER AEDAT 3.1", "aedat", family="aedat3"),
+        Format("aedat2", "jAER AEDAT 2", "aedat", (".aedat", ".aedat2"), family="aedat2"),
         Format("hdf5", "HDF5 (Metavision, DSEC)", "hdf5", (".h5", ".hdf5"), True),
         Format("rosbag1", "ROS 1 bag", "rosbag", (".bag",)),
         Format("rosbag2", "ROS 2 bag", "rosbag", (".db3", ".mcap")),
@@ -140,8 +147,7 @@ def open_recording(
     with foreign_errors(path):
         name = format or sniff(path)
         options = ReadOptions(name, sensor, frame_period, chunk_events, topic, time_unit, columns)
-        reader = import_module(f"edge_vpr.recordings.{FORMATS[name].module}")
-        return Recording(reader.open_source(path, options), on_fault)
+        return Recording(FORMATS[name].function("source")(path, options), on_fault)
 
 
 def sniff(path: Path) -> str:
@@ -305,7 +311,7 @@ def write_recording(
         raise UsageError(f"{path} needs the size of the sensor: pass sensor=")
     if path.exists() and (path.is_dir() or not overwrite):
         raise UsageError(f"{path} exists: choose another name, or pass --overwrite")
-    open_sink = import_module(f"edge_vpr.recordings.{entry.module}").open_sink
+    open_sink = entry.function("sink")
     chunks = [events] if isinstance(events, np.ndarray) else events
     try:
         with replacing(path) as part:

@@ -1,7 +1,7 @@
 """Measure the cost of the encoder of frames on each processor: instructions, code, RAM, stack.
 
-``python -m firmware_model.emulation.evpr_instructions`` writes the table next to the C sources, which a test
-compares with a new count.
+``python -m firmware_model.emulation.evpr_instructions`` writes the table next to the
+C sources, which a test compares with a new count.
 """
 
 from __future__ import annotations

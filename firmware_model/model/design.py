@@ -1,4 +1,4 @@
-"""The design of a device: its parameters, their ranges, its file, and the widths of its registers."""
+"""The design of a device: its parameters, their ranges, its file, and its widths."""
 
 from __future__ import annotations
 

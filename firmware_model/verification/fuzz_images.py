@@ -1,8 +1,8 @@
 """Damage images of the reference firmware at random, open them, and run those that open.
 
-``python -m firmware_model.verification.fuzz_images --images 1_000_000`` does so under AddressSanitizer and
-UndefinedBehaviorSanitizer. Images that open run on random events, and the results must equal those
-that ``c/plain.c`` computes from the image in a plain way.
+``python -m firmware_model.verification.fuzz_images --images 1_000_000`` does so under
+AddressSanitizer and UndefinedBehaviorSanitizer. Images that open run on random events, and the
+results must equal those that ``c/plain.c`` computes from the image in a plain way.
 """
 
 from __future__ import annotations

@@ -197,7 +197,7 @@ def _function(text: str, at: int) -> str:
 # Selection of mutants by the places of their changes.
 
 
-AnyMutant = TypeVar("Mutant")
+AnyMutant = TypeVar("AnyMutant")
 
 
 def mutants_at(
@@ -229,11 +229,9 @@ def mutants_at(
     return [mutant for mutant, names in named if not places or not names.isdisjoint(places)]
 
 
-# Generate mutants of the firmware, and list those that no vector finds.
-#
-# ``python -m firmware_model.verification.mutants`` compiles every mutant of ``vpr.c`` and its headers for this
-# computer and runs the images and the suite ``corners`` on it. A mutant that passes them all must
-# be equal to the firmware, and ``c/mutants.toml`` must say why.
+# The command compiles every mutant of ``vpr.c`` and its headers for this computer and runs the
+# images and the suite ``corners`` on it. A mutant that passes them all must be equal to the
+# firmware, and ``c/mutants.toml`` must say why.
 
 
 FILES = ("vpr.c", "sad.h", "filter.h", "quotient.h")

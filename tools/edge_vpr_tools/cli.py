@@ -15,15 +15,15 @@ from typing import Any, NoReturn
 import argcomplete
 
 from edge_vpr import __version__
-from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean
+from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean, printable
 from edge_vpr_tools.console import Verbosity, compiling_noted, error_line, verbosity
 
 # The commands (verbs) of the command line, by group, each with its one line of help.
 
 
-#: The arguments of `edge-vpr VERB` are in `arguments.VERB_arguments`, which imports nothing heavy.
-#: Its function `run(args)` is in `commands.VERB`, which is imported only when the verb runs. In the
-#: names of these modules, the space in a verb of two words is an underscore.
+#: `commands.VERB` has the flags of `edge-vpr VERB` (`add_arguments`) and its work (`run`), which
+#: imports what it needs, so that help and completions are quick. In the name of the module
+#: of a verb of two words, the space is an underscore.
 GROUPS: dict[str, dict[str, str]] = {
     "first steps": {
         "demo": "simulate two drives of a street, map one, match the other, write a report",
@@ -364,7 +364,7 @@ def run(argv: Sequence[str]) -> None:
 
 def parser_of(verb: str) -> VerbParser:
     """Build the parser of a verb."""
-    module = importlib.import_module(f"edge_vpr_tools.cli.{module_name(verb)}_arguments")
+    module = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
     parser = VerbParser(verb, module.EXAMPLES)
     module.add_arguments(parser)
     parser.add_general_flags()
@@ -405,8 +405,8 @@ def _help() -> str:
 
 
 def _report(error: Exception) -> int:
-    if isinstance(error, EdgeVprError):
-        text, code = str(error), error.exit_code
+    if isinstance(error, EdgeVprError) or hasattr(error, "exit_code"):
+        text, code = printable(str(error)), int(error.exit_code)
     elif isinstance(error, OSError):
         text, code = f"{error}: check the path, its permissions and the free space", EXIT_FAILED
     elif "cannot cache function" in str(error):
@@ -442,7 +442,7 @@ def tree(chosen: str) -> argparse.ArgumentParser:
         parent, _, name = verb.rpartition(" ")
         parser = below[parent].add_parser(name, help=text)
         if verb == chosen:
-            module = importlib.import_module(f"edge_vpr_tools.cli.{module_name(verb)}_arguments")
+            module = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
             module.add_arguments(parser)
         for flags in (("-q", "--quiet"), ("-v", "--verbose"), ("--debug",)):
             parser.add_argument(*flags, action="store_true", help=f"{flags[-1][2:]} output")

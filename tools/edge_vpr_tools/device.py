@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
@@ -11,7 +9,7 @@ from edge_vpr.pipeline import EventSource, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.estimate.of_map import memories_of
 from edge_vpr_tools.results import check_parent
-from firmware_model import Design, DesignError, Event, Memories, VectorError
+from firmware_model import Design, Event, Memories
 from firmware_model.vectors import FILTER_CORNERS, Case, load_manifest
 from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.manifest import SuiteEntry
@@ -75,18 +73,6 @@ def missed_corners(suite: SuiteEntry) -> list[str]:
     if suite.name == "filter":
         missed = [corner for corner in missed if corner in FILTER_CORNERS]
     return missed
-
-
-# Conversion of the firmware model's errors to those of edge-vpr.
-
-
-@contextmanager
-def design_errors() -> Iterator[None]:
-    """Convert errors of the firmware model to `UsageError` with the same text."""
-    try:
-        yield
-    except (DesignError, VectorError) as error:
-        raise UsageError(str(error)) from error
 
 
 # Tables of a device with a design but without a map.

@@ -159,10 +159,10 @@ def to_json(value: Any) -> Any:
 def fields_to_json(record: Any) -> dict[str, Any]:
     """Return the fields of a dataclass, for a `to_json` that adds to them."""
     found = {}
-    for field in fields(record):
-        value = getattr(record, field.name)
-        if value is not None or not field.metadata.get("left_out"):
-            found[field.name] = to_json(value)
+    for each in fields(record):
+        value = getattr(record, each.name)
+        if value is not None or not each.metadata.get("left_out"):
+            found[each.name] = to_json(value)
     return found
 
 

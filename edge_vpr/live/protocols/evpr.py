@@ -1,4 +1,4 @@
-"""This project's own frames, which `docs/protocol_evpr.md` specifies: decoder and encoder."""
+"""Frames of this project, which `docs/protocol_evpr.md` specifies: decoder and encoder."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
-from edge_vpr_tools.device import design_errors
 from edge_vpr_tools.flags import add_reading_arguments
 
 if TYPE_CHECKING:
@@ -59,7 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
 
 
-@design_errors()
 def run(args: argparse.Namespace) -> None:
     """Make vectors and write them."""
     from edge_vpr.files import check_output, replacing_folder

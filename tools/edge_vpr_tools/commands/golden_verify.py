@@ -7,7 +7,6 @@ from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import answer
-from edge_vpr_tools.device import design_errors
 
 EXAMPLES = """\
   edge-vpr golden verify vectors
@@ -31,7 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-@design_errors()
 def run(args: argparse.Namespace) -> None:
     """Verify vectors, and the results of a device if they are given.
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
-from edge_vpr_tools.device import design_errors
 
 EXAMPLES = """\
   edge-vpr hardware --map monday.npz -o core
@@ -33,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-@design_errors()
 def run(args: argparse.Namespace) -> None:
     """Write the project."""
     from edge_vpr.files import check_output, replacing_folder

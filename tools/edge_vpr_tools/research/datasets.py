@@ -250,7 +250,7 @@ def published_pairs(
     Parameters
     ----------
     folder : Path
-        Holds recordings and GPS logs under their published names (`edge_vpr_tools.research.datasets`).
+        Holds recordings and GPS logs under their published names.
     files : tuple of {"parquet", "bag"}
         Kinds of files to use, in order of preference.
 

@@ -182,7 +182,7 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
     Parameters
     ----------
     folder : str or Path
-        Holds recordings and GPS logs under their published names (`edge_vpr_tools.research.datasets`):
+        Holds recordings and GPS logs under their published names:
         parquet files and logs from Hugging Face, or bags and logs from Zenodo.
     traverses : sequence of str, optional
         Names from sunset1, sunset2, daytime, night, morning, sunrise; by default all in the folder.
