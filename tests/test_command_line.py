@@ -380,7 +380,7 @@ def test_completion_scripts_are_of_their_shell(shell, capsys):
 def test_golden_overwrites_vectors_and_nothing_else(tmp_path, capsys, monkeypatch):
     from firmware_model import Design
 
-    monkeypatch.setattr("edge_vpr_tools.commands.golden.standard_suites", lambda *unused: {})
+    monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
     Design(width=16, height=12, pixels=3, places=4, length=2).save(tmp_path / "design.toml")
     vectors = tmp_path / "vectors"
     words = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(vectors)]

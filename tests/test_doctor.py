@@ -268,7 +268,7 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(
 
 def test_something_wrong_is_marked_and_ends_with_an_error(monkeypatch, capsys):
     found = [Finding("ports", "wrong", "closed", "open it"), Finding("clock", "good", "right")]
-    monkeypatch.setattr("edge_vpr_tools.commands.doctor.examine", lambda: found)
+    monkeypatch.setattr("edge_vpr_tools.doctor.examine", lambda: found)
     assert main(["doctor"]) == 1
     said = capsys.readouterr()
     assert said.out.splitlines()[0].startswith("!!  ports")

@@ -142,7 +142,7 @@ def test_parsed_arguments_do_not_leave_the_commands():
     for path in tools.rglob("*.py"):
         if path.relative_to(tools).parts[0] not in ("commands", "flags.py", "inputs.py"):
             text = path.read_text(encoding="utf-8")
-            assert "argparse.Namespace" not in text, path
+            assert path.name == "cli.py" or "argparse.Namespace" not in text, path
             if path.name not in ("cli.py", "settings_page.py"):
                 assert "edge_vpr_tools.flags" not in text, path
                 assert "edge_vpr_tools.inputs" not in text, path

@@ -20,9 +20,8 @@ import edge_vpr
 ROOT = Path(__file__).parents[1]
 #: packages whose exports the reference lists
 PACKAGES = (
-    "edge_vpr.recordings", "edge_vpr.pipeline", "edge_vpr.settings", "edge_vpr.simulation",
-    "edge_vpr.live.protocols", "edge_vpr.baselines", "firmware_model", "firmware_model.vectors",
-    "fixedpoint",
+    "edge_vpr.recordings", "edge_vpr.simulation", "edge_vpr.live.protocols",
+    "edge_vpr_tools.research.baselines", "firmware_model", "firmware_model.vectors", "fixedpoint",
 )  # fmt: skip
 
 

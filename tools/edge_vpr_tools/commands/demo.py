@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from edge_vpr_tools.console import is_quiet, say, table
-from edge_vpr_tools.research.experiments import simulated
 
 EXAMPLES = """\
   edge-vpr demo
@@ -32,6 +31,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools import results
     from edge_vpr_tools.progress import keep_shown, status
     from edge_vpr_tools.report.demo_page import HEADER, remarks, rows, write_report
+    from edge_vpr_tools.research.experiments import simulated
     from edge_vpr_tools.results import run_record, write_json
 
     output = Path(args.output)
