@@ -92,13 +92,13 @@ def _cache_file(value: object) -> Any:
 
 if config.DISABLE_JIT:
 
-    class Boxed:
+    class BoxedState:
         """Box without the compiler; the classes below are the same for compiled code."""
 
         def __init__(self, value: Any) -> None:
             self.value = value
 
-    boxed = Boxed
+    boxed = BoxedState
 
 else:
     from numba.experimental import structref
@@ -107,24 +107,24 @@ else:
     class BoxedType(types.StructRef):
         """Numba type of a box, which holds the type of its tuple."""
 
-    class Boxed(structref.StructRefProxy):  # type: ignore[no-redef]
+    class BoxedState(structref.StructRefProxy):  # type: ignore[no-redef]
         """Box that compiled code holds by its address; only kernels may read `value`."""
 
         # the same without a call of Python, which Numba makes twice for each argument
         _numba_type_ = structref.StructRefProxy._type
 
-    structref.define_proxy(Boxed, BoxedType, ["value"])
+    structref.define_proxy(BoxedState, BoxedType, ["value"])
 
     @kernel  # type: ignore[no-redef]
     def boxed(value):
         """Put a tuple into a box, which keeps its arrays alive."""
-        return Boxed(value)
+        return BoxedState(value)
 
 
 Tuple = TypeVar("Tuple", bound=tuple[Any, ...])
 
 
-class Box(Generic[Tuple]):
+class KernelState(Generic[Tuple]):
     """A tuple of arrays in two forms: for Python and for kernels.
 
     Both forms share the same arrays.
@@ -137,7 +137,7 @@ class Box(Generic[Tuple]):
     Attributes
     ----------
     value : tuple
-    boxed : Boxed
+    boxed : BoxedState
         What kernels take as an argument. Its `value` is of plain tuples, also where names were: a
         kernel gives them back, ``Followed(*box.value)``. A cache that knew the class by its name
         could not be read, nor thrown away, by a later version without that name.
@@ -149,9 +149,9 @@ class Box(Generic[Tuple]):
         self.value = value
         self.boxed = boxed(_plain(value))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Box[Tuple]:
+    def __deepcopy__(self, memo: dict[int, Any]) -> KernelState[Tuple]:
         """Copy the arrays, and box the copies."""
-        return Box(copy.deepcopy(self.value, memo))
+        return KernelState(copy.deepcopy(self.value, memo))
 
 
 def _plain(value: Any) -> Any:

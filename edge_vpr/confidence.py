@@ -138,7 +138,7 @@ class Confidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Judge:
+class Acceptance:
     """Assigns probabilities to matches, and marks those below the required precision as lost.
 
     Parameters
@@ -166,7 +166,7 @@ class Judge:
         if self.precision is not None and self.confidence is not None:
             self.confidence.least_trust(self.precision)
 
-    def judge(
+    def acceptance(
         self, trust: npt.NDArray[np.integer]
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
         """Return the probability of each match (NaN if not known), and whether it is lost.

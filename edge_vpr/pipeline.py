@@ -14,7 +14,7 @@ from edge_vpr.descriptors.codes import codes_of, drive_mean
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import (
     PixelMap,
-    SaliencyPass,
+    PixelStatistics,
     informative_pixels,
     select_pixels,
     shortlist,
@@ -25,9 +25,9 @@ from edge_vpr.descriptors.windows import (
     FixedTime,
     Window,
     WindowCounts,
+    activity_of_drive,
     collect,
     find_pauses,
-    mean_activity,
     narrow,
 )
 from edge_vpr.errors import MapError, UsageError
@@ -342,7 +342,7 @@ def map_traverse(
         )
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
-    with SaliencyPass(sensor, clip=settings.clip) as first:
+    with PixelStatistics(sensor, clip=settings.clip) as first:
         if isinstance(recording, WindowSource):
             check_windows_only(settings)
             settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
@@ -395,7 +395,10 @@ def map_traverse(
 
 
 def _most_informative(
-    first: SaliencyPass, recording: EventSource | WindowSource, settings: Settings, listed: PixelMap
+    first: PixelStatistics,
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    listed: PixelMap,
 ) -> PixelMap:
     windows = first.descriptors(listed)
     if windows is None:  # too large for a temporary file: events are counted again
@@ -419,7 +422,7 @@ def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
     full_scale, mean = None, None
     code = settings.own_mean_code
     if code is not None:
-        mean = drive_mean(counts, find_pauses(events, mean_activity(events)), code)
+        mean = drive_mean(counts, find_pauses(events, activity_of_drive(events)), code)
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
         full_scale = learn_full_scale(counts) if settings.learns_full_scale else None
@@ -434,7 +437,7 @@ def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
     )
 
 
-def _with_mean_count(settings: Settings, first: SaliencyPass, pixel_map: PixelMap) -> Settings:
+def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: PixelMap) -> Settings:
     """Set the number of events in a window to the average of a window of tau."""
     events = int(first.totals[pixel_map.y, pixel_map.x].sum())
     mean = max(1, round(events / first.windows))
@@ -494,7 +497,7 @@ def match_query(
         reference.places,
         queries,
         reference.settings,
-        reference.judge.confidence,
+        reference.acceptance.confidence,
         jumps=reference.jumps,
         along_mm=reference.along_mm,
         odometry=odometry,

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import check_array, check_range, damaged, present, read_archive, write_archive
-from edge_vpr.confidence import Confidence, Judge, default_confidence
+from edge_vpr.confidence import Acceptance, Confidence, default_confidence
 from edge_vpr.descriptors.codes import codes_of, encode_own, encode_running
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, check_descriptors, mean_activity, narrow
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
 from edge_vpr.errors import MapError
 from edge_vpr.events import Sensor
 from edge_vpr.route import MOST_MM, Route
@@ -208,7 +208,7 @@ class ReferenceMap:
         return None if along_m[-1] * 1e3 > MOST_MM else np.rint(along_m * 1e3).astype(np.int64)
 
     @property
-    def judge(self) -> Judge:
+    def acceptance(self) -> Acceptance:
         """The map's own table of probabilities; with the place filter, else the shipped one.
 
         Raises
@@ -219,7 +219,7 @@ class ReferenceMap:
         confidence = self.confidence
         if confidence is None and self.settings.matching == "filter":
             confidence = default_confidence(self.settings.smooth, self.settings.late)
-        return Judge(confidence, self.settings.precision)
+        return Acceptance(confidence, self.settings.precision)
 
     def matched_with(self, settings: Settings) -> ReferenceMap:
         """Return the map with other settings for matching.
@@ -233,7 +233,7 @@ class ReferenceMap:
         """Replace the counts of a query by the codes of this map."""
         code = self.own_mean_code
         if code is not None and self.mean is not None:
-            activity = mean_activity(self.places.activity)
+            activity = activity_of_drive(self.places.activity)
             if self.settings.query_mean == "running":
                 return encode_running(counted, code, self.mean, activity)
             return encode_own(counted, code, activity)

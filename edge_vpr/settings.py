@@ -42,9 +42,9 @@ Score = Literal["distance", "ratio", "margin", "trust"]
 
 
 _MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
-#: a price of the place filter is one byte, and 255 marks a step that is not allowed
-MOST_PRICE = 254
-MOST_PRICES = 16
+#: a cost of the place filter is one byte, and 255 marks a step that is not allowed
+MOST_COST = 254
+MOST_COSTS = 16
 
 
 def duration_us(text: str) -> int:
@@ -75,8 +75,8 @@ def duration_word(microseconds: int) -> str:
     return f"{microseconds // _MICROSECONDS[unit]}{unit}"
 
 
-def prices(text: str) -> tuple[int, ...]:
-    """Read a list of prices of the place filter, such as ``1,0,1``.
+def costs(text: str) -> tuple[int, ...]:
+    """Read a list of costs of the place filter, such as ``1,0,1``.
 
     Raises
     ------
@@ -84,20 +84,20 @@ def prices(text: str) -> tuple[int, ...]:
         If the text is not a list of whole numbers.
     """
     try:
-        return tuple(int(price) for price in text.split(","))
+        return tuple(int(cost) for cost in text.split(","))
     except ValueError:
-        raise UsageError(f"{text!r}: expected prices such as 1,0,1") from None
+        raise UsageError(f"{text!r}: expected costs such as 1,0,1") from None
 
 
-def prices_word(values: tuple[int, ...]) -> str:
-    """Write prices in the form that `prices` reads."""
+def costs_word(values: tuple[int, ...]) -> str:
+    """Write costs in the form that `costs` reads."""
     return ",".join(map(str, values))
 
 
-def are_prices(values: tuple[object, ...]) -> bool:
-    """Return whether all values are prices that the place filter can store."""
-    return len(values) <= MOST_PRICES and all(
-        type(price) is int and 0 <= price <= MOST_PRICE for price in values
+def are_costs(values: tuple[object, ...]) -> bool:
+    """Return whether all values are costs that the place filter can store."""
+    return len(values) <= MOST_COSTS and all(
+        type(cost) is int and 0 <= cost <= MOST_COST for cost in values
     )
 
 
@@ -446,37 +446,37 @@ _MATCHING = _group(
         more="See docs/place_filter.md.",
     ),
     filter_steps=SettingField(
-        help="place filter: price of moving on by 0, 1, 2 ... places in one window; auto: 1,0,1 "
+        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: 1,0,1 "
         "for windows of fixed time, 1,0,0,1 for windows of a fixed count",
         kind=tuple,
         metavar="P,P,...",
         words={"auto": None},
-        read=prices,
-        show=prices_word,
-        valid=lambda values: len(values) > 0 and are_prices(values),
-        expected="1 to 16 prices from 0 to 254, for example 1,0,1",
+        read=costs,
+        show=costs_word,
+        valid=lambda values: len(values) > 0 and are_costs(values),
+        expected="1 to 16 costs from 0 to 254, for example 1,0,1",
         more="With fixed-count windows, moving on by two places costs nothing too, because such "
         "windows become longer in other light.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
         kind=tuple,
-        help="place filter: price of moving back by 1, 2 ... places in one window; none: the route "
+        help="place filter: cost of moving back by 1, 2 ... places in one window; none: the route "
         "is never driven backwards",
         metavar="P,P,...",
         words={"none": ()},
-        read=prices,
-        show=prices_word,
-        valid=are_prices,
-        expected="0 to 16 prices from 0 to 254, for example 2,4",
+        read=costs,
+        show=costs_word,
+        valid=are_costs,
+        expected="0 to 16 costs from 0 to 254, for example 2,4",
         needs=_FILTER,
     ),
     filter_restart=SettingField(
         kind=int,
-        help="place filter: price of moving to any other place",
+        help="place filter: cost of moving to any other place",
         metavar="P",
         least=1,
-        most=MOST_PRICE,
+        most=MOST_COST,
         needs=_FILTER,
     ),
     smooth=SettingField(

@@ -19,7 +19,7 @@ class Begin(NamedTuple):
     """What is kept of the windows that are over."""
 
     windows: int
-    usual: int  # events of a window, times 256
+    mean_activity: int  # events of a window, times 256
     filtered: tuple[list[int], int, int, int] | None = None  # see `naive.place_filter`
     means: list[tuple[int, int]] | None = None  # of each counter, see `naive.running_means`
 
@@ -27,34 +27,34 @@ class Begin(NamedTuple):
 def begin_of(reference: ReferenceMap) -> Begin:
     """Before the first window: the usual number of events is the reference's mean."""
     activity = reference.places.activity.tolist()
-    usual = 256 * sum(activity) // len(activity)
-    return Begin(0, min(usual, 256 * (2**23 - 1)))
+    mean_activity = 256 * sum(activity) // len(activity)
+    return Begin(0, min(mean_activity, 256 * (2**23 - 1)))
 
 
 def resumed(arrays) -> Begin:  # type: ignore[no-untyped-def]
     """What a saved state of a localiser says."""
-    reciprocal, usual, place, trust, windows = arrays["filter_state"].tolist()
+    reciprocal, mean_activity, place, trust, windows = arrays["filter_state"].tolist()
     filtered = (arrays["filter_metric"].tolist(), reciprocal, place, trust) if windows else None
     means = None
     if "filter_mean" in arrays:
         seen = int(arrays["filter_mean_windows"][0])
         means = [(total, seen) for total in arrays["filter_mean"].tolist()]
-    return Begin(windows, usual, filtered, means)
+    return Begin(windows, mean_activity, filtered, means)
 
 
-def pauses(counted: Rows, usual: int) -> list[bool]:
+def pauses(counted: Rows, mean_activity: int) -> list[bool]:
     """Whether each window has no event, or less than 1/16 of the usual number."""
     paused = []
     for row in counted:
         events = sum(row)
-        paused.append(events == 0 or 16 * 256 * events < usual)
-        usual += (256 * min(events, 2**23 - 1) - usual) // 64
+        paused.append(events == 0 or 16 * 256 * events < mean_activity)
+        mean_activity += (256 * min(events, 2**23 - 1) - mean_activity) // 64
     return paused
 
 
 def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
     """Own-mean codes of windows, each against the mean of those before it."""
-    code, paused = reference.own_mean_code, pauses(counted, begin.usual)
+    code, paused = reference.own_mean_code, pauses(counted, begin.mean_activity)
     assert code is not None and reference.mean is not None
     coded: Rows = [[] for _ in counted]
     for j, mean in enumerate(reference.mean.tolist()):
@@ -70,7 +70,7 @@ def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
 
 def drive_codes(reference: ReferenceMap, counted: Rows) -> Rows:
     """Own-mean codes of windows, all against the mean of the drive without its pauses."""
-    code, paused = reference.own_mean_code, pauses(counted, begin_of(reference).usual)
+    code, paused = reference.own_mean_code, pauses(counted, begin_of(reference).mean_activity)
     assert code is not None
     moving = [row for row, pause in zip(counted, paused, strict=True) if not pause] or counted
     coded: Rows = [[] for _ in counted]
@@ -91,7 +91,8 @@ def filtered(
     told = naive.place_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
         events, forward, settings.filter_back, settings.filter_restart, settings.exclusion,
-        begin.usual, begin.filtered, [] if reference.jumps is None else reference.jumps.tolist(),
+        begin.mean_activity, begin.filtered,
+        [] if reference.jumps is None else reference.jumps.tolist(),
     )  # fmt: skip
     return [
         (best, metric[best], second, metric[second] if second >= 0 else -1, trust)
@@ -107,7 +108,8 @@ def smoothed(
     forward = settings.filter_steps or ((1, 0, 1) if settings.window == "time" else (1, 0, 0, 1))
     told = naive.smoothed_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
-        events, forward, settings.filter_back, settings.filter_restart, begin_of(reference).usual,
+        events, forward, settings.filter_back, settings.filter_restart,
+        begin_of(reference).mean_activity,
         [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * len(coded),
     )  # fmt: skip
     rows = []

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors, random_events
 
-from edge_vpr.confidence import LEARNT_DELAYS, Confidence, Judge, default_confidence
+from edge_vpr.confidence import LEARNT_DELAYS, Acceptance, Confidence, default_confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
@@ -156,11 +156,11 @@ def test_found_at_99_percent_counts_queries_that_are_not_on_the_map():
 
 def test_matches_by_sequences_have_no_probability_until_they_are_calibrated():
     trust = np.array([3, 4])
-    probability, lost = Judge(None).judge(trust)
+    probability, lost = Acceptance(None).acceptance(trust)
     assert np.isnan(probability).all() and not lost.any()
     with pytest.raises(UsageError, match="calibrate the map"):
-        Judge(None, 0.9)
-    probability, lost = Judge(table((0, 0.5, 9), (4, 0.95, 9)), 0.9).judge(trust)
+        Acceptance(None, 0.9)
+    probability, lost = Acceptance(table((0, 0.5, 9), (4, 0.95, 9)), 0.9).acceptance(trust)
     assert (probability.tolist(), lost.tolist()) == ([0.5, 0.95], [True, False])
 
 

@@ -67,9 +67,9 @@ def oracle_after_each_event(reference, events):
         counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])
         coded = in_code(reference, counted)
         distances = [[naive.sad(place, code) for place in places] for code in coded]
-        prices = (1, 0, 1) if tau else (1, 0, 0, 1)
+        costs = (1, 0, 1) if tau else (1, 0, 0, 1)
         metric, best, second, trust = naive.place_filter(
-            distances, list(map(sum, counted)), prices, (), chosen.filter_restart,
+            distances, list(map(sum, counted)), costs, (), chosen.filter_restart,
             chosen.exclusion, usual_of(reference),
         )[-1]  # fmt: skip
         second_metric = metric[second] if second >= 0 else -1
@@ -89,16 +89,16 @@ def in_code(reference, counted):
     if chosen.counter_scaling == "shared":
         code = partial(naive.counter_code, "log", chosen.counter_bits, chosen.counter_full_scale)
         return [list(map(code, row)) for row in counted]
-    usual, means, coded, moved = usual_of(reference), reference.mean.tolist(), [], []
+    mean_activity, means, coded, moved = usual_of(reference), reference.mean.tolist(), [], []
     for row in counted:
         pairs = [
             (c, naive.running_means([naive.log_level(m[j]) for m in moved], means[j])[-1])
             for j, c in enumerate(row)
         ]
         coded.append([naive.own_mean_code(c, mean, 3, 1023) for c, mean in pairs])
-        if sum(row) and 16 * 256 * sum(row) >= usual:
+        if sum(row) and 16 * 256 * sum(row) >= mean_activity:
             moved.append(row)
-        usual += (256 * sum(row) - usual) // 64
+        mean_activity += (256 * sum(row) - mean_activity) // 64
     return coded
 
 

@@ -19,7 +19,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import best_matches, distance_matrix
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.sequences import sequence_sums
-from edge_vpr.matching.transitions import StepPrices
+from edge_vpr.matching.transitions import TransitionCosts
 from firmware_model import (
     Design,
     DesignError,
@@ -96,11 +96,11 @@ def accepts(design: Design, best: int, second: int) -> bool:
 def by_filter(memories: Memories, codes, events):
     """Matches of each window by the pipeline's place filter."""
     design = memories.design
-    prices = StepPrices(design.steps, design.back, design.restart)
+    prices = TransitionCosts(design.steps, design.back, design.restart)
     found = PlaceFilter(design.places, prices, design.exclusion, memories.activity)
     distances, matches = distance_matrix(np.array(memories.places), codes), []
     for j, window in enumerate(events.tolist()):
-        m = found.advance(distances[:, j], window)
+        m = found.update(distances[:, j], window)
         second = (None, None) if m.second < 0 else (m.second, m.second_metric)
         accepted = m.second >= 0 and m.trust >= design.trust
         accepted = accepted and accepts(design, m.metric, m.second_metric)
@@ -144,7 +144,7 @@ def test_the_activity_saturates_where_its_width_ends():
     for _ in range(2000):
         ours.update(1 << 40)
         theirs.update(1 << 40)
-    assert ours.usual == theirs.usual and ours.usual.bit_length() == 31
+    assert ours.mean_activity == theirs.usual and ours.mean_activity.bit_length() == 31
 
 
 def test_the_model_equals_the_pipeline_on_random_designs_and_streams():

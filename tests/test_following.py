@@ -11,7 +11,7 @@ from streams import random_events
 from test_filter_run import map_of as filtered_map
 from test_localiser import PIXELS, SENSOR, map_of
 
-from edge_vpr.compiling import Box, entry, kernel
+from edge_vpr.compiling import KernelState, entry, kernel
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
@@ -212,6 +212,6 @@ def test_code_for_the_types_of_arguments_gives_what_the_kernel_gives():
     def total(box, data):
         return box.value[0].sum() + len(data)
 
-    box = Box((np.arange(5),)).boxed
+    box = KernelState((np.arange(5),)).boxed
     code = entry(total, box, b"")
     assert code(box, b"abc") == total(box, b"abc") == 13

@@ -103,5 +103,5 @@ def test_a_map_has_them_and_needs_no_seed(monkeypatch):
     assert len(found.pixel_map) == 25
     assert not found.hot[found.pixel_map.y, found.pixel_map.x].any()
     # where the images of all windows do not fit a temporary file, events are read again
-    monkeypatch.setattr("edge_vpr.descriptors.pixels.SaliencyPass.descriptors", lambda *_: None)
+    monkeypatch.setattr("edge_vpr.descriptors.pixels.PixelStatistics.descriptors", lambda *_: None)
     assert map_traverse(recording, chosen).pixel_map == found.pixel_map

@@ -15,15 +15,15 @@ from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
 from test_localiser import CODED, PIXELS, SENSOR, feed, map_of
 
-from edge_vpr.compiling import Box
-from edge_vpr.confidence import Confidence, Judge
+from edge_vpr.compiling import KernelState
+from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
 from edge_vpr.online.kernels import write_codes
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import follow_few
-from edge_vpr.online.state import FEW, MATCHES_AT_ONCE, MatchSchedule
+from edge_vpr.online.matcher import follow_chunk
+from edge_vpr.online.state import CHUNK_EVENTS, MATCHES_AT_ONCE, MatchSchedule
 from fixedpoint.own_mean import OwnMeanCode
 
 TABLE = Confidence(
@@ -60,10 +60,12 @@ def of_another_layout(events):
 def test_more_than_a_few_events_go_by_columns_and_give_the_same():
     rng = np.random.default_rng(7)
     reference = a_map(rng, "filter", "time", {})
-    events = random_events(rng, 2 * FEW, SENSOR, 40_000)
+    events = random_events(rng, 2 * CHUNK_EVENTS, SENSOR, 40_000)
     every = MatchSchedule(events=5)
     whole = Localiser(reference, every=every).update(events)
-    found = feed(Localiser(reference, every=every), np.split(events, [FEW, FEW + 1]))
+    found = feed(
+        Localiser(reference, every=every), np.split(events, [CHUNK_EVENTS, CHUNK_EVENTS + 1])
+    )
     assert whole.size > 100
     assert found.tobytes() == whole.tobytes()
 
@@ -101,8 +103,8 @@ def test_the_kernel_judges_matches_as_the_table_of_the_map_does(kind, precision,
     reference = a_map(rng, kind, "time", {}, precision=precision)
     object.__setattr__(reference, "confidence", table)
     found = Localiser(reference).update(random_events(rng, 900, SENSOR, 5_000))
-    judge = Judge(reference.judge.confidence, precision)
-    probability, lost = judge.judge(found["trust"])
+    acceptance = Acceptance(reference.acceptance.confidence, precision)
+    probability, lost = acceptance.acceptance(found["trust"])
     assert len(set(found["trust"].tolist())) > 5
     assert np.array_equal(found["probability"], probability, equal_nan=True)
     assert found["lost"].tolist() == lost.tolist()
@@ -190,13 +192,13 @@ def test_the_cache_of_a_kernel_names_no_class_of_its_state():
     Localiser(a_map(np.random.default_rng(8), "filter", "time", {})).update(
         make_events([1], [0], [0])
     )
-    (signature,) = follow_few.signatures[:1]
+    (signature,) = follow_chunk.signatures[:1]
     assert "BoxedType" in str(signature)
     assert b"edge_vpr.online" not in pickle.dumps(signature)
 
 
 def test_a_copy_of_a_box_shares_nothing_with_it():
-    first = Box((np.zeros(3, dtype=np.int64), (np.ones(2), 5)))
+    first = KernelState((np.zeros(3, dtype=np.int64), (np.ones(2), 5)))
     second = copy.deepcopy(first)
     second.value[0][:] = 7
     second.value[1][0][:] = 7

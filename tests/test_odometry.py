@@ -14,7 +14,7 @@ from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 from edge_vpr.errors import GroundTruthError, MapError, UsageError
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.transitions import Moves, StepPrices
+from edge_vpr.matching.transitions import TransitionCosts, Transitions
 from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry, Route
@@ -172,11 +172,11 @@ def test_without_odometry_the_way_is_that_of_the_track():
 
 def test_moves_of_a_map_that_has_no_ways_refuse_odometry():
     with pytest.raises(UsageError, match="make it with the reference drive's --odometry"):
-        Moves(3, StepPrices()).by_distance(np.zeros(3, dtype=np.int32), 5)
+        Transitions(3, TransitionCosts()).by_distance(np.zeros(3, dtype=np.int32), 5)
     with pytest.raises(UsageError, match="expected as many millimetres"):
-        Moves(3, StepPrices(), along_mm=np.arange(2))
+        Transitions(3, TransitionCosts(), along_mm=np.arange(2))
     with pytest.raises(UsageError, match="jump from place 0 to 3"):
-        Moves(3, StepPrices(), jumps=np.array([[0, 3]], dtype=np.int32))
+        Transitions(3, TransitionCosts(), jumps=np.array([[0, 3]], dtype=np.int32))
 
 
 def test_the_device_refuses_a_map_with_jumps():

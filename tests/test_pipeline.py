@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from streams import Drive, as_tuples, random_events
 
 from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
-from edge_vpr.descriptors.pixels import SaliencyPass
+from edge_vpr.descriptors.pixels import PixelStatistics
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
@@ -105,8 +105,8 @@ def test_a_temporary_file_that_is_too_small_costs_a_second_pass_and_changes_noth
     def small(self, sensor, *, clip=None):
         original(self, sensor, clip=clip, spool_bytes=100)
 
-    original = SaliencyPass.__init__
-    monkeypatch.setattr(SaliencyPass, "__init__", small)
+    original = PixelStatistics.__init__
+    monkeypatch.setattr(PixelStatistics, "__init__", small)
     again = map_traverse(Drive(events, SENSOR), SMALL)
     assert np.array_equal(again.places.counts, whole.places.counts)
     assert np.array_equal(again.places.start_us, whole.places.start_us)
@@ -115,7 +115,7 @@ def test_a_temporary_file_that_is_too_small_costs_a_second_pass_and_changes_noth
 
 @given(st.lists(st.lists(st.integers(0, 2**40), min_size=3, max_size=3), min_size=1, max_size=6))
 def test_the_variance_is_exact_whatever_the_counts(rows):
-    first = SaliencyPass(Sensor(3, 1))
+    first = PixelStatistics(Sensor(3, 1))
     with first:
         for k, row in enumerate(rows):
             small = [c % 2**20 for c in row]

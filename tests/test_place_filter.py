@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr.descriptors.windows import find_pauses, is_quiet, mean_activity
+from edge_vpr.descriptors.windows import activity_of_drive, find_pauses, is_quiet
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import drive as filtered_drive
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.transitions import METRIC_TOP, StepPrices
+from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 
-prices = st.builds(
-    StepPrices,
+costs = st.builds(
+    TransitionCosts,
     forward=st.lists(st.integers(0, 6), min_size=1, max_size=5).map(tuple),
     back=st.lists(st.integers(0, 6), max_size=2).map(tuple),
     restart=st.integers(1, 40),
@@ -33,33 +33,33 @@ prices = st.builds(
     places=st.integers(1, 30),
     windows=st.integers(1, 12),
     largest=st.sampled_from([1, 7, 300, 2**31]),
-    priced=prices,
+    costd=costs,
     exclusion=st.integers(0, 4),
-    usual=st.sampled_from([0, 256 * 100, 256 * 3000]),
+    mean_activity=st.sampled_from([0, 256 * 100, 256 * 3000]),
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 1, 7, 1_000, MOST_MM // 100]),
 )
 def test_metrics_answers_and_trust_equal_the_oracle(
-    seed, places, windows, largest, priced, exclusion, usual, jumps, spacing
+    seed, places, windows, largest, costd, exclusion, mean_activity, jumps, spacing
 ):
     rng = np.random.default_rng(seed)
     distances = rng.integers(0, largest + 1, (windows, places))
     events = rng.choice([0, 1, 3, 9, 12, 90, 200], windows)
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_ways(rng, places, windows, spacing)
-    found = PlaceFilter(places, priced, exclusion, usual, jumps=pairs, along_mm=along)
+    found = PlaceFilter(places, costd, exclusion, mean_activity, jumps=pairs, along_mm=along)
     told = naive.place_filter(
-        distances.tolist(), events.tolist(), priced.forward, priced.back, priced.restart,
-        exclusion, usual, jumps=pairs.tolist(),
+        distances.tolist(), events.tolist(), costd.forward, costd.back, costd.restart,
+        exclusion, mean_activity, jumps=pairs.tolist(),
         along=[] if along is None else along.tolist(), travelled=travelled,
     )  # fmt: skip
     for row, count, way, (metric, best, second, trust) in zip(
         distances, events, travelled, told, strict=True
     ):
         if way is not None:
-            found.travel(way)
+            found.predict_travelled(way)
         before = found.answer(row, int(count))
-        answer = found.advance(row, int(count))
+        answer = found.update(row, int(count))
         assert before == answer  # asking changes nothing, and tells what advancing will
         assert found.metric.tolist() == metric
         assert (answer.place, answer.second, answer.trust) == (best, second, trust)
@@ -69,10 +69,10 @@ def test_metrics_answers_and_trust_equal_the_oracle(
 
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
-    found = PlaceFilter(4, StepPrices())
+    found = PlaceFilter(4, TransitionCosts())
     told = naive.place_filter(distances.tolist(), [50] * 3, (1, 0, 1), (), 16, 3, 0)
     for row, (metric, best, _, trust) in zip(distances, told, strict=True):
-        answer = found.advance(row, 50)
+        answer = found.update(row, 50)
         assert found.metric.tolist() == metric
         assert (answer.place, answer.trust) == (best, trust)
     assert len(set(told[1][0])) > 1  # evidence counted, though the window before had none
@@ -82,14 +82,14 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     seed=st.integers(0, 2**32),
     places=st.integers(1, 20),
     windows=st.integers(1, 8),
-    priced=prices,
+    costd=costs,
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
     delay=st.sampled_from([None, None, 1, 3]),
 )
 @settings(max_examples=60)
 def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
-    seed, places, windows, priced, jumps, spacing, delay
+    seed, places, windows, costd, jumps, spacing, delay
 ):
     """Smoothed whole, or as far as the windows go that a match waits for."""
     rng = np.random.default_rng(seed)
@@ -102,7 +102,7 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         travelled = [None, *np.diff(odometry.distance_mm).tolist()]
     chosen = Settings(
         matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
-        filter_steps=priced.forward, filter_back=priced.back, filter_restart=priced.restart,
+        filter_steps=costd.forward, filter_back=costd.back, filter_restart=costd.restart,
         exclusion=1,
     )  # fmt: skip
     counted = replace(descriptors(queries), selected=events)
@@ -110,14 +110,14 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         descriptors(reference), counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
-    usual = mean_activity(descriptors(reference).activity)
+    mean_activity = activity_of_drive(descriptors(reference).activity)
     ways = [] if along is None else along.tolist()
 
     def smoothed(known):
         """Smooth the drive as far as it is known."""
         return naive.smoothed_filter(
-            distances[:known], events[:known].tolist(), priced.forward, priced.back,
-            priced.restart, usual, pairs.tolist(), ways, travelled[:known],
+            distances[:known], events[:known].tolist(), costd.forward, costd.back,
+            costd.restart, mean_activity, pairs.tolist(), ways, travelled[:known],
             4 if delay is None else 1,
         )  # fmt: skip
 
@@ -193,15 +193,15 @@ def test_one_wrong_window_does_not_move_the_answer():
     distances = drive_through(40, path, np.random.default_rng(0))
     distances[10, 35] = 0  # for one window, another place looks best
     distances[10, 10] = 8
-    found = PlaceFilter(40, StepPrices())
-    assert [found.advance(row, 1).place for row in distances] == path
+    found = PlaceFilter(40, TransitionCosts())
+    assert [found.update(row, 1).place for row in distances] == path
 
 
 def test_after_being_carried_off_it_finds_itself_again():
     path = [*range(15), *range(60, 80)]
-    found = PlaceFilter(100, StepPrices())
+    found = PlaceFilter(100, TransitionCosts())
     distances = drive_through(100, path, np.random.default_rng(1))
-    answers = [found.advance(row, 1) for row in distances]
+    answers = [found.update(row, 1) for row in distances]
     places = [answer.place for answer in answers]
     assert places[:15] == path[:15]
     jump = next(i for i in range(15, len(path)) if places[i] == path[i])
@@ -212,9 +212,9 @@ def test_after_being_carried_off_it_finds_itself_again():
 def test_a_view_that_stays_the_same_wins_no_trust():
     """A camera that stands, off the map, may see what it saw at one place of it."""
     distances = drive_through(60, [*range(10), *([30] * 25)], np.random.default_rng(4))
-    found = PlaceFilter(60, StepPrices(), activity=256)
-    moving = [found.advance(row, 1) for row in distances[:10]]
-    standing = [found.advance(row, 1) for row in distances[10:]]
+    found = PlaceFilter(60, TransitionCosts(), activity=256)
+    moving = [found.update(row, 1) for row in distances[:10]]
+    standing = [found.update(row, 1) for row in distances[10:]]
     assert [match.place for match in standing[-20:]] == [30] * 20
     assert max(match.trust for match in standing[3:]) < moving[-1].trust // 2
 
@@ -222,22 +222,22 @@ def test_a_view_that_stays_the_same_wins_no_trust():
 def test_steps_back_are_followed_only_where_they_are_priced():
     path = [*range(10, 25), *range(24, 5, -1)]
     distances = drive_through(40, path, np.random.default_rng(2), noise=8)
-    forward = PlaceFilter(40, StepPrices(restart=60))
-    both = PlaceFilter(40, StepPrices(back=(0,), restart=60))
-    assert [both.advance(row, 1).place for row in distances] == path
-    assert [forward.advance(row, 1).place for row in distances] != path
+    forward = PlaceFilter(40, TransitionCosts(restart=60))
+    both = PlaceFilter(40, TransitionCosts(back=(0,), restart=60))
+    assert [both.update(row, 1).place for row in distances] == path
+    assert [forward.update(row, 1).place for row in distances] != path
 
 
 def test_while_the_camera_stands_the_answer_stays():
     rng = np.random.default_rng(3)
     moving = drive_through(50, list(range(10)), rng)
     standing = rng.integers(0, 3, (6, 50))  # without events all places look alike
-    found = PlaceFilter(50, StepPrices(), activity=mean_activity(np.full(50, 160)))
-    places = [found.advance(row, 160).place for row in moving]
+    found = PlaceFilter(50, TransitionCosts(), activity=activity_of_drive(np.full(50, 160)))
+    places = [found.update(row, 160).place for row in moving]
     assert places == list(range(10))
-    assert [found.advance(row, 9).place for row in standing] == [9] * 6
+    assert [found.update(row, 9).place for row in standing] == [9] * 6
     after = drive_through(50, list(range(10, 15)), rng)
-    assert [found.advance(row, 160).place for row in after] == list(range(10, 15))
+    assert [found.update(row, 160).place for row in after] == list(range(10, 15))
 
 
 def test_a_quiet_window_has_less_than_an_eighth_of_the_usual_events():
@@ -248,11 +248,11 @@ def test_a_quiet_window_has_less_than_an_eighth_of_the_usual_events():
 def test_in_a_quiet_window_standing_costs_nothing_and_evidence_counts():
     """With as many events again, a step of one place is as much cheaper than standing."""
     for events, standing, moving in ((20, 4, 0), (19, 0, 0), (9, 0, 0)):
-        found = PlaceFilter(30, StepPrices(), activity=256 * 160)
+        found = PlaceFilter(30, TransitionCosts(), activity=256 * 160)
         distances = np.full(30, 100)
         distances[[5, 6]] = 0
-        found.advance(distances, 160)
-        match = found.advance_windows(distances[np.newaxis], np.array([events]))
+        found.update(distances, 160)
+        match = found.update_windows(distances[np.newaxis], np.array([events]))
         metrics = match.metrics[0]
         assert (metrics[5], metrics[6], metrics[7] > 0) == (standing, moving, events > 9), events
 
@@ -264,27 +264,27 @@ def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
 
 
 @pytest.mark.parametrize(
-    "prices",
+    "costs",
     [{"forward": ()}, {"forward": (-1,)}, {"back": (300,)}, {"restart": 255}],
 )
-def test_prices_that_do_not_fit_are_refused(prices):
+def test_prices_that_do_not_fit_are_refused(costs):
     with pytest.raises(UsageError, match="expected 0 to 254"):
-        StepPrices(**prices)
+        TransitionCosts(**costs)
 
 
 def test_distances_must_be_one_a_place_and_whole():
     with pytest.raises(UsageError, match="3 distances to 4 places"):
-        PlaceFilter(4, StepPrices()).advance(np.zeros(3, dtype=np.int64), 1)
+        PlaceFilter(4, TransitionCosts()).update(np.zeros(3, dtype=np.int64), 1)
     with pytest.raises(UsageError, match="distances are float64: give whole numbers"):
-        PlaceFilter(3, StepPrices()).advance(np.array([0.1, 0.5, 0.2]), 1)
+        PlaceFilter(3, TransitionCosts()).update(np.array([0.1, 0.5, 0.2]), 1)
     with pytest.raises(UsageError, match="map of 0 places"):
-        PlaceFilter(0, StepPrices())
+        PlaceFilter(0, TransitionCosts())
 
 
 def test_prices_follow_the_kind_of_window_unless_they_are_given():
-    assert StepPrices.of(Settings()).forward == (1, 0, 1)
-    assert StepPrices.of(Settings(window="count")).forward == (1, 0, 0, 1)
-    assert StepPrices.of(Settings(filter_steps=(2, 0))).forward == (2, 0)
+    assert TransitionCosts.of(Settings()).forward == (1, 0, 1)
+    assert TransitionCosts.of(Settings(window="count")).forward == (1, 0, 0, 1)
+    assert TransitionCosts.of(Settings(filter_steps=(2, 0))).forward == (2, 0)
 
 
 @given(seed=st.integers(0, 2**32), places=st.integers(1, 30), queries=st.integers(1, 10))

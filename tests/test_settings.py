@@ -192,8 +192,8 @@ def test_none_and_not_zero_stands_for_what_is_absent(name):
         ("tau = true", "tau_us = True is of type bool"),
         ('clip = "some"', "clip = 'some': expected a whole number or none"),
         ('bursts = "maybe"', "bursts = 'maybe': expected remove or keep"),
-        ('filter_steps = "1,x"', "expected 1 to 16 prices"),
-        ("filter_steps = []", "expected 1 to 16 prices"),
+        ('filter_steps = "1,x"', "expected 1 to 16 costs"),
+        ("filter_steps = []", "expected 1 to 16 costs"),
     ],
 )
 def test_a_wrong_word_in_a_file_is_named_with_those_that_are_right(tmp_path, text, message):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import Box, kernel
+from edge_vpr.compiling import KernelState, kernel
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 
@@ -250,7 +250,7 @@ class CausalBurstFilter:
         state["slot"] = -2
         fired = np.full(sensor.pixels, -2, dtype=np.int64)
         self._fired = _Fired(fired, sensor.width, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
-        self.box = Box(self._fired)
+        self.box = KernelState(self._fired)
 
     @property
     def removed(self) -> int:
@@ -261,7 +261,7 @@ class CausalBurstFilter:
         """Make room for `n` events."""
         if n > self._fired.room.size:
             self._fired = self._fired._replace(room=np.empty(n, dtype=EVENT_DTYPE))
-            self.box = Box(self._fired)
+            self.box = KernelState(self._fired)
 
     def update(self, events: Events) -> Events:
         """Feed the next events; see `BurstFilter.update`."""

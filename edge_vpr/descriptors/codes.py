@@ -80,7 +80,7 @@ def drive_mean(
     return mean_level(code.level(moving))
 
 
-def encode_own(counted: Descriptors, code: OwnMeanCode, usual: int) -> Descriptors:
+def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> Descriptors:
     """Code a recorded query with its mean over the whole drive.
 
     Parameters
@@ -88,15 +88,15 @@ def encode_own(counted: Descriptors, code: OwnMeanCode, usual: int) -> Descripto
     counted : Descriptors
         Counts.
     code : OwnMeanCode
-    usual : int
+    mean_activity : int
         Selected events that a window of the reference has, see `pauses.Activity`.
     """
-    own = drive_mean(counted.counts, find_pauses(counted.activity, usual), code)
+    own = drive_mean(counted.counts, find_pauses(counted.activity, mean_activity), code)
     return _replaced(counted, code.encode(counted.counts, own))
 
 
 def encode_running(
-    counted: Descriptors, code: OwnMeanCode, mean: npt.NDArray[np.int32], usual: int
+    counted: Descriptors, code: OwnMeanCode, mean: npt.NDArray[np.int32], mean_activity: int
 ) -> Descriptors:
     """Code each window of a query with the running mean of the windows before it, as on a robot.
 
@@ -107,11 +107,11 @@ def encode_running(
     code : OwnMeanCode
     mean : ndarray of int32, shape (J,)
         Of the reference: where the running mean starts.
-    usual : int
+    mean_activity : int
         Selected events that a window of the reference has, see `pauses.Activity`.
     """
     running, coded = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
-    paused = find_pauses(counted.activity, usual)
+    paused = find_pauses(counted.activity, mean_activity)
     for i, counts in enumerate(counted.counts):
         coded[i] = code.encode(counts, running.mean)
         if not paused[i]:

@@ -265,7 +265,7 @@ def _disc_complement(
 # Saliency of each pixel: how much its count varies over the windows of a reference traverse.
 
 
-class SaliencyPass:
+class PixelStatistics:
     """Sums over the windows of a traverse, for all pixels; memory does not grow with the windows.
 
     The image of each window is also written to a temporary file, from which the descriptors are
@@ -299,7 +299,7 @@ class SaliencyPass:
         self.windows = 0
         self._spool = tempfile.TemporaryFile(prefix="edge-vpr-")  # noqa: SIM115  # closed by close()
 
-    def __enter__(self) -> SaliencyPass:
+    def __enter__(self) -> PixelStatistics:
         return self
 
     def __exit__(self, *exc_info: object) -> None:

@@ -258,22 +258,24 @@ EVENTS_TOP = (1 << 23) - 1
 
 
 @kernel
-def is_quiet(events: int, usual: int) -> bool:
-    """Return whether a window of `events` selected events is quiet (`usual`: see `Activity`)."""
-    return events == 0 or events << (ACTIVITY_BITS + QUIET_SHIFT) < usual
+def is_quiet(events: int, mean_activity: int) -> bool:
+    """Return whether a window of `events` selected events is quiet; see `Activity`."""
+    return events == 0 or events << (ACTIVITY_BITS + QUIET_SHIFT) < mean_activity
 
 
 @kernel
-def is_pause(events: int, usual: int) -> bool:
+def is_pause(events: int, mean_activity: int) -> bool:
     """Return whether a window of `events` selected events is a pause, which is quiet too."""
-    return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < usual
+    return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < mean_activity
 
 
 @kernel
-def usual_after(usual: int, events: int) -> int:
+def mean_activity_after(mean_activity: int, events: int) -> int:
     """Return the usual number of events after a window, in units of 1/256 event."""
     # the shift rounds down, negative numbers too
-    return usual + (((min(events, EVENTS_TOP) << ACTIVITY_BITS) - usual) >> ACTIVITY_SHIFT)
+    return mean_activity + (
+        ((min(events, EVENTS_TOP) << ACTIVITY_BITS) - mean_activity) >> ACTIVITY_SHIFT
+    )
 
 
 class Activity:
@@ -281,23 +283,23 @@ class Activity:
 
     Parameters
     ----------
-    usual : int
-        Where it starts, in units of 1/256 event: `mean_activity` of the reference.
+    mean_activity : int
+        Where it starts, in units of 1/256 event: `activity_of_drive` of the reference.
     """
 
-    def __init__(self, usual: int) -> None:
-        self.usual = usual
+    def __init__(self, mean_activity: int) -> None:
+        self.mean_activity = mean_activity
 
     def pauses(self, events: int) -> bool:
         """Return whether a window with `events` selected events is a pause."""
-        return bool(is_pause(events, self.usual))
+        return bool(is_pause(events, self.mean_activity))
 
     def update(self, events: int) -> None:
         """Update the mean by the number of selected events of a finished window."""
-        self.usual = usual_after(self.usual, events)
+        self.mean_activity = mean_activity_after(self.mean_activity, events)
 
 
-def mean_activity(events: npt.NDArray[np.integer]) -> int:
+def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
     """Return the mean of the windows' selected events, in units of 1/256 event, rounded down.
 
     It saturates as `Activity` does.
@@ -310,21 +312,21 @@ def mean_activity(events: npt.NDArray[np.integer]) -> int:
     return min((int(events.sum()) << ACTIVITY_BITS) // len(events), EVENTS_TOP << ACTIVITY_BITS)
 
 
-def find_pauses(events: npt.NDArray[np.integer], usual: int) -> npt.NDArray[np.bool_]:
+def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDArray[np.bool_]:
     """Return which windows of a drive are pauses.
 
     Parameters
     ----------
     events : ndarray of int, shape (n,)
         At the selected pixels.
-    usual : int
+    mean_activity : int
         See `Activity`.
 
     Returns
     -------
     ndarray of bool, shape (n,)
     """
-    activity, paused = Activity(usual), np.zeros(len(events), dtype=np.bool_)
+    activity, paused = Activity(mean_activity), np.zeros(len(events), dtype=np.bool_)
     for i, count in enumerate(events.tolist()):
         paused[i] = activity.pauses(count)
         activity.update(count)

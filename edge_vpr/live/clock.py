@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import Box, kernel
+from edge_vpr.compiling import KernelState, kernel
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.live.health import Health
 from edge_vpr.recordings.recording import Columns
@@ -109,7 +109,7 @@ class TimestampFilter:
         self._silence = max(1, silence // self._tick)
         self._state = np.zeros(1, dtype=_STATE)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
-        self.box = Box(
+        self.box = KernelState(
             _Kept(
                 self._state, self._held, sensor.width, sensor.height, self._period, self._late,
                 max(1, STEP_US // self._tick), self._silence, self._tick, clock.confirm,

@@ -13,7 +13,7 @@ from edge_vpr.errors import MapError
 from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.live.protocols.protocol import Decoder, synthetic_events
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
-from edge_vpr.online.state import FEW, MATCH_DTYPE, MatchSchedule
+from edge_vpr.online.state import CHUNK_EVENTS, MATCH_DTYPE, MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 
 _NEVER_US = 1 << 62
@@ -91,7 +91,7 @@ class LiveLocaliser:
                     "use the map of this camera"
                 )
             burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
-            _rehearse(decoder, reference, every, burst_filter(sensor), odometry)
+            _warm_up(decoder, reference, every, burst_filter(sensor), odometry)
             self._localiser = Localiser(reference, every=every)
             self._settings = self._localiser.settings
             # longest time that is matched in one step
@@ -254,7 +254,7 @@ class LiveLocaliser:
         return since < windows * settings.events_per_window
 
 
-def _rehearse(
+def _warm_up(
     decoder: Decoder,
     reference: ReferenceMap,
     every: MatchSchedule | None,
@@ -263,7 +263,7 @@ def _rehearse(
 ) -> None:
     """Compile the kernels of matching before the first bytes arrive; this takes up to seconds."""
     # if there are more than a few, the last part is processed by columns
-    events = synthetic_events(2 * FEW)
+    events = synthetic_events(2 * CHUNK_EVENTS)
     localiser = Localiser(reference, every=every)
     if isinstance(bursts, CausalBurstFilter):
         follower = Follower(bursts, localiser)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Confidence, Judge, default_confidence
-from edge_vpr.descriptors.windows import Descriptors, mean_activity
+from edge_vpr.confidence import Acceptance, Confidence, default_confidence
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
@@ -21,8 +21,15 @@ from edge_vpr.matching.sequences import (
     sequence_matches,
     sequence_sums,
 )
-from edge_vpr.matching.smoother import QUIET_EVIDENCE_SHIFT, Decided, FixedLag, Onward, Way, runs
-from edge_vpr.matching.transitions import Metrics, Moves, StepPrices
+from edge_vpr.matching.smoother import (
+    QUIET_EVIDENCE_SHIFT,
+    BackwardPass,
+    FixedLag,
+    SmoothedMatch,
+    Way,
+    runs,
+)
+from edge_vpr.matching.transitions import Metrics, TransitionCosts, Transitions
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 
@@ -129,19 +136,19 @@ def filter_drive(
         )
     ways: list[Way] = [None] * n
     if odometry is not None:
-        place_filter.moves.check_odometry()
+        place_filter.transitions.check_odometry()
         travelled, known = odometry.of_windows(queries.end_us)
         ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
     events, block = queries.activity, max(1, _BLOCK_DISTANCES // places)
     kept = _Kept.empty(n, places if smooth else 0)
     found = _Found.empty(n, metrics)
-    lag = FixedLag(place_filter.moves, place_filter.exclusion, delay) if delay else None
+    lag = FixedLag(place_filter.transitions, place_filter.exclusion, delay) if delay else None
     for first, last in runs(ways, block):
         way = ways[first]
         if way is not None:
-            place_filter.travel(way)
+            place_filter.predict_travelled(way)
         distances = index.rows(queries.counts[first:last])
-        rows = place_filter.advance_windows(distances, events[first:last])
+        rows = place_filter.update_windows(distances, events[first:last])
         if smooth:
             kept.keep(first, last, rows)
         elif lag is not None:
@@ -176,7 +183,7 @@ class _Found(NamedTuple):
         if self.metrics is not None:
             self.metrics[:, first:last] = metrics.T
 
-    def put_decided(self, last: int, decided: Iterable[Decided | None]) -> None:
+    def put_decided(self, last: int, decided: Iterable[SmoothedMatch | None]) -> None:
         """Put the matches of the windows before `last`; None where there is no window yet."""
         some = [one for one in decided if one is not None]
         if some:
@@ -188,23 +195,23 @@ def _smooth(
     place_filter: PlaceFilter, kept: _Kept, ways: Sequence[Way], block: int, found: _Found
 ) -> None:
     """Smooth the whole drive, some windows at a time, from the last ones."""
-    onward = Onward(place_filter.moves, place_filter.exclusion)
+    onward = BackwardPass(place_filter.transitions, place_filter.exclusion)
     for first in reversed(range(0, len(ways), block)):
         rows = kept.rows(first, min(first + block, len(ways)))
         onward.add_to(rows, ways[first : first + block])
         found.put(first, rows.columns, rows.metrics)
-    found.columns[:, -1] = _mean_trust(found.columns, ways, place_filter.moves)
+    found.columns[:, -1] = _mean_trust(found.columns, ways, place_filter.transitions)
 
 
 def _mean_trust(
-    columns: npt.NDArray[np.int64], ways: Sequence[Way], moves: Moves
+    columns: npt.NDArray[np.int64], ways: Sequence[Way], transitions: Transitions
 ) -> npt.NDArray[np.int64]:
     """Return the mean trust of each window and its neighbours, with 0 for those beyond a jump."""
     place, margin = columns[:, 0].tolist(), columns[:, -1]
     total = np.concatenate([[0], np.cumsum(margin)])
     chain = np.zeros(len(place), dtype=np.int64)  # runs without a jump
     for j in range(1, len(place)):
-        chain[j] = chain[j - 1] + (not moves.lead_to(place[j - 1], place[j], ways[j]))
+        chain[j] = chain[j - 1] + (not transitions.lead_to(place[j - 1], place[j], ways[j]))
     at = np.arange(len(place))
     first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
     last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
@@ -260,11 +267,11 @@ def match_descriptors(
     """
     if confidence is None and settings.matching == "filter":
         confidence = default_confidence(settings.smooth, settings.late)
-    judge = Judge(confidence, settings.precision)
+    acceptance = Acceptance(confidence, settings.precision)
     check_counts(places, queries)
     if settings.matching == "filter":
         place_filter = filter_of(places, settings, jumps, along_mm)
-        return _match_by_filter(place_filter, places, queries, settings, judge, odometry)
+        return _match_by_filter(place_filter, places, queries, settings, acceptance, odometry)
     check_no_ways(jumps, odometry is not None)
     length = settings.sequence_length
     check_length(length, len(places), len(queries))
@@ -275,7 +282,7 @@ def match_descriptors(
     for j in range(0, n, block):
         distances = index.matrix(queries.counts[j : min(j + block, n) + length - 1])
         parts.append(BestSequences.of(sequence_sums(distances, length), settings.exclusion))
-    return sequence_matches(parts, settings, len(places), queries.centre_us, judge)
+    return sequence_matches(parts, settings, len(places), queries.centre_us, acceptance)
 
 
 def check_counts(places: Descriptors, queries: Descriptors) -> None:
@@ -303,8 +310,8 @@ def filter_of(
         Of the map, see `match_descriptors`.
     """
     return PlaceFilter(
-        len(places), StepPrices.of(settings), settings.exclusion,
-        mean_activity(places.activity),
+        len(places), TransitionCosts.of(settings), settings.exclusion,
+        activity_of_drive(places.activity),
         quiet_shift=QUIET_EVIDENCE_SHIFT if settings.smooth else 0, jumps=jumps, along_mm=along_mm,
     )  # fmt: skip
 
@@ -331,7 +338,7 @@ def _match_by_filter(
     places: Descriptors,
     queries: Descriptors,
     settings: Settings,
-    judge: Judge,
+    acceptance: Acceptance,
     odometry: Odometry | None,
 ) -> Matches:
     index, n = ReferenceIndex(places.counts), len(queries)
@@ -339,7 +346,7 @@ def _match_by_filter(
         place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.late
     )
     place, metric, second, second_metric, ties, trust = found.columns.T
-    probability, lost = judge.judge(trust)
+    probability, lost = acceptance.acceptance(trust)
     return Matches(
         settings=settings,
         places_in_map=len(places),

@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.descriptors.windows import Activity, is_pause, is_quiet, usual_after
+from edge_vpr.descriptors.windows import Activity, is_pause, is_quiet, mean_activity_after
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.transitions import (
     FRACTION_BITS,
     METRIC_TOP,
     Metrics,
-    Moves,
-    StepPrices,
     StepTable,
+    TransitionCosts,
+    Transitions,
     leads_to,
     predict,
 )
@@ -165,7 +165,12 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
 NUMBERS = np.dtype(
-    [("reciprocal", np.int64), ("usual", np.int64), ("place", np.int64), ("trust", np.int64)]
+    [
+        ("reciprocal", np.int64),
+        ("mean_activity", np.int64),
+        ("place", np.int64),
+        ("trust", np.int64),
+    ]
 )
 
 
@@ -184,7 +189,7 @@ class Predictions(NamedTuple):
 
 
 class WindowRows(NamedTuple):
-    """Results of n windows, written by `advance_windows`.
+    """Results of n windows, written by `update_windows`.
 
     Attributes
     ----------
@@ -227,7 +232,7 @@ class WindowRows(NamedTuple):
 
 
 @kernel
-def advance_windows(
+def update_windows(
     numbers: Any,
     predicted: Predictions,
     steps: StepTable,
@@ -257,14 +262,14 @@ def advance_windows(
     now = numbers[0]
     for i in range(len(distances)):
         metric, evidence = rows.metrics[i], rows.evidence[i]
-        quiet = is_quiet(events[i], now.usual)
+        quiet = is_quiet(events[i], now.mean_activity)
         rows.quiet[i] = quiet
         if i > 0:
-            prices, first = (steps.quiet, 0) if quiet else (steps.prices, steps.first)
-            prediction = predict(rows.metrics[i - 1], prices, first, steps.restart, steps.jumps)
+            costs, first = (steps.quiet, 0) if quiet else (steps.costs, steps.first)
+            prediction = predict(rows.metrics[i - 1], costs, first, steps.restart, steps.jumps)
         else:
             prediction = predicted.quiet if quiet else predicted.moving
-        if is_pause(events[i], now.usual):
+        if is_pause(events[i], now.mean_activity):
             evidence[:] = 0
         else:
             own = reciprocal_of_spread(distances[i])
@@ -274,7 +279,7 @@ def advance_windows(
                 evidence >>= np.uint8(quiet_shift)
         for k in range(metric.size):
             metric[k] = min(prediction[k] + np.int32(evidence[k]), METRIC_TOP)
-        now.usual = usual_after(now.usual, events[i])
+        now.mean_activity = mean_activity_after(now.mean_activity, events[i])
         place, second, ties = least_and_second(metric, exclusion)
         if i > 0:
             follows = leads_to(now.place, place, steps.first, steps.last, steps.jumps)
@@ -318,23 +323,23 @@ def smooth_windows(
     summed: Metrics,
     columns: npt.NDArray[np.int64],
 ) -> None:
-    """Add the prices of the rest of the drive to the metrics of n windows, from the last window.
+    """Add the costs of the rest of the drive to the metrics of n windows, from the last window.
 
     Parameters
     ----------
     onward : ndarray of int32, shape (K,)
-        Price of going on from each place after the last of these windows; after the call, before
+        Cost of going on from each place after the last of these windows; after the call, before
         the first.
     turned : ndarray of int32, shape (K,)
-        Written to: the price of going on from the first window, with its own evidence, last place
+        Written to: the cost of going on from the first window, with its own evidence, last place
         first.
     back : StepTable
-        Of `Moves.reversed`.
+        Of `Transitions.reversed`.
     exclusion : int
     quiet, evidence
         See `WindowRows`.
     summed : ndarray of int32, shape (n, K)
-        Metrics; after the call, the price of the best path through each place.
+        Metrics; after the call, the cost of the best path through each place.
     columns : ndarray of int64, shape (n, 6)
         Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
     """
@@ -344,15 +349,15 @@ def smooth_windows(
         columns[i, 5] = write_match(summed[i], place, second, ties, columns[i]) << TRUST_BITS
         for k in range(turned.size):
             turned[k] = onward[turned.size - 1 - k] + evidence[i, turned.size - 1 - k]
-        prices, first = (back.quiet, 0) if quiet[i] else (back.prices, back.first)
-        onward[:] = predict(turned, prices, first, back.restart, back.jumps)[::-1]
+        costs, first = (back.quiet, 0) if quiet[i] else (back.costs, back.first)
+        onward[:] = predict(turned, costs, first, back.restart, back.jumps)[::-1]
 
 
 # The place filter: finds the place from the newest window and the possible moves before it.
 #
 # This is Viterbi's algorithm over the places of a route (the min-plus form of a discrete Bayes
-# filter), in unsigned integers of fixed widths. Each place has one metric: the price of the
-# cheapest way to be there now. Each window adds the price of a move from the place before, and
+# filter), in unsigned integers of fixed widths. Each place has one metric: the cost of the
+# cheapest way to be there now. Each window adds the cost of a move from the place before, and
 # evidence.
 
 
@@ -390,7 +395,7 @@ class PlaceFilter:
     ----------
     places : int
         K.
-    prices : StepPrices
+    costs : TransitionCosts
     exclusion : int
         The second best is searched more than this many places from the best.
     activity : int
@@ -399,15 +404,15 @@ class PlaceFilter:
     quiet_shift : int
         Evidence of a quiet window is divided by ``2**quiet_shift``, rounded down.
     jumps, along_mm : ndarray, optional
-        Of the map, see `Moves`.
+        Of the map, see `Transitions`.
 
     Attributes
     ----------
-    moves : Moves
+    transitions : Moves
     metric : ndarray of int32, shape (K,)
         Of 10 bits, 2 of them fraction bits.
     prediction, quiet : ndarray of int32, shape (K,)
-        Price of being at each place one window later, without its evidence; `quiet` if that window
+        Cost of being at each place one window later, without its evidence; `quiet` if that window
         is quiet.
     follows : ndarray of bool, shape (K,)
         Which places follow from the latest answer, so that its trust is kept.
@@ -423,7 +428,7 @@ class PlaceFilter:
     def __init__(
         self,
         places: int,
-        prices: StepPrices,
+        costs: TransitionCosts,
         exclusion: int = 3,
         activity: int = 0,
         *,
@@ -431,7 +436,7 @@ class PlaceFilter:
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        self.moves = Moves(places, prices, jumps, along_mm)
+        self.transitions = Transitions(places, costs, jumps, along_mm)
         self.exclusion, self.quiet_shift = exclusion, quiet_shift
         self.activity = Activity(activity)
         self.metric = np.zeros(places, dtype=np.int32)
@@ -462,7 +467,7 @@ class PlaceFilter:
         rows, _ = self._rows(distances[np.newaxis], np.array([events], dtype=np.int64))
         return FilterMatch(*rows.columns[0].tolist())
 
-    def advance(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
+    def update(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
         """Advance by a finished window, and return its match.
 
         Parameters
@@ -471,10 +476,10 @@ class PlaceFilter:
         events : int
             At the selected pixels in the window.
         """
-        rows = self.advance_windows(distances[np.newaxis], np.array([events], dtype=np.int64))
+        rows = self.update_windows(distances[np.newaxis], np.array([events], dtype=np.int64))
         return FilterMatch(*rows.columns[0].tolist())
 
-    def advance_windows(
+    def update_windows(
         self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
     ) -> WindowRows:
         """Advance by n finished windows, n at least 1, one after the other.
@@ -486,20 +491,22 @@ class PlaceFilter:
             At the selected pixels in each window.
         """
         rows, numbers = self._rows(distances, events)
-        self.reciprocal, self.activity.usual, self.place, self.trust = numbers[0].tolist()
+        self.reciprocal, self.activity.mean_activity, self.place, self.trust = numbers[0].tolist()
         self.metric = rows.metrics[-1].copy()
         self._predict()
         return rows
 
-    def resume(self, metric: Metrics, reciprocal: int, usual: int, place: int, trust: int) -> None:
-        """Continue from the state of another filter with the same map and prices."""
+    def resume(
+        self, metric: Metrics, reciprocal: int, mean_activity: int, place: int, trust: int
+    ) -> None:
+        """Continue from the state of another filter with the same map and costs."""
         self.metric = metric.copy()
-        self.reciprocal, self.activity.usual = reciprocal, usual
+        self.reciprocal, self.activity.mean_activity = reciprocal, mean_activity
         self.place, self.trust = place, trust
         if place >= 0:
             self._predict()
 
-    def travel(self, travelled_mm: int) -> None:
+    def predict_travelled(self, travelled_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.
 
         Parameters
@@ -513,15 +520,15 @@ class PlaceFilter:
         UsageError
             If the map does not say how far its places are from each other.
         """
-        prediction = self.moves.by_distance(self.metric, travelled_mm)
+        prediction = self.transitions.by_distance(self.metric, travelled_mm)
         if self.place >= 0:
             self.prediction = self.quiet = prediction
-            self.follows = self.moves.following(self.place, travelled_mm)
+            self.follows = self.transitions.following(self.place, travelled_mm)
 
     def _predict(self) -> None:
-        self.prediction = self.moves.by_steps(self.metric)
-        self.quiet = self.moves.if_quiet(self.metric)
-        self.follows = self.moves.following(self.place, None)
+        self.prediction = self.transitions.by_steps(self.metric)
+        self.quiet = self.transitions.if_quiet(self.metric)
+        self.follows = self.transitions.following(self.place, None)
 
     def _rows(
         self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
@@ -541,10 +548,10 @@ class PlaceFilter:
         distances = np.ascontiguousarray(distances, dtype=exact)
         rows = WindowRows.empty(*distances.shape)
         numbers = np.zeros(1, dtype=NUMBERS).view(np.recarray)
-        numbers[0] = (self.reciprocal, self.activity.usual, self.place, self.trust)
+        numbers[0] = (self.reciprocal, self.activity.mean_activity, self.place, self.trust)
         predicted = Predictions(self.prediction, self.quiet, self.follows)
-        advance_windows(
-            numbers, predicted, self.moves.by_step, self.exclusion, self.quiet_shift, distances,
-            events, rows,
+        update_windows(
+            numbers, predicted, self.transitions.by_step, self.exclusion, self.quiet_shift,
+            distances, events, rows,
         )  # fmt: skip
         return rows, numbers

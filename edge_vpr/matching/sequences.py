@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Judge
+from edge_vpr.confidence import Acceptance
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import best_matches
 from edge_vpr.matching.matches import Matches, margin_to_second, nearest_places
@@ -108,7 +108,7 @@ def sequence_matches(
     settings: Settings,
     places: int,
     query_us: npt.NDArray[np.int64],
-    judge: Judge,
+    acceptance: Acceptance,
 ) -> Matches:
     """Return the matches of successive sequences.
 
@@ -121,7 +121,7 @@ def sequence_matches(
         K.
     query_us : ndarray of int64, shape (Q,)
         Centre of each query window.
-    judge : Judge
+    acceptance : Judge
         Gives the probability of the margin to the second.
     """
     best, best_sum, second, second_sum, ties, candidates = (
@@ -130,7 +130,7 @@ def sequence_matches(
     offset = anchor_offset(settings.sequence_length, settings.anchor)
     query = np.arange(len(best), dtype=np.int64) + offset
     trust = margin_to_second(best_sum, second_sum)
-    probability, lost = judge.judge(trust)
+    probability, lost = acceptance.acceptance(trust)
     return Matches(
         settings=settings,
         places_in_map=places,

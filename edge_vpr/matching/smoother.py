@@ -1,8 +1,8 @@
 """Smoothing of the place filter: the windows after a window decide with.
 
-The metric of a place is the price of the cheapest path that leads there. With the filter run
-backwards, it is the price of the cheapest path from there to the end of the drive. The sum is the
-price of the best path of the whole drive through this place: the min-plus form of forward-backward
+The metric of a place is the cost of the cheapest path that leads there. With the filter run
+backwards, it is the cost of the cheapest path from there to the end of the drive. The sum is the
+cost of the best path of the whole drive through this place: the min-plus form of forward-backward
 smoothing. Fixed-lag smoothing does this for the newest window and the N before it: each match then
 comes N windows late.
 """
@@ -21,7 +21,7 @@ from edge_vpr.matching.place_filter import (
     smooth_windows,
     trust_after,
 )
-from edge_vpr.matching.transitions import Metrics, Moves
+from edge_vpr.matching.transitions import Metrics, Transitions
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None
@@ -30,32 +30,32 @@ Way = int | None
 QUIET_EVIDENCE_SHIFT = 2
 
 
-class Onward:
-    """Price of going on from each place, from the last window of a drive back to the first.
+class BackwardPass:
+    """Cost of going on from each place, from the last window of a drive back to the first.
 
     Parameters
     ----------
-    moves : Moves
+    transitions : Moves
     exclusion : int
         See `PlaceFilter`.
     """
 
-    def __init__(self, moves: Moves, exclusion: int) -> None:
-        self._back, self._exclusion = moves.reversed(), exclusion
-        self._price = np.zeros(moves.places, dtype=np.int32)
-        self._turned = np.empty(moves.places, dtype=np.int32)
+    def __init__(self, transitions: Transitions, exclusion: int) -> None:
+        self._back, self._exclusion = transitions.reversed(), exclusion
+        self._cost = np.zeros(transitions.places, dtype=np.int32)
+        self._turned = np.empty(transitions.places, dtype=np.int32)
 
     def begin(self) -> None:
         """Begin again at the last window of a drive."""
-        self._price[:] = 0
+        self._cost[:] = 0
 
     def add_to(self, rows: WindowRows, ways: Sequence[Way]) -> None:
-        """Add the prices of the rest of the drive to the metrics of the n windows before it.
+        """Add the costs of the rest of the drive to the metrics of the n windows before it.
 
         Parameters
         ----------
         rows : WindowRows
-            Of n windows; their metrics become the prices of the best path through each place, and
+            Of n windows; their metrics become the costs of the best path through each place, and
             their columns the matches by these, with the margin as trust.
         ways : sequence of int or None
             Of each window.
@@ -63,22 +63,22 @@ class Onward:
         for first, last in reversed(list(runs(ways, len(ways)))):
             run = rows.part(first, last)
             smooth_windows(
-                self._price, self._turned, self._back.by_step, self._exclusion,
+                self._cost, self._turned, self._back.by_step, self._exclusion,
                 run.quiet, run.evidence, run.metrics, run.columns,
             )  # fmt: skip
             way = ways[first]
             if way is not None:
-                self._price = np.ascontiguousarray(self._back.by_distance(self._turned, way)[::-1])
+                self._cost = np.ascontiguousarray(self._back.by_distance(self._turned, way)[::-1])
 
 
-class Decided(NamedTuple):
+class SmoothedMatch(NamedTuple):
     """Match of a window that later ones have decided with.
 
     Attributes
     ----------
     match : FilterMatch
     metrics : ndarray of int32, shape (K,)
-        Price of the best path through each place.
+        Cost of the best path through each place.
     """
 
     match: FilterMatch
@@ -90,23 +90,23 @@ class FixedLag:
 
     Parameters
     ----------
-    moves : Moves
+    transitions : Moves
     exclusion : int
         See `PlaceFilter`.
     delay : int
         N.
     """
 
-    def __init__(self, moves: Moves, exclusion: int, delay: int) -> None:
-        self._moves, self._onward = moves, Onward(moves, exclusion)
+    def __init__(self, transitions: Transitions, exclusion: int, delay: int) -> None:
+        self._transitions, self._onward = transitions, BackwardPass(transitions, exclusion)
         self._delay = delay
         self._held = 0  # number of windows at the end of `_rows` that are not decided
-        self._rows = WindowRows.empty(delay + 1, moves.places)
-        self._scratch = WindowRows.empty(delay + 1, moves.places)
+        self._rows = WindowRows.empty(delay + 1, transitions.places)
+        self._scratch = WindowRows.empty(delay + 1, transitions.places)
         self._ways: list[Way] = [None] * (delay + 1)
         self._place, self._trust = -1, 0
 
-    def add(self, row: WindowRows, way: Way) -> Decided | None:
+    def add(self, row: WindowRows, way: Way) -> SmoothedMatch | None:
         """Add the next window, and decide the one N windows before it, if there is one.
 
         Parameters
@@ -122,12 +122,12 @@ class FixedLag:
         self._held += 1
         return self._decide() if self._held > self._delay else None
 
-    def finish(self) -> Iterator[Decided]:
+    def finish(self) -> Iterator[SmoothedMatch]:
         """Decide the last windows, which have fewer than N after them."""
         while self._held:
             yield self._decide()
 
-    def _decide(self) -> Decided:
+    def _decide(self) -> SmoothedMatch:
         """Decide the first window that is held."""
         first = len(self._ways) - self._held
         self._held -= 1
@@ -137,11 +137,11 @@ class FixedLag:
         self._onward.add_to(rows, self._ways[first:])
         match = FilterMatch(*rows.columns[0].tolist())
         place, before = match.place, self._place
-        follows = before >= 0 and self._moves.lead_to(before, place, self._ways[first])
+        follows = before >= 0 and self._transitions.lead_to(before, place, self._ways[first])
         kept_trust = self._trust if follows else 0
         self._trust = trust_after(kept_trust, place == before, match.trust >> TRUST_BITS)
         self._place = place
-        return Decided(match._replace(trust=self._trust), rows.metrics[0].copy())
+        return SmoothedMatch(match._replace(trust=self._trust), rows.metrics[0].copy())
 
 
 def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:

@@ -17,36 +17,36 @@ from edge_vpr.errors import UsageError
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings
 
-# Prices of steps from place to place, in the units of the metrics of the place filter.
+# Costs of steps from place to place, in the units of the metrics of the place filter.
 
 
 Metrics = npt.NDArray[np.int32]
 
-#: fraction bits of metrics, evidence and prices
+#: fraction bits of metrics, evidence and costs
 FRACTION_BITS = 2
 #: largest metric: 10 bits
 METRIC_TOP = (1 << 10) - 1
-#: prices of a step of 0, 1, 2 ... places in a quiet window
-QUIET_STEPS = (0, 0, 1)
+#: costs of a step of 0, 1, 2 ... places in a quiet window
+STATIONARY_COSTS = (0, 0, 1)
 
 
 @dataclass(frozen=True)
-class StepPrices:
-    """Prices of moves from place to place in one window.
+class TransitionCosts:
+    """Costs of moves from place to place in one window.
 
     Parameters
     ----------
     forward : tuple of int
-        Price of a step of 0, 1, 2 ... places.
+        Cost of a step of 0, 1, 2 ... places.
     back : tuple of int
-        Price of a step of -1, -2 ... places; empty if the route is never driven backwards.
+        Cost of a step of -1, -2 ... places; empty if the route is never driven backwards.
     restart : int
-        Price of getting anywhere else: the robot was carried, or the filter is wrong.
+        Cost of getting anywhere else: the robot was carried, or the filter is wrong.
 
     Raises
     ------
     UsageError
-        If a price does not fit the metric, or there is none.
+        If a cost does not fit the metric, or there is none.
     """
 
     forward: tuple[int, ...] = (1, 0, 1)
@@ -55,16 +55,16 @@ class StepPrices:
 
     def __post_init__(self) -> None:
         most = (METRIC_TOP >> FRACTION_BITS) - 1
-        prices = (*self.forward, *self.back, self.restart)
-        if not self.forward or min(prices) < 0 or max(prices) > most:
+        costs = (*self.forward, *self.back, self.restart)
+        if not self.forward or min(costs) < 0 or max(costs) > most:
             raise UsageError(
-                f"filter prices {self.forward} forward, {self.back} back and {self.restart} for a "
+                f"filter costs {self.forward} forward, {self.back} back and {self.restart} for a "
                 f"restart: expected 0 to {most}, and at least one step forward"
             )
 
     @classmethod
-    def of(cls, settings: Settings) -> StepPrices:
-        """Return the prices of the settings; the default depends on the kind of window."""
+    def of(cls, settings: Settings) -> TransitionCosts:
+        """Return the costs of the settings; the default depends on the kind of window."""
         forward = settings.filter_steps
         if forward is None:
             forward = (1, 0, 1) if settings.window == "time" else (1, 0, 0, 1)
@@ -78,29 +78,29 @@ class StepPrices:
     @property
     def last(self) -> int:
         """Largest step, in places; a match that is farther away is a jump."""
-        return max(len(self.forward), len(QUIET_STEPS)) - 1
+        return max(len(self.forward), len(STATIONARY_COSTS)) - 1
 
     @property
     def scaled(self) -> npt.NDArray[np.int32]:
-        """Prices from the smallest to the largest step, with fraction bits."""
+        """Costs from the smallest to the largest step, with fraction bits."""
         return np.array([*reversed(self.back), *self.forward], dtype=np.int32) << FRACTION_BITS
 
 
-# Kernels for the prices of places one window later: by steps, and by a known distance.
+# Kernels for the costs of places one window later: by steps, and by a known distance.
 
 
-#: fraction bits of the price of a millimetre
+#: fraction bits of the cost of a millimetre
 RATE_BITS = 16
 #: with odometry, a jump may be taken from this many places before it to as many after it
 JUMP_REACH = 8
 
 
 class StepTable(NamedTuple):
-    """The part of `Moves` that a kernel needs to predict by steps.
+    """The part of `Transitions` that a kernel needs to predict by steps.
 
     Attributes
     ----------
-    prices : ndarray of int32, shape (steps,)
+    costs : ndarray of int32, shape (steps,)
         Of a step of ``first``, ``first + 1`` ... places, with fraction bits.
     quiet : ndarray of int32, shape (steps,)
         Of a step of 0, 1 ... places in a quiet window.
@@ -111,7 +111,7 @@ class StepTable(NamedTuple):
     jumps : ndarray of int32, shape (n, 2)
     """
 
-    prices: Metrics
+    costs: Metrics
     quiet: Metrics
     first: int
     last: int
@@ -143,17 +143,17 @@ def mark_following(place: int, steps: StepTable, follows: npt.NDArray[np.bool_])
 @kernel
 def predict(
     metric: Metrics,
-    prices: Metrics,
+    costs: Metrics,
     first: int,
     restart: int,
     jumps: npt.NDArray[np.int32],
 ) -> Metrics:
-    """Return the cheapest price of each place one window later.
+    """Return the cheapest cost of each place one window later.
 
     Parameters
     ----------
     metric : ndarray of int32, shape (K,)
-    prices : ndarray of int32, shape (steps,)
+    costs : ndarray of int32, shape (steps,)
         Of a step of ``first``, ``first + 1`` ... places.
     first : int
     restart : int
@@ -163,16 +163,16 @@ def predict(
     Returns
     -------
     ndarray of int32, shape (K,)
-        ``min(min_i (M[k - i] + price[i]), min M + restart) - min M``; over a jump from a to b,
+        ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from a to b,
         k = b + o is i places from a - (i - 1 - o).
     """
     least = metric.min()
     prediction = np.full(metric.size, restart, dtype=metric.dtype)
-    for i in range(prices.size):
+    for i in range(costs.size):
         step = first + i
-        # the price of this step to every place that it leads to
+        # the cost of this step to every place that it leads to
         to, source = prediction[max(step, 0) :], metric[max(-step, 0) :]
-        offset = np.int32(prices[i] - least)
+        offset = np.int32(costs[i] - least)
         for k in range(min(to.size, source.size)):
             to[k] = min(to[k], source[k] + offset)
         for j in range(len(jumps)):
@@ -192,7 +192,7 @@ def predict_travelled(
     restart: int,
     jumps: npt.NDArray[np.int32],
 ) -> Metrics:
-    """Return the cheapest price of each place after a known distance driven.
+    """Return the cheapest cost of each place after a known distance driven.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def predict_travelled(
     travelled : int
         Millimetres since the window before; below 0 backwards.
     rate_and_spacing : tuple of int
-        Price of a millimetre off in units of ``2**-16``, and millimetres between two places.
+        Cost of a millimetre off in units of ``2**-16``, and millimetres between two places.
     restart : int
     jumps : ndarray of int32, shape (n, 2)
 
@@ -215,7 +215,7 @@ def predict_travelled(
     rate, spacing = rate_and_spacing
     least, places = np.int64(metric.min()), metric.size
     prediction = np.full(places, np.int64(restart) << RATE_BITS, dtype=np.int64)
-    # rounding down is monotone: the lowest exact price, rounded, is the lowest rounded price
+    # rounding down is monotone: the lowest exact cost, rounded, is the lowest rounded cost
     best, j = np.int64(1) << 62, 0
     for k in range(places):  # sources from which the distance ends at k or before it
         while j < places and along[j] + travelled <= along[k]:
@@ -240,22 +240,22 @@ def predict_travelled(
     return (prediction >> RATE_BITS).astype(np.int32)
 
 
-# Places that can be reached in one window, and their prices: by steps, odometry and jumps.
+# Places that can be reached in one window, and their costs: by steps, odometry and jumps.
 
 
-#: with odometry, the price of being one mean spacing away from where the distance leads
+#: with odometry, the cost of being one mean spacing away from where the distance leads
 OFF_BY_A_PLACE = 2
 _NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
 
 
-class Moves:
+class Transitions:
     """Places that can be reached from each place of a map in one window.
 
     Parameters
     ----------
     places : int
         K.
-    prices : StepPrices
+    costs : TransitionCosts
     jumps : ndarray of int32, shape (n, 2), optional
         Pairs of places: from the first, one step leads to the second too, as where a loop closes
         or two routes meet. Steps of more places may pass the pair.
@@ -270,7 +270,7 @@ class Moves:
 
     Examples
     --------
-    >>> moves = Moves(4, StepPrices(restart=5), jumps=np.array([[3, 0]], dtype=np.int32))
+    >>> moves = Moves(4, TransitionCosts(restart=5), jumps=np.array([[3, 0]], dtype=np.int32))
     >>> moves.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
     [0, 4, 9, 4]
     """
@@ -278,18 +278,18 @@ class Moves:
     def __init__(
         self,
         places: int,
-        prices: StepPrices,
+        costs: TransitionCosts,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
     ) -> None:
         if places < 1:
             raise UsageError(f"a map of {places} places: expected at least 1")
-        self.places, self.prices = places, prices
+        self.places, self.costs = places, costs
         self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
         check_jumps(self.jumps, places)
         self.by_step = StepTable(
-            prices.scaled, np.array(QUIET_STEPS, dtype=np.int32) << FRACTION_BITS,
-            prices.first, prices.last, prices.restart << FRACTION_BITS, self.jumps,
+            costs.scaled, np.array(STATIONARY_COSTS, dtype=np.int32) << FRACTION_BITS,
+            costs.first, costs.last, costs.restart << FRACTION_BITS, self.jumps,
         )  # fmt: skip
         self._along = along_mm
         self._spacing = self._rate = 0
@@ -298,28 +298,28 @@ class Moves:
             self._spacing = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
             self._rate = (OFF_BY_A_PLACE << FRACTION_BITS << RATE_BITS) // max(self._spacing, 1)
 
-    def reversed(self) -> Moves:
+    def reversed(self) -> Transitions:
         """Return the moves in the opposite direction, with the order of the places reversed."""
         jumps = self.places - 1 - self.jumps[:, ::-1]
         along = None if self._along is None else self._along[-1] - self._along[::-1]
-        return Moves(self.places, self.prices, jumps, along)
+        return Transitions(self.places, self.costs, jumps, along)
 
     def check_odometry(self) -> None:
         """Raise UsageError if the map does not hold the distances between its places."""
         self._checked_along()
 
     def by_steps(self, metric: Metrics) -> Metrics:
-        """Return the price of each place one window later, shape (K,)."""
+        """Return the cost of each place one window later, shape (K,)."""
         steps = self.by_step
-        return predict(metric, steps.prices, steps.first, steps.restart, steps.jumps)
+        return predict(metric, steps.costs, steps.first, steps.restart, steps.jumps)
 
     def if_quiet(self, metric: Metrics) -> Metrics:
-        """Return the price of each place after a quiet window, shape (K,)."""
+        """Return the cost of each place after a quiet window, shape (K,)."""
         steps = self.by_step
         return predict(metric, steps.quiet, 0, steps.restart, steps.jumps)
 
     def by_distance(self, metric: Metrics, travelled_mm: int) -> Metrics:
-        """Return the price of each place after a distance of `travelled_mm`, shape (K,).
+        """Return the cost of each place after a distance of `travelled_mm`, shape (K,).
 
         Raises
         ------
@@ -350,8 +350,8 @@ class Moves:
         for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
             way = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
-            price = (np.abs(way - travelled) * self._rate) >> RATE_BITS
-            follows[beyond] |= price < self.by_step.restart
+            cost = (np.abs(way - travelled) * self._rate) >> RATE_BITS
+            follows[beyond] |= cost < self.by_step.restart
         return follows
 
     def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:

@@ -424,14 +424,14 @@ def sequence_answer(sums, total, c, length, row):
     Parameters
     ----------
     sums : ndarray of uint16 or uint32
-        Of `Sliding`, with all moves taken.
+        Of `SlidingWindows`, with all moves taken.
     total : record of TOTALS
     c : record of CONTROL
         Changed in place: the place told last.
     length : int
         L.
     row : record of MATCH_DTYPE
-        Written to, but for what `judge` and the kernel write.
+        Written to, but for what `acceptance` and the kernel write.
 
     Returns
     -------
@@ -439,9 +439,9 @@ def sequence_answer(sums, total, c, length, row):
         False if only changes are asked for and there is none; nothing is written then.
     """
     best, least = least_in(sums, total.sums, 0, c.places)
-    if c.change and best == c.place_told:
+    if c.change and best == c.last_reported:
         return False
-    c.place_told = best
+    c.last_reported = best
     second, second_least = _second(sums, total.sums, best, c.exclusion, c.places)
     row["place"], row["distance_sum"] = best + length - 1, np.int64(least) + total.common
     row["second"], row["second_sum"], row["trust"] = -1, -1, 0
@@ -475,21 +475,21 @@ def filter_answer(predicted, metric, sums, c, events, row):
     metric : ndarray of int32, shape (K,)
         Scratch.
     sums : ndarray of uint16 or uint32
-        Of `Sliding` with one window, with all moves taken.
+        Of `SlidingWindows` with one window, with all moves taken.
     c : record of CONTROL
         Changed in place: the place told last.
     events : int
         In the window, at selected pixels.
     row : record of MATCH_DTYPE
-        Written to, but for what `judge` and the kernel write.
+        Written to, but for what `acceptance` and the kernel write.
 
     Returns
     -------
     bool
         False if only changes are asked for and there is none; nothing is written then.
     """
-    prediction = predicted.quiet if is_quiet(events, c.usual) else predicted.moving
-    if is_pause(events, c.usual):
+    prediction = predicted.quiet if is_quiet(events, c.mean_activity) else predicted.moving
+    if is_pause(events, c.mean_activity):
         for k in range(metric.size):
             metric[k] = min(prediction[k], METRIC_TOP)
     else:
@@ -499,9 +499,9 @@ def filter_answer(predicted, metric, sums, c, events, row):
             reciprocal = reciprocal_of_spread(some)
         add_evidence(prediction, some, reciprocal, metric)
     best, second, _ = least_and_second(metric, c.exclusion)
-    if c.change and best == c.place_told:
+    if c.change and best == c.last_reported:
         return False
-    c.place_told = best
+    c.last_reported = best
     kept = c.trust if predicted.follows[best] else np.int64(0)
     row["place"], row["distance_sum"] = best, metric[best]
     row["second"], row["second_sum"] = second, -1
@@ -512,7 +512,7 @@ def filter_answer(predicted, metric, sums, c, events, row):
 
 
 @kernel
-def judge(row, trust, probability, least_trust):
+def acceptance(row, trust, probability, least_trust):
     """Write the ratio, the probability, and whether the match is lost.
 
     Parameters

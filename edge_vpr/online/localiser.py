@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, damaged, present, read_archive, write_archive
-from edge_vpr.compiling import Boxed, entry, kernel
+from edge_vpr.compiling import BoxedState, entry, kernel
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
 from edge_vpr.descriptors.pixels import PixelMap
@@ -24,20 +24,20 @@ from edge_vpr.online.kernels import selected_in_order
 from edge_vpr.online.matcher import (
     DONE,
     REFUSED,
+    Chunked,
     DelayedRun,
-    Few,
     FilterRun,
     Found,
     MatchRun,
     SequenceRun,
-    follow_few,
+    follow_chunk,
 )
 from edge_vpr.online.state import (
-    FEW,
+    CHUNK_EVENTS,
     MATCH_DTYPE,
-    Followed,
-    FollowedWindows,
     MatchSchedule,
+    OnlineState,
+    OnlineWindows,
     check_extent,
     check_filter_state,
     check_state,
@@ -112,7 +112,7 @@ class LocaliserState:
     Attributes
     ----------
     run : FilterRun or SequenceRun
-    windows : FollowedWindows
+    windows : OnlineWindows
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class LocaliserState:
             raise UsageError(
                 f"{recent} recent places are left out by sequences only: set matching to sequence"
             )
-        self.windows = FollowedWindows(reference, self._window)
+        self.windows = OnlineWindows(reference, self._window)
         self.run: FilterRun | SequenceRun
         if settings.matching == "filter":
             run = DelayedRun if settings.late else FilterRun
@@ -189,10 +189,10 @@ class LocaliserState:
 
     def take(self, events: Events) -> npt.NDArray[np.void]:
         """Feed events, at any pixels; see `Localiser.update`."""
-        if events.size <= FEW and events.dtype == EVENT_DTYPE and not self._check_every:
+        if events.size <= CHUNK_EVENTS and events.dtype == EVENT_DTYPE and not self._check_every:
             plain = type(events) is np.ndarray and events.flags.carray
             few = events if plain else np.array(events, dtype=EVENT_DTYPE)
-            result = self.run.follow_few(few)
+            result = self.run.follow_chunk(few)
             if result[2] != REFUSED:
                 return _joined(self.run.go_on(result))
         slots, times = selected_in_order(
@@ -230,7 +230,7 @@ class LocaliserState:
         return _joined(found)
 
     def verify(self) -> None:
-        """Recompute counters and distances, and compare; see `FollowedWindows.verify`."""
+        """Recompute counters and distances, and compare; see `OnlineWindows.verify`."""
         self.windows.verify(self.now)
 
     def to_archive(self) -> tuple[Arrays, dict[str, Any]]:
@@ -424,8 +424,8 @@ class Localiser:
     def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
         """Advance the time to `time_us` and take a reading of the robot's odometer.
 
-        The distance since the window before then decides the prices of moves. Give at least one
-        reading in each window, better ten. A window without one uses the prices of the settings.
+        The distance since the window before then decides the costs of moves. Give at least one
+        reading in each window, better ten. A window without one uses the costs of the settings.
 
         Parameters
         ----------
@@ -453,7 +453,7 @@ class Localiser:
             return NO_MATCHES
         if not abs(distance_m) * 1e3 <= MOST_MM:
             raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
-        run.place_filter.moves.check_odometry()
+        run.place_filter.transitions.check_odometry()
         matches = self.advance(time_us)
         run.read_odometer(round(distance_m * 1e3))
         return matches
@@ -606,12 +606,12 @@ class Follower:
     """
 
     def __init__(self, bursts: CausalBurstFilter, localiser: Localiser) -> None:
-        bursts.make_room(FEW)
+        bursts.make_room(CHUNK_EVENTS)
         self._bursts, self._run = bursts, localiser.run
         # the last kernel, all state that it was bound to, and its code with this state
-        self._bound: tuple[Kernel | None, tuple[Boxed, ...], Kernel] = None, (), follow_kept
+        self._bound: tuple[Kernel | None, tuple[BoxedState, ...], Kernel] = None, (), follow_kept
 
-    def bound(self, kernel: Kernel, sample: object, *decoder: Boxed) -> Kernel:
+    def bound(self, kernel: Kernel, sample: object, *decoder: BoxedState) -> Kernel:
         """Return a kernel of one argument: `follow_kept`, or one that decodes and calls it.
 
         Parameters
@@ -620,7 +620,7 @@ class Follower:
             Its arguments are the boxes for `follow_kept`, those of the decoder, and one more.
         sample : object
             Of the type of this one.
-        decoder : Boxed
+        decoder : BoxedState
             State of the decoder.
         """
         parts = self._bursts.box.boxed, self._run.boxed, *decoder
@@ -632,13 +632,13 @@ class Follower:
 
     def follow(self, events: Events, reached_us: int) -> Step:
         """Match the next events, with which the stream has reached `reached_us`."""
-        if not 0 < events.size <= FEW:
+        if not 0 < events.size <= CHUNK_EVENTS:
             return reached_us, [], -1, (self._bursts.update(events),)
         if not events.flags.carray:
             events = events.copy()
         return self.go_on(events, reached_us, *self.bound(follow_kept, events)(events))
 
-    def go_on(self, events: Events, reached_us: int, kept: int, few: Few) -> Step:
+    def go_on(self, events: Events, reached_us: int, kept: int, few: Chunked) -> Step:
         """Do what remains to do after `follow_kept` with `events`."""
         if few[2] == REFUSED:
             return reached_us, [], -1, (self._bursts.kept(events, kept),)
@@ -651,23 +651,23 @@ def follow_kept(bursts, followed, events):  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    bursts, followed : Boxed
+    bursts, followed : BoxedState
         Of a `CausalBurstFilter` and of a `Localiser`.
     events : ndarray of EVENT_DTYPE, shape (n,)
-        0 to `FEW`.
+        0 to `CHUNK_EVENTS`.
 
     Returns
     -------
     kept : int
         Events that are in no burst.
     few : tuple
-        See `follow_few`.
+        See `follow_chunk`.
     """
     n = keep(bursts, events)
     kept = bursts.value[-1][:n]
     if n == 0:
         return n, (0, 0, DONE, 0, np.int64(-1))
-    c, last = Followed(*followed.value).control[0], kept[n - 1]["t"]
+    c, last = OnlineState(*followed.value).control[0], kept[n - 1]["t"]
     if c.interval > 0 and last - c.floor > MOST_TICKS * c.interval:
         return n, (0, 0, REFUSED, 0, last)
-    return n, follow_few(followed, kept)
+    return n, follow_chunk(followed, kept)

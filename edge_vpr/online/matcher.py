@@ -9,19 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, check_array, check_range
-from edge_vpr.compiling import Box, Boxed, entry, kernel
+from edge_vpr.compiling import BoxedState, KernelState, entry, kernel
 from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import filter_of
 from edge_vpr.matching.place_filter import Predictions, WindowRows
-from edge_vpr.matching.smoother import Decided, FixedLag
+from edge_vpr.matching.smoother import FixedLag, SmoothedMatch
 from edge_vpr.online.kernels import (
+    acceptance,
     age,
     few_in_order,
     filter_answer,
-    judge,
     note,
     sequence_answer,
     take_moves,
@@ -29,10 +29,10 @@ from edge_vpr.online.kernels import (
 )
 from edge_vpr.online.state import (
     MATCH_DTYPE,
-    Followed,
-    FollowedWindows,
     MatchSchedule,
-    Sliding,
+    OnlineState,
+    OnlineWindows,
+    SlidingWindows,
     compared,
     grown,
 )
@@ -46,8 +46,8 @@ from fixedpoint.own_mean import RunningMean
 # why the kernel returned
 DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
 
-Few = tuple[int, int, int, int, int]
-"""Result of `follow_few`."""
+Chunked = tuple[int, int, int, int, int]
+"""Result of `follow_chunk`."""
 
 
 @kernel
@@ -56,8 +56,8 @@ def follow(box, slots, times, until):
 
     Parameters
     ----------
-    box : Boxed
-        Of `Followed`; its arrays are changed in place.
+    box : BoxedState
+        Of `OnlineState`; its arrays are changed in place.
     slots : ndarray of int32, shape (m,)
     times : ndarray of int64, shape (m,)
         Events at selected pixels, in time order.
@@ -67,11 +67,11 @@ def follow(box, slots, times, until):
     Returns
     -------
     read, given, why : int
-        Events taken, matches written to `Followed.out`, and `DONE`, `MATCHES_FULL`, `RING_FULL`, or
-        `WINDOW_OVER`: a window of the place filter has ended, and its counts are complete.
+        Events taken, matches written to `OnlineState.out`, and `DONE`, `MATCHES_FULL`, `RING_FULL`,
+        or `WINDOW_OVER`: a window of the place filter has ended, and its counts are complete.
     """
-    f = Followed(*box.value)
-    s, c, predicted, out = Sliding(*f.s), f.control[0], Predictions(*f.predicted), f.out
+    f = OnlineState(*box.value)
+    s, c, predicted, out = SlidingWindows(*f.s), f.control[0], Predictions(*f.predicted), f.out
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, steps = s.columns, s.sums, s.steps
@@ -130,19 +130,19 @@ def follow(box, slots, times, until):
             row["t"], row["events"] = now, events
             # start of a fixed-count window: the time of its oldest event
             row["start"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
-            judge(row, f.trust, f.probability, c.least_trust)
+            acceptance(row, f.trust, f.probability, c.least_trust)
             given += 1
 
 
 @kernel
-def follow_few(box, events):
+def follow_chunk(box, events):
     """Process a few events; none if `selected_in_order` would refuse one of them.
 
     Parameters
     ----------
-    box : Boxed
+    box : BoxedState
     events : ndarray of EVENT_DTYPE, shape (m,)
-        1 to `FEW`.
+        1 to `CHUNK_EVENTS`.
 
     Returns
     -------
@@ -150,11 +150,11 @@ def follow_few(box, events):
         Selected events taken, see `follow`; `REFUSED` if events are off the sensor, not in the
         order of time, or over more ticks than may be, and nothing was taken.
     selected : int
-        Events that are now in `Followed.slots` and `Followed.times`.
+        Events that are now in `OnlineState.slots` and `OnlineState.times`.
     last : int
         Time of the last event.
     """
-    f = Followed(*box.value)
+    f = OnlineState(*box.value)
     c, last = f.control[0], events[events.size - 1]["t"]
     selected = few_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
     if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
@@ -175,7 +175,7 @@ class MatchRun:
 
     Parameters
     ----------
-    windows : FollowedWindows
+    windows : OnlineWindows
         Its state may be replaced between two calls.
     followed : Followed
     """
@@ -183,12 +183,12 @@ class MatchRun:
     #: Name of the array of the schedule in an archive.
     schedule_name = "policy"
 
-    def __init__(self, windows: FollowedWindows, followed: Followed) -> None:
+    def __init__(self, windows: OnlineWindows, followed: OnlineState) -> None:
         self.windows = windows
         self._followed = followed
         self._control = followed.control[0]
-        self._box: Box[Followed] | None = None
-        self._few: Callable[..., Few] | None = None  # code of `follow_few` for the box
+        self._box: KernelState[OnlineState] | None = None
+        self._chunk: Callable[..., Chunked] | None = None  # code of `follow_chunk` for the box
         self._out = followed.out.view(np.uint8).data
 
     @property
@@ -235,15 +235,15 @@ class MatchRun:
         self.floor_us = until
         return self._go_on(slots, times, until, follow(self.boxed, slots, times, until))
 
-    def follow_few(self, events: Events) -> Few:
+    def follow_chunk(self, events: Events) -> Chunked:
         """Call the kernel of this name, with events in one piece that may be written to."""
         box = self.boxed
-        if self._few is None:
-            self._few = entry(follow_few, box, events)
-        return self._few(box, events)
+        if self._chunk is None:
+            self._chunk = entry(follow_chunk, box, events)
+        return self._chunk(box, events)
 
-    def go_on(self, result: Few) -> Found:
-        """Process the events that `follow_few` has left, and return all matches.
+    def go_on(self, result: Chunked) -> Found:
+        """Process the events that `follow_chunk` has left, and return all matches.
 
         Parameters
         ----------
@@ -292,12 +292,12 @@ class MatchRun:
         return np.frombuffer(room, dtype=MATCH_DTYPE)
 
     @property
-    def boxed(self) -> Boxed:
-        """State for `follow` and `follow_few`; call `go_on` after the latter."""
+    def boxed(self) -> BoxedState:
+        """State for `follow` and `follow_chunk`; call `go_on` after the latter."""
         if self._box is None or self._followed.s is not self.windows.s:
             self._followed = self._followed._replace(s=self.windows.s)
             self._rebound()
-            self._box, self._few = Box(self._followed), None
+            self._box, self._chunk = KernelState(self._followed), None
         return self._box.boxed
 
     def _rebound(self) -> None:
@@ -313,12 +313,12 @@ class MatchRun:
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
         control = self._control
-        told = np.array([control.next_tick, control.place_told], dtype=np.int64)
+        told = np.array([control.next_tick, control.last_reported], dtype=np.int64)
         return {self.schedule_name: told}
 
     def resume(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
-        self._control.next_tick, self._control.place_told = arrays[self.schedule_name].tolist()
+        self._control.next_tick, self._control.last_reported = arrays[self.schedule_name].tolist()
 
 
 # The place filter event by event: within windows, and at the end of each window.
@@ -330,7 +330,7 @@ class FilterRun(MatchRun):
     Parameters
     ----------
     reference : ReferenceMap
-    windows : FollowedWindows
+    windows : OnlineWindows
         Of this map, and one window long.
     schedule : MatchSchedule
         When to give a match.
@@ -346,9 +346,9 @@ class FilterRun(MatchRun):
     schedule_name = "filter_schedule"
 
     def __init__(
-        self, reference: ReferenceMap, windows: FollowedWindows, schedule: MatchSchedule
+        self, reference: ReferenceMap, windows: OnlineWindows, schedule: MatchSchedule
     ) -> None:
-        super().__init__(windows, Followed.begin(reference, windows.s, schedule))
+        super().__init__(windows, OnlineState.begin(reference, windows.s, schedule))
         self.place_filter = filter_of(
             reference.places, reference.settings, reference.jumps, reference.along_mm
         )
@@ -381,14 +381,14 @@ class FilterRun(MatchRun):
         UsageError
             If the map does not say how far its places are from each other.
         """
-        self.place_filter.moves.check_odometry()
+        self.place_filter.transitions.check_odometry()
         self.odometer.read(distance_mm)
         self._travel()
 
     def _travel(self) -> None:
         travelled = self.odometer.travelled_mm
         if travelled is not None:
-            self.place_filter.travel(travelled)
+            self.place_filter.predict_travelled(travelled)
             self._predict()
 
     def _predict(self) -> None:
@@ -396,7 +396,7 @@ class FilterRun(MatchRun):
         found, control, predicted = self.place_filter, self._control, self._followed.predicted
         predicted.moving[:], predicted.quiet[:] = found.prediction, found.quiet
         predicted.follows[:] = found.follows
-        control.usual, control.reciprocal = found.activity.usual, found.reciprocal
+        control.mean_activity, control.reciprocal = found.activity.mean_activity, found.reciprocal
         control.place, control.trust = found.place, found.trust
         s = self.windows.s
         control.window_end = (self._windows + 1) * (s.tau or s.n)
@@ -416,7 +416,7 @@ class FilterRun(MatchRun):
         paused = found.activity.pauses(events)
         # the common part of all distances changes neither the evidence nor its spread
         distances = s.sums[np.newaxis, : len(found)]
-        self._ended(found.advance_windows(distances, np.array([events], dtype=np.int64)))
+        self._ended(found.update_windows(distances, np.array([events], dtype=np.int64)))
         self.odometer.end_window()
         if self.mean is not None and self._code is not None and not paused:
             self.mean.update(self._code.level(counts))
@@ -430,17 +430,23 @@ class FilterRun(MatchRun):
         found, s = self.place_filter, self.windows.s
         while s.bound[0] == s.bound[1] and (self._windows + 2) * s.tau <= until:
             read = self.odometer.fresh
-            before = (found.place, found.trust, found.activity.usual)
+            before = (found.place, found.trust, found.activity.mean_activity)
             metric = found.metric
             self._finish_window()
-            same = before == (found.place, found.trust, found.activity.usual)
+            same = before == (found.place, found.trust, found.activity.mean_activity)
             if same and not read and np.array_equal(metric, found.metric):
                 self._windows = until // s.tau - 1
 
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
         found, meter = self.place_filter, self.odometer
-        state = [found.reciprocal, found.activity.usual, found.place, found.trust, self._windows]
+        state = [
+            found.reciprocal,
+            found.activity.mean_activity,
+            found.place,
+            found.trust,
+            self._windows,
+        ]
         arrays = super().to_arrays() | {
             "filter_metric": found.metric,
             "filter_state": np.array(state, dtype=np.int64),
@@ -457,10 +463,10 @@ class FilterRun(MatchRun):
         """Restore the state from the arrays of `to_arrays`."""
         super().resume(arrays)
         found = self.place_filter
-        reciprocal, usual, place, trust, self._windows = arrays["filter_state"].tolist()
-        found.resume(arrays["filter_metric"], reciprocal, usual, place, trust)
+        reciprocal, mean_activity, place, trust, self._windows = arrays["filter_state"].tolist()
+        found.resume(arrays["filter_metric"], reciprocal, mean_activity, place, trust)
         if "filter_odometer" in arrays:
-            found.moves.check_odometry()
+            found.transitions.check_odometry()
             meter = self.odometer
             meter.latest, meter.anchor, fresh, anchored = arrays["filter_odometer"].tolist()
             meter.fresh, meter.anchored = bool(fresh), bool(anchored)
@@ -482,7 +488,7 @@ class SequenceRun(MatchRun):
     Parameters
     ----------
     reference : ReferenceMap
-    windows : FollowedWindows
+    windows : OnlineWindows
         Of this map.
     schedule : MatchSchedule
         When to give a match.
@@ -493,11 +499,11 @@ class SequenceRun(MatchRun):
     def __init__(
         self,
         reference: ReferenceMap,
-        windows: FollowedWindows,
+        windows: OnlineWindows,
         schedule: MatchSchedule,
         recent: int,
     ) -> None:
-        super().__init__(windows, Followed.begin(reference, windows.s, schedule))
+        super().__init__(windows, OnlineState.begin(reference, windows.s, schedule))
         self._recent = recent
 
     def _rebound(self) -> None:
@@ -517,7 +523,7 @@ class DelayedRun(FilterRun):
     ----------
     reference : ReferenceMap
         Its settings say N.
-    windows : FollowedWindows
+    windows : OnlineWindows
     schedule : MatchSchedule
         At the end of each window.
 
@@ -528,7 +534,7 @@ class DelayedRun(FilterRun):
     """
 
     def __init__(
-        self, reference: ReferenceMap, windows: FollowedWindows, schedule: MatchSchedule
+        self, reference: ReferenceMap, windows: OnlineWindows, schedule: MatchSchedule
     ) -> None:
         settings = reference.settings
         if schedule != MatchSchedule.window(settings):
@@ -537,7 +543,7 @@ class DelayedRun(FilterRun):
                 "match every window, or set delay to 0"
             )
         super().__init__(reference, windows, schedule)
-        self._lag = FixedLag(self.place_filter.moves, settings.exclusion, settings.late)
+        self._lag = FixedLag(self.place_filter.transitions, settings.exclusion, settings.late)
         self._given: np.void | None = None  # by the kernel, of the window that ends
         self._undecided: deque[np.void | None] = deque()  # None of a window that was skipped
         self._decided: list[np.void] = []
@@ -547,7 +553,7 @@ class DelayedRun(FilterRun):
         super().feed(slots, times, until)
         return self._drained()
 
-    def go_on(self, result: Few) -> Found:
+    def go_on(self, result: Chunked) -> Found:
         """See `MatchRun.go_on`."""
         super().go_on(result)
         return self._drained()
@@ -570,14 +576,14 @@ class DelayedRun(FilterRun):
         if decided is not None:
             self._replace(decided)
 
-    def _replace(self, decided: Decided) -> None:
+    def _replace(self, decided: SmoothedMatch) -> None:
         row, match = self._undecided.popleft(), decided.match
         if row is None:
             return
         row["place"], row["distance_sum"] = match.place, match.metric
         row["second"], row["second_sum"] = match.second, match.second_metric
         row["trust"] = match.trust
-        judge(row, self._followed.trust, self._followed.probability, self._control.least_trust)
+        acceptance(row, self._followed.trust, self._followed.probability, self._control.least_trust)
         self._decided.append(row)
 
     def _drained(self) -> Found:

@@ -46,11 +46,11 @@ MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
 #: For each counter: its table, and its smallest and largest count in the map.
 COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
 #: Common part of all distances, number of noted moves that the counters do not include yet, stride
-#: of `Sliding.columns`, and number of sums in use.
+#: of `SlidingWindows.columns`, and number of sums in use.
 TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
 
 
-class Sliding(NamedTuple):
+class SlidingWindows(NamedTuple):
     """State of the kernels of sliding windows and of their distances to a map.
 
     Attributes
@@ -95,7 +95,7 @@ class Sliding(NamedTuple):
     totals: npt.NDArray[np.void]
 
 
-def empty_windows(window: Window, length: int, counters: int) -> Sliding:
+def empty_windows(window: Window, length: int, counters: int) -> SlidingWindows:
     """Build the state before the first event, without a map.
 
     Parameters
@@ -104,7 +104,7 @@ def empty_windows(window: Window, length: int, counters: int) -> Sliding:
     length, counters : int
         L, and J (or 2 J).
     """
-    return Sliding(
+    return SlidingWindows(
         slot=np.zeros(RING_EVENTS, dtype=np.int32),
         time=np.zeros(RING_EVENTS, dtype=np.int64),
         bound=np.zeros(length + 1, dtype=np.int64),
@@ -121,7 +121,7 @@ def empty_windows(window: Window, length: int, counters: int) -> Sliding:
     )
 
 
-def recount(s: Sliding) -> npt.NDArray[np.int64]:
+def recount(s: SlidingWindows) -> npt.NDArray[np.int64]:
     """Count all events in the ring again, shape (L, J)."""
     counts = np.zeros_like(s.counts)
     for lag in range(len(counts)):
@@ -131,7 +131,7 @@ def recount(s: Sliding) -> npt.NDArray[np.int64]:
     return counts
 
 
-def grown(s: Sliding) -> Sliding:
+def grown(s: SlidingWindows) -> SlidingWindows:
     """Return the state with a ring of twice the size."""
     numbers = np.arange(s.bound[-1], s.bound[0])
     old, size = numbers & (s.slot.size - 1), 2 * s.slot.size
@@ -146,7 +146,7 @@ def grown(s: Sliding) -> Sliding:
 
 def start(
     places: npt.NDArray[np.unsignedinteger], window: Window, length: int, codes: PixelCodes | None
-) -> Sliding:
+) -> SlidingWindows:
     """Build the state before the first event.
 
     Parameters
@@ -166,7 +166,7 @@ def start(
     return with_distances(state, places)
 
 
-def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Sliding:
+def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -> SlidingWindows:
     """Lay a map out by pixel, and compute all distances of the present counters."""
     length = len(s.counts)
     # an odd number of whole vectors: with a power of two, all columns of a place would share the
@@ -208,7 +208,7 @@ def with_distances(s: Sliding, places: npt.NDArray[np.unsignedinteger]) -> Slidi
     )
 
 
-def compared(s: Sliding, index: ReferenceIndex) -> Sliding:
+def compared(s: SlidingWindows, index: ReferenceIndex) -> SlidingWindows:
     """Compute all distances again after the codes of the counters have changed.
 
     Parameters
@@ -231,7 +231,7 @@ def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
     sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
 
 
-def _coded(s: Sliding) -> npt.NDArray[np.int64]:
+def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
     """Return the codes of the counters of each lag, shape (L, J)."""
     if s.code.size == 0:
         return s.counts
@@ -241,7 +241,7 @@ def _coded(s: Sliding) -> npt.NDArray[np.int64]:
 # The newest L windows of a stream, and the distances of their sequence to all places of a map.
 
 
-class FollowedWindows:
+class OnlineWindows:
     """State that the kernels update at each event, see `edge_vpr.online.state`.
 
     Counters and distances are updated when they are read. They are then those at the time `now_us`;
@@ -434,7 +434,7 @@ MATCH_DTYPE = np.dtype(
 #: Number of matches after which the kernel returns.
 MATCHES_AT_ONCE = 4_096
 #: Largest number of events that one call processes; more are processed by columns.
-FEW = 4_096
+CHUNK_EVENTS = 4_096
 #: Time that is later than the end of any window.
 NEVER = np.iinfo(np.int64).max
 
@@ -446,14 +446,14 @@ CONTROL = np.dtype(
         ("interval", "<i8"),
         ("change", "<i8"),
         ("next_tick", "<i8"),  # time of the next match by the interval
-        ("place_told", "<i8"),  # place of the last match
+        ("last_reported", "<i8"),  # place of the last match
         # search
         ("exclusion", "<i8"),  # width of the zone around the best place
         ("places", "<i8"),  # number of sums that are searched
         ("least_trust", "<i8"),  # of a match that is not lost
         # place filter
         ("window_end", "<i8"),  # of the present window: a time, or the number of an event
-        ("usual", "<i8"),  # number of events in a window
+        ("mean_activity", "<i8"),  # number of events in a window
         ("reciprocal", "<i8"),  # of the spread of the distances
         ("place", "<i8"),  # of the window before
         ("trust", "<i8"),
@@ -465,7 +465,7 @@ CONTROL = np.dtype(
 )
 
 
-class Followed(NamedTuple):
+class OnlineState(NamedTuple):
     """State of the kernel.
 
     Attributes
@@ -488,7 +488,7 @@ class Followed(NamedTuple):
         Matches are written here.
     """
 
-    s: Sliding
+    s: SlidingWindows
     predicted: Predictions
     metric: Metrics
     control: npt.NDArray[np.void]
@@ -500,7 +500,9 @@ class Followed(NamedTuple):
     out: npt.NDArray[np.void]
 
     @classmethod
-    def begin(cls, reference: ReferenceMap, s: Sliding, schedule: MatchSchedule) -> Followed:
+    def begin(
+        cls, reference: ReferenceMap, s: SlidingWindows, schedule: MatchSchedule
+    ) -> OnlineState:
         """Build the state before the first event.
 
         Parameters
@@ -511,21 +513,24 @@ class Followed(NamedTuple):
         schedule : MatchSchedule
             When to give a match.
         """
-        settings, judge = reference.settings, reference.judge
+        settings, acceptance = reference.settings, reference.acceptance
         control = np.zeros(1, dtype=CONTROL).view(np.recarray)
         first = control[0]
         first.every, first.interval = schedule.events, schedule.interval_us
         first.change, first.exclusion = schedule.change, settings.exclusion
-        first.next_tick, first.place_told = schedule.interval_us, -1
+        first.next_tick, first.last_reported = schedule.interval_us, -1
         first.window_end, first.place = NEVER, -1
         first.least_trust = -2 * TIME_LIMIT_US
         first.off_slots = len(reference.pixel_map) if settings.polarity else 0
         trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
-        if judge.confidence is not None:
+        if acceptance.confidence is not None:
             # copies, because for Numba a read-only array is of another type
-            trust, probability = judge.confidence.trust.copy(), judge.confidence.probability.copy()
-            if judge.precision is not None:
-                first.least_trust = judge.confidence.least_trust(judge.precision)
+            trust, probability = (
+                acceptance.confidence.trust.copy(),
+                acceptance.confidence.probability.copy(),
+            )
+            if acceptance.precision is not None:
+                first.least_trust = acceptance.confidence.least_trust(acceptance.precision)
         places = len(reference) if settings.matching == "filter" else 0
         moving, quiet, metric = np.zeros((3, places), dtype=np.int32)
         return cls(
@@ -536,8 +541,8 @@ class Followed(NamedTuple):
             trust,
             probability,
             reference.pixel_map.table(),
-            np.empty(FEW, dtype=np.int32),
-            np.empty(FEW, dtype=np.int64),
+            np.empty(CHUNK_EVENTS, dtype=np.int32),
+            np.empty(CHUNK_EVENTS, dtype=np.int64),
             np.zeros(MATCHES_AT_ONCE, dtype=MATCH_DTYPE),
         )
 
@@ -689,13 +694,13 @@ def check_filter_state(
     check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
     check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
     check_array(arrays["filter_state"], "filter_state", (np.int64,), (5,))
-    reciprocal, usual, place, trust, windows = arrays["filter_state"].tolist()
+    reciprocal, mean_activity, place, trust, windows = arrays["filter_state"].tolist()
     ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
         int(arrays["bound"][0]) // window.events
     )  # fmt: skip
     within = (
         0 <= reciprocal <= 1 << RECIPROCAL_BITS
-        and 0 <= usual <= TIME_LIMIT_US
+        and 0 <= mean_activity <= TIME_LIMIT_US
         and (0 <= place < places if windows else place == -1)
         and 0 <= trust <= METRIC_TOP << TRUST_BITS
     )

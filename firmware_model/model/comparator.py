@@ -197,7 +197,7 @@ class SequenceModel:
 
 
 #: prices of a step of 0, 1 and 2 places in a quiet window
-QUIET_STEPS = (0, 0, 1)
+STATIONARY_COSTS = (0, 0, 1)
 #: the trust moves by 1/4 of the difference to the margin in each window
 TRUST_SHIFT = 2
 #: while the place stays the same, the trust falls by 1/16 in each window
@@ -234,7 +234,7 @@ class PlaceFilterModel:
 
     def prediction(self, place: int, quiet: bool, least: int) -> int:
         """Return the price of being at one place one window later; `least` is the lowest metric."""
-        steps, back = (QUIET_STEPS, ()) if quiet else (self.design.steps, self.design.back)
+        steps, back = (STATIONARY_COSTS, ()) if quiet else (self.design.steps, self.design.back)
         cheapest = self.design.restart << FRACTION_BITS
         for origin, price in (
             *((place - step, price) for step, price in enumerate(steps)),
@@ -281,7 +281,7 @@ class PlaceFilterModel:
         assert result is not None, "there is a place"
         margin = METRIC_TOP if result.second_sum is None else result.second_sum - result.sum
         design = self.design
-        last = max(len(design.steps), len(QUIET_STEPS)) - 1
+        last = max(len(design.steps), len(STATIONARY_COSTS)) - 1
         follows = self.place >= 0 and -len(design.back) <= result.place - self.place <= last
         kept = self.trust if follows else 0
         trust = moved(kept, margin << TRUST_BITS, TRUST_SHIFT)

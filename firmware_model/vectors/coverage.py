@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from itertools import product
 
 from firmware_model.model.comparator import (
-    QUIET_STEPS,
+    STATIONARY_COSTS,
     MatchResult,
     accepts,
     evidence,
@@ -163,7 +163,7 @@ class FilterCoverage:
         self.found["quiet_of_steps_back"] += cheaper(
             (-number, price) for number, price in enumerate(design.back, 1)
         )
-        longer = tuple(enumerate(design.steps))[len(QUIET_STEPS) :]
+        longer = tuple(enumerate(design.steps))[len(STATIONARY_COSTS) :]
         self.found["quiet_of_long_steps"] += cheaper(longer)
 
     def see_match(self, match: MatchResult) -> None:
@@ -178,7 +178,7 @@ class FilterCoverage:
         found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
         if last < 0:
             return
-        step, largest = match.place - last, max(len(design.steps), len(QUIET_STEPS)) - 1
+        step, largest = match.place - last, max(len(design.steps), len(STATIONARY_COSTS)) - 1
         found["stood"] += step == 0
         found["stepped"] += step == 1
         found["largest_step"] += step == largest

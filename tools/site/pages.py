@@ -94,7 +94,7 @@ STAGES = {
         "The steps from descriptors to matches; [the place filter](../place_filter.md).",
         names=(
             "edge_vpr.matching.place_filter.PlaceFilter",
-            "edge_vpr.matching.transitions.StepPrices",
+            "edge_vpr.matching.transitions.TransitionCosts",
         ),
         exported=("matching",),
     ),

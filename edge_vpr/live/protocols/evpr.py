@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import Box, kernel
+from edge_vpr.compiling import KernelState, kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.clock import (
@@ -26,7 +26,7 @@ from edge_vpr.live.clock import (
 from edge_vpr.live.health import EXACT
 from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
 from edge_vpr.online.localiser import Follower, Step, follow_kept
-from edge_vpr.online.state import FEW
+from edge_vpr.online.state import CHUNK_EVENTS
 from edge_vpr.recordings.recording import Columns
 
 # Layout of this project's own frames; see docs/protocol_evpr.md.
@@ -214,9 +214,9 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    box : Boxed
+    box : BoxedState
         Box of a `FrameRoom` with room for `data`.
-    clock : Boxed
+    clock : BoxedState
         Box of the state of a `TimestampFilter`.
     data : bytes
         Frames, each with the zero at its end.
@@ -260,12 +260,12 @@ def follow_frames(bursts, followed, room, clock, data):  # type: ignore[no-untyp
 
     Parameters
     ----------
-    bursts, followed : Boxed
+    bursts, followed : BoxedState
         See `follow_kept`.
-    room, clock : Boxed
+    room, clock : BoxedState
         See `decode_frames`.
     data : bytes
-        Frames with up to `FEW` events.
+        Frames with up to `CHUNK_EVENTS` events.
 
     Returns
     -------
@@ -486,7 +486,9 @@ class EvprDecoder(Decoder):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
-        self._room = Box(FrameRoom.of(3 * FEW, np.array([(-1, 0, 0, 0)], dtype=MEMORY)))
+        self._room = KernelState(
+            FrameRoom.of(3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0)], dtype=MEMORY))
+        )
 
     def _samples(self) -> Iterable[bytes]:
         yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
@@ -522,7 +524,7 @@ class EvprDecoder(Decoder):
     def _take_frames(self, frames: bytes) -> Events:
         room = self._room.value
         if len(frames) // 3 > room.columns.t.size:
-            self._room = Box(FrameRoom.of(len(frames), room.memory))
+            self._room = KernelState(FrameRoom.of(len(frames), room.memory))
         return self._account(*decode_frames(self._room.boxed, self._timestamps.box.boxed, frames))
 
     def decode_and_follow(
@@ -534,7 +536,7 @@ class EvprDecoder(Decoder):
         before = health.skipped_bytes
         data = self._pending + data
         frames, rest = self._cut(data)
-        if len(frames) > 3 * FEW:
+        if len(frames) > 3 * CHUNK_EVENTS:
             events = self._take_frames(frames)
             step = follower.follow(events, self.reached_us)
         else:

@@ -166,7 +166,9 @@ def run(args: argparse.Namespace) -> None:
     reference = ReferenceMap.load(args.map)
     settings = with_match_flags(args, reference.settings, online=args.online)
     asked = reference.matched_with(settings)
-    _ = asked.judge  # a precision that the table cannot reach is an error before any work is done
+    _ = (
+        asked.acceptance
+    )  # a precision that the table cannot reach is an error before any work is done
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)

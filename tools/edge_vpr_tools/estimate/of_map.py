@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_vpr.descriptors.windows import mean_activity, narrow
-from edge_vpr.matching.transitions import StepPrices
+from edge_vpr.descriptors.windows import activity_of_drive, narrow
+from edge_vpr.matching.transitions import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.errors import DesignError
 from firmware_model.model.design import Design, DeviceCode
@@ -37,7 +37,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         )
     code, bits, full_scales = _code_of(reference)
     filters = settings.matching == "filter"
-    prices = StepPrices.of(settings) if filters else StepPrices()
+    prices = TransitionCosts.of(settings) if filters else TransitionCosts()
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -83,7 +83,7 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
         places.tolist(),
         tables,
         mean=None if reference.mean is None else reference.mean.tolist(),
-        activity=mean_activity(reference.places.activity) if adaptive else 0,
+        activity=activity_of_drive(reference.places.activity) if adaptive else 0,
     )
 
 

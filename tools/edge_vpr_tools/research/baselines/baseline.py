@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Judge
+from edge_vpr.confidence import Acceptance
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import BestSequences, sequence_matches, sequence_sums
 from edge_vpr.settings import Settings
@@ -182,4 +182,4 @@ def match_distances(
     whole = np.rint(np.ldexp(distances, _BITS - exponent)).astype(np.int64)
     sums = sequence_sums(whole, settings.sequence_length)
     found = BestSequences.of(sums, settings.exclusion)
-    return sequence_matches([found], settings, len(distances), query_us, Judge(None, None))
+    return sequence_matches([found], settings, len(distances), query_us, Acceptance(None, None))

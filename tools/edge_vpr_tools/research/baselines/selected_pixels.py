@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.pixels import (
     PixelMap,
-    SaliencyPass,
+    PixelStatistics,
     informative_pixels,
     select_pixels,
     shortlist,
@@ -43,7 +43,7 @@ class SelectedPixels(AbsoluteDifferences):
         """Draw the pixels by their saliency in the reference."""
         chosen = self._settings
         sensor = Sensor(reference.shape[2], reference.shape[1])
-        with SaliencyPass(sensor, clip=chosen.clip, spool_bytes=-1) as first:
+        with PixelStatistics(sensor, clip=chosen.clip, spool_bytes=-1) as first:
             for image in reference:
                 counts = image.astype(np.int64).ravel()
                 first.add(WindowCounts(counts, 0, 1, int(counts.sum())))

@@ -54,8 +54,8 @@ ROBOT = "place filter, running mean (robot)"
 SCORES: tuple[Score, ...] = ("distance", "ratio", "margin", "trust")
 #: values of the sensitivity plot, around the default
 SWEEPS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
-    "price of a restart": {str(p): {"filter_restart": p} for p in (8, 12, 16, 24, 32, 64)},
-    "price of standing and of double pace": {
+    "cost of a restart": {str(p): {"filter_restart": p} for p in (8, 12, 16, 24, 32, 64)},
+    "cost of standing and of double pace": {
         str(p): {"filter_steps": (p, 0, p)} for p in (0, 1, 2, 3, 4)
     },
     "bits of a code": {str(bits): {"counter_bits": bits} for bits in (2, 3, 4, 5)},
