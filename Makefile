@@ -14,7 +14,7 @@ demo: $(call STAMP,run)
 KERNELS := cleaning codes counters distances filter_run informative_pixels localiser matches own_mean pipeline \
            place_filter simulate_pixels stream_protocols windows
 
-PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(KERNELS:%=tests/test_%.py)
+PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(wildcard $(KERNELS:%=tests/*/test_%.py))
 
 test: lint types
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not alone"
@@ -31,7 +31,7 @@ coverage: $(call STAMP,test)
 
 # the hardware core, with the tools of docs/hardware.md
 test-rtl: $(call STAMP,test)
-	$(BIN)/python -m pytest tests/test_hardware.py
+	$(BIN)/python -m pytest tests/firmware_model/test_hardware.py
 
 # kernels of distances under aarch64, emulated by qemu; PART=whole runs all but commands and pages
 test-aarch64:

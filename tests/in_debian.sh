@@ -137,9 +137,9 @@ cmp -s "$here/pyproject.toml" "$root/opt/edge-vpr/installed.toml" || install_pac
 if [ $# = 0 ]; then
     set -- -m "not slow and not alone"
     if [ "$part" = kernels ]; then
-        for name in $kernels; do set -- "$@" "tests/test_$name.py"; done
+        for name in $kernels; do set -- "$@" tests/*/test_"$name".py; done
     else
-        for name in $elsewhere $commands; do set -- "$@" "--ignore=tests/test_$name.py"; done
+        for name in $elsewhere $commands; do set -- "$@" "--ignore-glob=*/test_$name.py"; done
     fi
 fi
 inside python -c 'import platform, sys; print(platform.machine(), "Python", sys.version.split()[0])'

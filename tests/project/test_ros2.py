@@ -19,7 +19,7 @@ from edge_vpr_tools.publish import LineServer, MatchRows
 from edge_vpr.live.session import LiveResult
 from edge_vpr.online.state import MATCH_DTYPE
 
-ADAPTER = Path(__file__).parents[1] / "tools/adapters/ros2"
+ADAPTER = Path(__file__).parents[2] / "tools/adapters/ros2"
 
 
 def load(name):

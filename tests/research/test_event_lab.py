@@ -16,7 +16,7 @@ from streams import random_events
 
 from edge_vpr.events import Sensor
 
-ADAPTER = Path(__file__).parents[1] / "tools/adapters/event_lab"
+ADAPTER = Path(__file__).parents[2] / "tools/adapters/event_lab"
 SENSOR = Sensor(16, 12)
 BEGIN_S = 1_587_452_582
 

@@ -25,7 +25,7 @@ from edge_vpr.settings import Settings
 pytestmark = pytest.mark.alone
 
 SENSOR = Sensor(64, 48)
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 ENV = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}
 EVIL = "\x1b[2J\x1b]0;mine\x07[red]\u202ename"
 

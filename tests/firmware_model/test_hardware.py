@@ -645,7 +645,7 @@ def test_package_header_and_documentation_have_the_same_registers():
     used = set(re.findall(r"vpr_registers::(\w+)", (sources.FOLDER / sources.AXI).read_text()))
     known = {register.name for register in registers.REGISTERS} | {"PLACE_PARTS"}
     assert used == known | {"ID_VALUE", "DESIGN_VALUE"}
-    page = Path(__file__).parents[1] / "docs" / "hardware.md"
+    page = Path(__file__).parents[2] / "docs" / "hardware.md"
     assert registers.table() in page.read_text(encoding="utf-8")
 
 
@@ -917,7 +917,7 @@ def test_the_replay_command_takes_one_source_of_cases(capsys):
 def test_the_drawn_handshakes_are_those_of_the_core(tmp_path):
     """The page's drawing is made anew by its command, from a simulation."""
     assert waves.main(["-o", str(tmp_path / "waves.svg")]) == 0
-    drawn = Path(__file__).parents[1] / "docs" / "images" / "hardware_handshakes.svg"
+    drawn = Path(__file__).parents[2] / "docs" / "images" / "hardware_handshakes.svg"
     assert (tmp_path / "waves.svg").read_bytes() == drawn.read_bytes()
 
 

@@ -592,7 +592,7 @@ def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
 
 def test_the_page_says_how_many_corners_and_faults_there_are():
     """Of the filter, too."""
-    page = Path(__file__).parents[1] / "docs" / "firmware.md"
+    page = Path(__file__).parents[2] / "docs" / "firmware.md"
     text = " ".join(page.read_text(encoding="utf-8").split())
     assert f"the {len(FILTER_CORNERS)} corners of the filter" in text
     assert f"All {len(MUTATIONS)} of these fail the suite `corners`" in text

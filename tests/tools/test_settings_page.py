@@ -9,7 +9,7 @@ from edge_vpr_tools.settings_page import page
 
 from edge_vpr.settings import SETTING_FIELDS, Settings
 
-PAGE = Path(__file__).parents[1] / "docs/settings.md"
+PAGE = Path(__file__).parents[2] / "docs/settings.md"
 
 
 def test_the_page_is_current():

@@ -346,7 +346,7 @@ def test_a_folder_is_not_an_archive(tmp_path):
 
 @pytest.mark.slow
 def test_changed_files_of_every_kind_are_refused_or_give_what_the_oracle_gives():
-    """A bounded part of `python tests/fuzz_archives.py`."""
+    """A bounded part of `python tests/maps/fuzz_archives.py`."""
     result = fuzz_archives.run(inputs=300, seed=20)
     assert not result.finds
     assert result.most_bytes < fuzz_archives.MEMORY_BYTES

@@ -42,7 +42,7 @@ from firmware_model.vectors.random_cases import (
 from fixedpoint.codes import CounterCode, PixelCodes
 from fixedpoint.own_mean import OwnMeanCode
 
-ROOM = Path(__file__).parents[1] / "firmware_model"
+ROOM = Path(__file__).parents[2] / "firmware_model"
 
 
 def pipeline(memories: Memories, events: list[Event], start: int):

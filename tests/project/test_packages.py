@@ -18,7 +18,7 @@ from edge_vpr import __version__
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "edge_vpr": "edge_vpr",
     "firmware_model": "firmware_model",

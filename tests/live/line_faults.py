@@ -1,7 +1,7 @@
 """What a bad line does to a camera's bytes, and what of them a decoder then delivers.
 
-``python tests/line_faults.py --events 100_000`` runs every protocol over every kind of fault at
-every rate, with so many events each, and prints what became of them.
+``python tests/live/line_faults.py --events 100_000`` runs every protocol over every kind of fault
+at every rate, with so many events each, and prints what became of them.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-ROOT = Path(__file__).parents[1]
-SCRIPT = Path(__file__).with_name("in_debian.sh")
+ROOT = Path(__file__).parents[2]
+SCRIPT = Path(__file__).parents[1] / "in_debian.sh"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 # of a requirement, what is imported
 MODULES = {"tonic": "tonic", "cyclonedds": "cyclonedds"}

@@ -1,7 +1,7 @@
 """Feed changed maps, states, matches, settings and ground truth to their readers.
 
-``python tests/fuzz_archives.py --inputs 100_000`` loads so many files, each made from the seed and
-its number alone, in forked children with limits of memory and time. Every file must be refused by
+``python tests/maps/fuzz_archives.py --inputs 100_000`` loads so many files, each made from the seed
+and its number alone, in forked children with limits of memory and time. Every file must be refused by
 an error of ours, or give what plain Python gives (`archive_mutants.outcome`). A find is printed
 with its number: ``--only NUMBER`` repeats it in this process.
 """
@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent))
+    sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
 from archive_mutants import LOADERS, VARIANTS, map_of, mutant, outcome, write_originals
 from archive_oracle import check_loaded_map

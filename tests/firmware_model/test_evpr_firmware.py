@@ -592,7 +592,7 @@ def test_instructions_and_sizes_stay_within_their_limits(measured):
         assert row.ram_bytes <= 80 and row.stack_bytes <= 160 and row.code_bytes <= 4_096
 
 
-PAGE = Path(__file__).parents[1] / "docs/protocol_evpr.md"
+PAGE = Path(__file__).parents[2] / "docs/protocol_evpr.md"
 ROWS = {
     "event of 3 bytes, mean": "event_3",
     "event of 4 bytes, mean": "event_4",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import subprocess
 import sys
 import time
 import tracemalloc
 import zlib
-from pathlib import Path
 
 import line_faults
 import numpy as np
@@ -278,8 +278,8 @@ for device, host, _ in PAIRS:
     assert compiled() == warm, (host, compiled() - warm)
 """
     done = subprocess.run(
-        [sys.executable, "-c", program], cwd=Path(__file__).parent, capture_output=True, text=True,
-        check=False,
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
 

@@ -17,7 +17,7 @@ from edge_vpr_tools.cli import VERBS
 
 import edge_vpr
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 #: packages whose exports the reference lists
 PACKAGES = (
     "edge_vpr.recordings", "edge_vpr.simulation", "edge_vpr.live.protocols",

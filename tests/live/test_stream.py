@@ -39,7 +39,7 @@ from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 SENSOR = Sensor(64, 48)
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

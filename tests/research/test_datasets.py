@@ -125,7 +125,7 @@ def test_counting_needs_no_tonic():
         "import sys, edge_vpr.descriptors.counting, edge_vpr_tools.research.datasets; "
         "sys.exit('tonic' in sys.modules)"
     )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     assert (
         subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
     )
@@ -448,7 +448,7 @@ def test_without_tonic_the_error_names_the_extra():
         "try:\n    import edge_vpr_tools.research.tonic_datasets\n"
         "except MissingExtraError as error:\n    sys.exit(str(error))"
     )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     run = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )

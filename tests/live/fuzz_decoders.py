@@ -1,9 +1,9 @@
-"""Fuzz every stream decoder: ``python tests/fuzz_decoders.py --inputs 100000`` from the project.
+"""Fuzz every stream decoder: ``python tests/live/fuzz_decoders.py --inputs 100000``.
 
 Each input is drawn from a seed of its own, which a find names. ``--guided`` takes the branches into
 account instead (``pip install atheris``; ``NUMBA_DISABLE_JIT=1``, so that the kernels' branches
-show): ``python tests/fuzz_decoders.py --guided -max_total_time=600 CORPUS_FOLDER``. A find is kept
-as a test in `test_stream_protocols.py`.
+show): ``python tests/live/fuzz_decoders.py --guided -max_total_time=600 CORPUS_FOLDER``. A find is
+kept as a test in `test_stream_protocols.py`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
+sys.path[:0] = [str(Path(__file__).parents[n]) for n in (2, 1, 0)]
 
 
 def seeded(inputs: int, first_seed: int, only: list[str]) -> None:

@@ -19,7 +19,7 @@ from streams import random_events
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = [
     *sorted(path.name for path in ROOT.glob("*.md")),
     *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),

@@ -29,7 +29,7 @@ from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.random_cases import random_memories
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 M4 = EXAMPLES / "firmware-m4"
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from edge_vpr_tools.cli import parser_of
 
-BOARD = Path(__file__).parents[1] / "tools/board"
+BOARD = Path(__file__).parents[2] / "tools/board"
 SCRIPTS = sorted(BOARD.glob("*.sh"))
 UNIT = (BOARD / "edge-vpr.service").read_text()
 
