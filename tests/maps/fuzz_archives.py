@@ -1,8 +1,8 @@
 """Feed changed maps, states, matches, settings and ground truth to their readers.
 
 ``python tests/maps/fuzz_archives.py --inputs 100_000`` loads so many files, each made from the seed
-and its number alone, in forked children with limits of memory and time. Every file must be refused by
-an error of ours, or give what plain Python gives (`archive_mutants.outcome`). A find is printed
+and its number alone, in forked children with limits of memory and time. Every file must be refused
+by an error of ours, or give what plain Python gives (`archive_mutants.outcome`). A find is printed
 with its number: ``--only NUMBER`` repeats it in this process.
 """
 

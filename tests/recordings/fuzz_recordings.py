@@ -1,7 +1,8 @@
 """Mutate recordings of every format and hold each reader to its promises.
 
 ``python tests/recordings/fuzz_recordings.py --inputs 100_000`` runs for about an hour;
-`test_recordings_hostile.py` runs a few hundred inputs. Input i of a seed is always the same: ``--only i`` repeats one alone.
+`test_recordings_hostile.py` runs a few hundred inputs. Input i of a seed is always the same:
+``--only i`` repeats one alone.
 
 Each input is read in a child process with a limit of memory above what the imported libraries
 take, and a limit of time. These are failures: a signal, too much time or memory, an exception that
