@@ -9,13 +9,14 @@ import warnings
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import EdgeVprError, MapError, printable
+from edge_vpr.errors import EdgeVprError, MapError, as_path, printable
 from edge_vpr.files import replacing
 
 # Files of maps and matches: versioned ``.npz`` without pickle, written whole or not at all.
@@ -92,6 +93,7 @@ def write_archive(
     meta : mapping
         Values that JSON can hold.
     """
+    path = as_path(path, f"a {kind}")
     header = json.dumps({"kind": kind, "version": SCHEMA_VERSION, **meta})
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
@@ -134,6 +136,7 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
         If the file is missing, unreadable, of another kind, or from a newer version, or holds
         more than its size allows.
     """
+    path = as_path(path, f"a {kind}")
     with damaged(path, f"it is not a readable {kind}, make it again", kind):
         arrays = {} if _is_foreign(path) else read_members(path)
     header = arrays.pop(_HEADER, None)
@@ -240,7 +243,7 @@ def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
     return np.ascontiguousarray(array, dtype=dtype.newbyteorder("=")).reshape(shape)
 
 
-# Checks of arrays and numbers from files, before they are used as indices or sizes.
+# Checks of arrays and numbers from files, and comparison of records that hold arrays.
 
 
 def check_array(
@@ -297,3 +300,27 @@ def whole_number(values: Mapping[str, Any], name: str, least: int, most: int) ->
 def _shown(shape: tuple[int | None, ...]) -> str:
     lengths = ", ".join("n" if length is None else str(length) for length in shape)
     return f"({lengths},)" if len(shape) == 1 else f"({lengths})"
+
+
+class EqualByValue:
+    """Base of dataclasses with arrays: two are equal if all their fields are, to the bit.
+
+    NaN equals NaN, so that a record equals the same record after saving and loading.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, EqualByValue) or not is_dataclass(self):
+            return NotImplemented
+        names = [field.name for field in fields(self)]
+        return names == [field.name for field in fields(other)] and all(
+            _same(getattr(self, name), getattr(other, name)) for name in names
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # holds arrays
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        nan = one.dtype.kind == other.dtype.kind == "f"
+        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=nan)
+    return type(one) is type(other) and bool(one == other)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import check_array, check_range
+from edge_vpr.archive import EqualByValue, check_array, check_range
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 
@@ -28,7 +28,7 @@ MOST_STEPS = 4_096
 
 
 @dataclass(frozen=True, eq=False)
-class Confidence:
+class Confidence(EqualByValue):
     """A step function from the trust in a match to the probability that it is right.
 
     Attributes

@@ -67,6 +67,13 @@ def escaped(text: object) -> str:
 class EdgeVprError(Exception):
     """Base class of all errors that edge-vpr raises on purpose.
 
+    >>> import edge_vpr
+    >>> try:
+    ...     edge_vpr.open_recording("monday.raw")
+    ... except EdgeVprError as error:
+    ...     print(error)
+    monday.raw does not exist: check the path
+
     Its text is one printable line of at most `LONGEST_MESSAGE` characters (see `printable`).
     """
 
@@ -77,7 +84,13 @@ class EdgeVprError(Exception):
 
 
 class UsageError(EdgeVprError):
-    """An argument, a setting or a combination of them is wrong."""
+    """An argument, a setting or a combination of them is wrong.
+
+    >>> import edge_vpr
+    >>> edge_vpr.resolve_settings(flags={"pixls": 50})
+    Traceback (most recent call last):
+    edge_vpr.errors.UsageError: flags has the unknown setting 'pixls': did you mean pixels?
+    """
 
     exit_code = 2
 
@@ -110,6 +123,59 @@ class GroundTruthError(EdgeVprError):
 
 class WeightsError(EdgeVprError):
     """The weights of a network cannot be read, or do not fit the images or the places."""
+
+
+def expect(value: object, kinds: type | tuple[type, ...], name: str, give: str) -> None:
+    """Raise UsageError unless an argument is of one of some types.
+
+    Parameters
+    ----------
+    value : object
+    kinds : type or tuple of type
+        A truth value is not taken for a whole number.
+    name : str
+        What the message calls the argument.
+    give : str
+        What to give instead, for the message.
+
+    Examples
+    --------
+    >>> expect("50", int, "pixels", "a whole number")
+    Traceback (most recent call last):
+    edge_vpr.errors.UsageError: pixels is a str ('50'): give a whole number
+    """
+    wanted = kinds if isinstance(kinds, tuple) else (kinds,)
+    if isinstance(value, wanted) and (not isinstance(value, bool) or bool in wanted):
+        return
+    raise UsageError(f"{name} is {kind_of(value)}: give {give}")
+
+
+def kind_of(value: object) -> str:
+    """Return the type of a value with its article, and a short text or number itself."""
+    if value is None:
+        return "None"
+    name = type(value).__name__.replace("ndarray", "array")
+    shown = f" ({value!r})" if isinstance(value, str | int | float) and len(str(value)) < 40 else ""
+    return f"{'an' if name[0].lower() in 'aeiou' else 'a'} {name}{shown}"
+
+
+def as_path(path: object, what: str) -> Path:
+    """Return a path from text or a path object.
+
+    Parameters
+    ----------
+    path : object
+    what : str
+        What is expected at the path, for the message.
+
+    Raises
+    ------
+    UsageError
+        If it is anything else.
+    """
+    if isinstance(path, str | Path) and "\0" not in str(path):
+        return Path(path)
+    raise UsageError(f"the path of {what} is {kind_of(path)}: give it as text")
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import EventError, UsageError
+from edge_vpr.errors import EventError, UsageError, expect, kind_of
 
 #: One event: time in microseconds from the recording's start, column, row, polarity (True = ON).
 #: The field names are those of tonic, so that its transforms accept these arrays.
@@ -26,7 +26,13 @@ TIME_LIMIT_US = 1 << 60
 
 
 class Sensor(NamedTuple):
-    """Size in pixels; a pixel is ``(x, y)``, ``0 <= x < width``, ``0 <= y < height``."""
+    """Size in pixels; a pixel is ``(x, y)``, ``0 <= x < width``, ``0 <= y < height``.
+
+    >>> Sensor(346, 260).pixels
+    89960
+    >>> Sensor.parse("346x260")
+    Sensor(width=346, height=260)
+    """
 
     width: int
     height: int
@@ -42,6 +48,28 @@ class Sensor(NamedTuple):
         return 0 < self.width <= LONGEST_SIDE and 0 < self.height <= LONGEST_SIDE
 
     @classmethod
+    def of(cls, given: Sensor | tuple[int, int] | str) -> Sensor:
+        """Return a sensor from its width and height, or from a text such as ``"346x260"``.
+
+        Raises
+        ------
+        UsageError
+            If it is none, or a side is not from 1 to 65536.
+        """
+        if isinstance(given, str):
+            return cls.parse(given)
+        if not isinstance(given, tuple | list) or len(given) != 2:
+            raise UsageError(
+                f"sensor {given!r} is no width and height: give for example Sensor(346, 260) or "
+                "'346x260'"
+            )
+        sensor = cls(*given)
+        whole = all(isinstance(side, int | np.integer) for side in sensor)
+        if not whole or not sensor.possible:
+            raise UsageError(f"sensor {given!r} has a side that is no number from 1 to 65536")
+        return sensor
+
+    @classmethod
     def parse(cls, text: str) -> Sensor:
         """Read ``"346x260"``.
 
@@ -50,6 +78,7 @@ class Sensor(NamedTuple):
         UsageError
             If the text is not two positive integers joined by ``x``.
         """
+        expect(text, str, "sensor", "text such as '346x260'")
         sides = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX]\s*([0-9]{1,9})\s*", text)
         if sides is None:
             raise UsageError(f"sensor {text!r} is not WIDTHxHEIGHT: write for example 346x260")
@@ -81,6 +110,9 @@ def make_events(
     EventError
         If the columns differ in length or a coordinate does not fit 16 bits.
     """
+    for name, values in (("t", t), ("x", x), ("y", y), ("p", 0 if p is None else p)):
+        if np.asarray(values).dtype.kind not in "biuf":
+            raise EventError(f"column {name} holds {np.asarray(values).dtype}: give numbers")
     times = np.asarray(t)
     events = np.empty(times.shape, dtype=EVENT_DTYPE)
     for name, column in (("x", np.asarray(x)), ("y", np.asarray(y))):
@@ -115,11 +147,7 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
     EventError
         If the dtype differs, a pixel lies off the sensor, or time runs backwards.
     """
-    if events.dtype.names is None or not {"t", "x", "y"} <= set(events.dtype.names):
-        raise EventError(
-            f"event array has dtype {events.dtype}, without the fields t, x, y: "
-            "build it with edge_vpr.make_events"
-        )
+    check_event_array(events)
     if events.size == 0:
         return
     x_max, y_max = int(events["x"].max()), int(events["y"].max())
@@ -140,6 +168,17 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
         raise EventError(
             f"time runs backwards between two chunks, from {after} to {t[0]} us: "
             "feed the chunks in order"
+        )
+
+
+def check_event_array(events: object) -> None:
+    """Raise EventError unless this is an array with the fields of events."""
+    if not isinstance(events, np.ndarray):
+        raise EventError(f"events are {kind_of(events)}: build an array with edge_vpr.make_events")
+    if events.dtype.names is None or not {"t", "x", "y"} <= set(events.dtype.names):
+        raise EventError(
+            f"event array has dtype {events.dtype}, without the fields t, x, y: "
+            "build it with edge_vpr.make_events"
         )
 
 

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.cleaning import BurstFilter, find_hot_pixels
+from edge_vpr.descriptors.cleaning import BurstFilter, can_be_searched, find_hot_pixels
 from edge_vpr.descriptors.codes import codes_of, drive_mean
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import (
@@ -18,6 +18,7 @@ from edge_vpr.descriptors.pixels import (
     informative_pixels,
     select_pixels,
     shortlist,
+    too_few_pixels,
 )
 from edge_vpr.descriptors.windows import (
     Descriptors,
@@ -30,11 +31,11 @@ from edge_vpr.descriptors.windows import (
     find_pauses,
     narrow,
 )
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.errors import MapError, UsageError, expect, kind_of
 from edge_vpr.events import Events, Sensor
+from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.drive import drive_distances, match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 from fixedpoint.codes import learn_full_scale
@@ -77,6 +78,17 @@ class WindowSource(Protocol):
     def windows(self) -> Iterator[WindowCounts]:
         """Yield windows from the start, over all pixels, row by row; zero where not counted."""
         ...
+
+
+def check_source(recording: object) -> None:
+    """Raise UsageError unless this is a recording of events or of windows."""
+    if isinstance(recording, WindowSource):
+        return
+    if not hasattr(recording, "sensor") or not hasattr(recording, "__iter__"):
+        raise UsageError(
+            f"the recording is {kind_of(recording)}: give a path, what open_recording returns, or "
+            "an object with a sensor that yields arrays of events"
+        )
 
 
 def check_sensor(recording: Sensor, mapped: Sensor) -> None:
@@ -205,7 +217,7 @@ def count_windows(
 
 
 def describe_query(
-    reference: ReferenceMap,
+    reference: MapRecord,
     recording: EventSource | WindowSource,
     removed: Removed | None = None,
 ) -> Descriptors:
@@ -213,7 +225,7 @@ def describe_query(
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     recording : EventSource or WindowSource
     removed : Removed, optional
         Filled with how much the cleaning took.
@@ -265,6 +277,9 @@ def describe(
     UsageError
         If the recording is shorter than a window.
     """
+    check_source(recording)
+    expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
+    expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_sensor(recording.sensor, pixel_map.sensor)
     counters = len(pixel_map) * (2 if settings.polarity else 1)
     codes = codes_of(settings, counters, full_scale)
@@ -308,9 +323,10 @@ def map_traverse(
     recording: EventSource | WindowSource,
     settings: Settings,
     *,
+    pixel_map: PixelMap | None = None,
     hot: npt.NDArray[np.bool_] | None = None,
     removed: Removed | None = None,
-) -> ReferenceMap:
+) -> MapRecord:
     """Make a reference map of one drive, in one pass over its events or two.
 
     A second pass is needed for fixed-count windows, for polarity, and if the images of all windows
@@ -321,8 +337,11 @@ def map_traverse(
     recording : EventSource or WindowSource
         For example from `open_recording`.
     settings : Settings
+    pixel_map : PixelMap, optional
+        Pixels to use; by default they are selected as the settings say.
     hot : ndarray of bool, shape (height, width), optional
-        Hot pixels; by default they are found, if the settings ask for it.
+        Hot pixels; by default they are found, if the settings ask for it and at least half of the
+        pixels fire.
     removed : Removed, optional
         Is filled with what was left out.
 
@@ -334,18 +353,31 @@ def map_traverse(
     RecordingError, EventError
         If the recording is faulty.
     """
+    check_source(recording)
     sensor = recording.sensor
+    if removed is not None:
+        expect(removed, Removed, "removed", "Removed() to be filled, or leave it out")
+    if hot is not None:
+        expect(hot, np.ndarray, "hot", "an array of bool, shape (height, width), or a file")
+        if hot.dtype != np.bool_:
+            raise UsageError(f"hot pixels are an array of {hot.dtype}: give one of bool")
     if hot is not None and hot.shape != (sensor.height, sensor.width):
         raise UsageError(
             f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording is "
             f"of a {sensor} sensor: give the list of this camera"
         )
+    if pixel_map is not None:
+        expect(pixel_map, PixelMap, "pixel_map", "a PixelMap(sensor, x, y)")
+        check_sensor(sensor, pixel_map.sensor)
+        settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
     with PixelStatistics(sensor, clip=settings.clip) as first:
         if isinstance(recording, WindowSource):
             check_windows_only(settings)
             settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
+            if pixel_map is not None:
+                check_counted(recording, pixel_map, settings)
             windows = recording.windows()
         else:
             everything = PixelMap.all_of(sensor)
@@ -359,19 +391,26 @@ def map_traverse(
         if isinstance(recording, WindowSource):
             counted = recording.counted
         # next to pixels that were not counted, all others would look hot
-        if hot is None and settings.remove_hot_pixels and counted.all():
+        searched = settings.remove_hot_pixels and counted.all() and can_be_searched(first.totals)
+        if hot is None and searched:
             hot = find_hot_pixels(first.totals)
         elif hot is None:
             hot = np.zeros_like(counted)
-        if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
+        by_variance = pixel_map is None and settings.strategy in ("variance", "top", "information")
+        if first.windows == 1 and by_variance:
             raise UsageError(
                 f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
                 "selected only from two windows or more: take shorter windows (--tau), or a "
                 "longer drive"
             )
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
-        if settings.strategy == "information":
+        if pixel_map is not None:
+            hot = hot & (pixel_map.table() < 0)
+        elif settings.strategy == "information":
             listed = shortlist(saliency, hot | ~counted)
+            if len(listed) < settings.pixels:
+                varying = int(np.count_nonzero(saliency[hot]))
+                raise too_few_pixels(len(listed), varying, settings.pixels, sensor)
             pixel_map = _most_informative(first, recording, settings, listed)
         else:
             pixel_map = select_pixels(
@@ -389,9 +428,19 @@ def map_traverse(
     if places is None:
         places = count_windows(recording, pixel_map, settings, removed)
     return coded_map(
-        ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
+        MapRecord(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
     )
+
+
+def check_matchable(reference: MapRecord) -> None:
+    """Raise UsageError if a map has fewer places than its sequences have windows."""
+    length, places = reference.settings.windows_per_match, len(reference)
+    if length > places:
+        raise UsageError(
+            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
+            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
+        )
 
 
 def _most_informative(
@@ -407,12 +456,12 @@ def _most_informative(
     return informative_pixels(listed, windows.counts, settings.pixels)
 
 
-def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
+def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
     """Code the counts of a reference map, and compute the parameters of its code from them.
 
     Parameters
     ----------
-    counted : ReferenceMap
+    counted : MapRecord
         With counts as they are, at least one place.
     settings : Settings
         Of the map to make.
@@ -447,48 +496,14 @@ def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: Pixe
 # Matching of a query drive with a map.
 
 
-def match_traverse(
-    reference: ReferenceMap,
-    recording: EventSource | WindowSource,
-    settings: Settings | None = None,
-    odometry: Odometry | None = None,
-) -> tuple[Matches, Descriptors]:
-    """Match a query drive with a map.
-
-    Parameters
-    ----------
-    reference : ReferenceMap
-    recording : EventSource or WindowSource
-    settings : Settings, optional
-        Sequence length, anchor and exclusion to use instead of the map's.
-    odometry : Odometry, optional
-        Of the query drive.
-
-    Returns
-    -------
-    matches : Matches
-    queries : Descriptors
-        What was matched.
-
-    Raises
-    ------
-    MapError, UsageError
-        As `describe` and `match_descriptors` do.
-    """
-    if settings is not None:
-        reference = reference.matched_with(settings)
-    queries = describe_query(reference, recording)
-    return match_query(reference, queries, odometry), queries
-
-
 def match_query(
-    reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
+    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
 ) -> Matches:
     """Match a described query with a map, using its settings, probabilities and jumps.
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     queries : Descriptors
     odometry : Odometry, optional
         Of the query drive.
@@ -505,7 +520,7 @@ def match_query(
 
 
 def query_distances(
-    reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
+    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
 ) -> npt.NDArray[np.float64]:
     """Return the distance of every place of a map to every query window of `match_query`.
 

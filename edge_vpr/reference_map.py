@@ -1,85 +1,82 @@
-"""The reference map: selected pixels, descriptors of the places, and the settings used."""
+"""The way in: maps of drives, and the matches of other drives with them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import check_array, check_range, damaged, present, read_archive, write_archive
-from edge_vpr.confidence import Acceptance, Confidence, default_confidence
-from edge_vpr.descriptors.codes import codes_of, encode_own, encode_running
+from edge_vpr.archive import read_archive, write_archive
+from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
-from edge_vpr.errors import MapError
-from edge_vpr.events import Sensor
-from edge_vpr.route import MOST_MM, Route
-from edge_vpr.settings import Settings
-from fixedpoint.codes import PixelCodes, packed_bytes
-from fixedpoint.errors import FixedPointError
-from fixedpoint.own_mean import OwnMeanCode
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
+from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
+from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
+from edge_vpr.map_record import MapRecord
+from edge_vpr.matching.matches import Matches, write_csv
+from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.state import MatchSchedule
+from edge_vpr.pipeline import (
+    EventSource,
+    Removed,
+    WindowSource,
+    check_matchable,
+    check_sensor,
+    check_source,
+    cleaned,
+    describe_query,
+    map_traverse,
+    match_query,
+)
+from edge_vpr.recordings import Faults, Recording, open_recording
+from edge_vpr.registration import Registration, register
+from edge_vpr.results import (
+    LEFT_OUT,
+    MAP,
+    MATCHES,
+    MATCHES_CSV,
+    METRICS,
+    QUERIES,
+    QUERIES_KIND,
+    RUN,
+    RemovedEvents,
+    results_folder,
+    run_record,
+    write_json,
+)
+from edge_vpr.route import Odometry
+from edge_vpr.settings import SETTING_FIELDS, Score, Settings, resolve_settings
 
-# Checks of parts of a reference map that kernels use as indices.
+if TYPE_CHECKING:
+    import pandas
 
-
-#: each is processed after every window
-MOST_JUMPS = 4_096
-
-
-def check_ways(
-    places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
-) -> None:
-    """Check that jumps lead from place to place, and that the distance driven never decreases."""
-    if jumps is not None:
-        check_array(jumps, "jumps", (np.int32,), (None, 2))
-        check_range(jumps, "jumps", 0, places - 1)
-        if len(jumps) > MOST_JUMPS:
-            raise MapError(f"jumps has {len(jumps)} pairs of places: expected up to {MOST_JUMPS}")
-        if (jumps[:, 0] == jumps[:, 1]).any():
-            raise MapError("jumps leads from a place to itself: expected pairs of two places")
-    if odometer_mm is not None:
-        check_array(odometer_mm, "odometer_mm", (np.int64,), (places,))
-        check_range(odometer_mm, "odometer_mm", 0, MOST_MM)
-        if (np.diff(odometer_mm) < 0).any():
-            raise MapError("odometer_mm falls from place to place: expected the way driven")
-
-
-def check_codes(
-    settings: Settings, counts: npt.NDArray[Any], full_scale: npt.NDArray[Any] | None
-) -> None:
-    """Check that all codes of the places occur in the tables of their counters."""
-    if settings.learns_full_scale and full_scale is not None:
-        # arbitrary scales, which no reference gives, could need one table for each counter
-        scale = full_scale.astype(np.int64)
-        wrong = (scale < 1) | (scale & (scale + 1) != 0)
-        if wrong.any():
-            raise MapError(
-                f"full_scale holds {scale[wrong][0]}: expected 2**n - 1, with n from 1 to 16"
-            )
-    try:
-        codes = codes_of(settings, counts.shape[1], full_scale)
-    except FixedPointError as error:
-        raise MapError(f"the codes of the map: {error}") from error
-    if codes is None:
-        return
-    top = np.array([code.top for code in codes.codes], dtype=np.int64)[codes.row]
-    above = np.flatnonzero(counts.max(axis=0) > top)
-    if above.size:
-        j = int(above[0])
-        raise MapError(
-            f"counter {j} holds the code {counts[:, j].max()}: expected codes up to {top[j]}"
-        )
+#: path of a file
+PathName = str | Path
 
 
-KIND = "reference map"
-
-
-@dataclass(frozen=True, eq=False)
-class ReferenceMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class ReferenceMap(MapRecord):
     """Map of a reference drive, which queries are matched against.
+
+    >>> from edge_vpr import ReferenceMap
+    >>> from edge_vpr.simulation import simulate_pair
+    >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
+    >>> route = ReferenceMap.build(monday, pixels=50)
+    >>> route
+    ReferenceMap(6 places, 50 pixels of 32x32, 3 bits a counter)
+    >>> route.match(tuesday).matches.place.tolist()
+    [0, 1, 1, 2, 3, 3, 4, 5]
+
+    `build` makes a map of a recording, `match` finds the places of another recording, and
+    `localiser` follows events while they come. Two maps are equal if all their data are.
 
     Attributes
     ----------
@@ -106,6 +103,9 @@ class ReferenceMap:
         closes or two routes meet.
     odometer_mm : ndarray of int64, shape (K,), optional
         Millimetres that the reference had driven at each place by its own odometry.
+    frame_period : Fraction, optional
+        Seconds a frame of counts, where the file of the reference did not say; taken for queries
+        that do not say either.
 
     Raises
     ------
@@ -113,206 +113,614 @@ class ReferenceMap:
         If an array is of another dtype or shape, or does not fit the others.
     """
 
-    settings: Settings
-    pixel_map: PixelMap
-    places: Descriptors
-    saliency: npt.NDArray[np.float32]
-    hot: npt.NDArray[np.bool_]
-    full_scale: npt.NDArray[np.uint16] | None = None
-    mean: npt.NDArray[np.int32] | None = None
-    confidence: Confidence | None = None
-    route: Route | None = None
-    jumps: npt.NDArray[np.int32] | None = None
-    odometer_mm: npt.NDArray[np.int64] | None = None
+    @classmethod
+    def build(
+        cls,
+        recording: EventSource | WindowSource | PathName,
+        settings: Settings | PathName | None = "default",
+        *,
+        pixel_map: PixelMap | None = None,
+        hot: npt.NDArray[np.bool_] | PathName | None = None,
+        track: Track | PathName | None = None,
+        odometry: Odometry | PathName | None = None,
+        jumps: npt.NDArray[np.int32] | PathName | None = None,
+        removed: Removed | None = None,
+        **changes: Any,
+    ) -> Self:
+        """Make a map of one drive.
 
-    def __post_init__(self) -> None:
-        self.check()
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-    def __repr__(self) -> str:
-        return (
-            f"ReferenceMap({len(self)} places, {len(self.pixel_map)} pixels of "
-            f"{self.pixel_map.sensor}, {self.counter_bits} bits a counter)"
-        )
-
-    def check(self) -> None:
-        """Check that all parts fit each other, as they did when the map was made.
-
-        Raises
-        ------
-        MapError
-            If an array is of another dtype or shape than documented, or holds what cannot be.
-        """
-        settings, pixel_map, places = self.settings, self.pixel_map, self.places
-        if settings.pixels != len(pixel_map):
-            raise MapError(
-                f"the settings say {settings.pixels} pixels and the pixel map has "
-                f"{len(pixel_map)}: expected the same number"
-            )
-        counters = len(pixel_map) * (2 if settings.polarity else 1)
-        check_descriptors(places, counters)
-        shape = (pixel_map.sensor.height, pixel_map.sensor.width)
-        check_array(self.saliency, "saliency", (np.float32, np.float64), shape)
-        if not np.isfinite(self.saliency).all():
-            raise MapError("saliency holds values that are not finite: expected variances or means")
-        check_array(self.hot, "hot", (np.bool_,), shape)
-        if self.full_scale is not None:
-            check_array(self.full_scale, "full_scale", (np.uint16,), (counters,))
-        if self.route is not None and len(self.route.along_m) != len(places):
-            raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
-        check_ways(len(places), self.jumps, self.odometer_mm)
-        own_mean = self.own_mean_code
-        if own_mean is None:
-            check_codes(settings, places.counts, self.full_scale)
-            return
-        if self.mean is None:
-            raise MapError("the map has own-mean codes and lacks mean: make the map again")
-        check_array(self.mean, "mean", (np.int32,), (counters,))
-        check_range(self.mean, "mean", 0, int(own_mean.levels[-1]))
-        check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
-
-    @property
-    def codes(self) -> PixelCodes | None:
-        """Counter codes of the places; None if the places hold event counts.
-
-        Also None with own-mean codes, which have no fixed table (see `own_mean_code`).
-        """
-        if self.own_mean_code is not None:
-            return None
-        return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
-
-    @property
-    def own_mean_code(self) -> OwnMeanCode | None:
-        """The own-mean code; None if the places hold counts or other codes."""
-        return self.settings.own_mean_code
-
-    @property
-    def is_coded(self) -> bool:
-        """Whether the places hold codes instead of counts."""
-        return self.settings.shared_code is not None
-
-    @property
-    def along_mm(self) -> npt.NDArray[np.int64] | None:
-        """Millimetres driven at each place, shape (K,), from odometry or else from the track.
-
-        At places that the track did not cover, the distance is interpolated. None if the map has
-        neither.
-        """
-        if self.odometer_mm is not None or self.route is None:
-            return self.odometer_mm
-        along_m = self.route.along_m
-        known = np.flatnonzero(np.isfinite(along_m))
-        along_m = np.interp(np.arange(len(along_m)), known, along_m[known])
-        return None if along_m[-1] * 1e3 > MOST_MM else np.rint(along_m * 1e3).astype(np.int64)
-
-    @property
-    def acceptance(self) -> Acceptance:
-        """The map's own table of probabilities; with the place filter, else the shipped one.
+        Parameters
+        ----------
+        recording : EventSource or WindowSource or path
+            For example from `open_recording`; a path is opened by it.
+        settings : Settings or str or path or None
+            Settings, the name of a preset, or a TOML file with settings; None is "default".
+        pixel_map : PixelMap, optional
+            Pixels to use; by default they are selected as the settings say.
+        hot : ndarray of bool, shape (height, width), or path, optional
+            Hot pixels, or a file that lists them. By default they are found, if the settings ask
+            for it and at least half of the pixels fire.
+        track : Track or path, optional
+            Of this drive; gives each place its position.
+        odometry : Odometry or path, optional
+            Of this drive; gives each place its distance along the drive.
+        jumps : ndarray of int32, shape (n, 2), or path, optional
+            Pairs of places that one step can lead between; only the place filter takes them.
+        removed : Removed, optional
+            Filled with what cleaning removed.
+        **changes
+            Single settings that replace those of `settings`, for example ``pixels=50`` or
+            ``tau="500ms"``, by the names of docs/settings.md or the attributes of `Settings`.
 
         Raises
         ------
         UsageError
-            If the settings want a precision that the table cannot promise.
+            If an argument is wrong, the recording is too short for the settings, or too few pixels
+            can be selected.
+        RecordingError, EventError, GroundTruthError
+            If a file cannot be read or is faulty.
+
+        Examples
+        --------
+        >>> ReferenceMap.build("monday.raw", track="monday.nmea", tau="500ms")  # doctest: +SKIP
         """
-        confidence = self.confidence
-        if confidence is None and self.settings.matching == "filter":
-            confidence = default_confidence(self.settings.smooth, self.settings.late)
-        return Acceptance(confidence, self.settings.precision)
+        chosen = _settings_of(settings, changes)
+        drive = opened(recording)
+        if isinstance(hot, str | Path):
+            hot = load_hot_pixels(hot, drive.sensor)
+        if jumps is not None and chosen.matching != "filter":
+            raise UsageError(
+                "jumps (--jumps) are for the place filter: add --matching filter "
+                "(matching='filter'), or leave them out"
+            )
+        if track is not None and not isinstance(track, Track):
+            track = load_track(track)
+        if odometry is not None and not isinstance(odometry, Odometry):
+            odometry = load_odometry(odometry)
+        found = map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed)
+        made = replace(cls.of(found), frame_period=getattr(drive, "frame_period", None))
+        check_matchable(made)
+        if track is not None:
+            made = with_positions(made, track)
+        if odometry is not None:
+            made = replace(made, odometer_mm=odometry.along(made.places.centre_us))
+        if isinstance(jumps, str | Path):
+            jumps = load_jumps(jumps, len(made))
+        return made if jumps is None else replace(made, jumps=jumps)
 
-    def matched_with(self, settings: Settings) -> ReferenceMap:
-        """Return the map with other settings for matching.
+    def match(
+        self,
+        recording: EventSource | WindowSource | PathName,
+        *,
+        settings: Settings | None = None,
+        every: str | MatchSchedule | None = None,
+        odometry: Odometry | PathName | None = None,
+        registered: bool = False,
+        **changes: Any,
+    ) -> MatchResult:
+        """Match a query drive with this map.
 
-        Its own table of probabilities is removed if the scale of the trust changes.
-        """
-        kept = settings.of_trust == self.settings.of_trust
-        return replace(self, settings=settings, confidence=self.confidence if kept else None)
-
-    def coded(self, counted: Descriptors) -> Descriptors:
-        """Replace the counts of a query by the codes of this map."""
-        code = self.own_mean_code
-        if code is not None and self.mean is not None:
-            activity = activity_of_drive(self.places.activity)
-            if self.settings.query_mean == "running":
-                return encode_running(counted, code, self.mean, activity)
-            return encode_own(counted, code, activity)
-        if self.codes is None:
-            return counted
-        return replace(counted, counts=narrow(self.codes.encode(counted.counts)))
-
-    def decoded(self, descriptors: Descriptors) -> Descriptors:
-        """Replace codes by counts for plots, each by the middle of the counts with that code."""
-        code = self.own_mean_code
-        if code is not None and self.mean is not None:
-            return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
-        if self.codes is None:
-            return descriptors
-        return replace(descriptors, counts=narrow(self.codes.decode(descriptors.counts)))
-
-    @property
-    def bytes_per_place(self) -> int:
-        """Size of a descriptor as stored and compared here, in bytes."""
-        return self.places.counts.shape[1] * self.places.counts.itemsize
-
-    @property
-    def counter_bits(self) -> int:
-        """Number of bits of the code of a counter, or of its stored count."""
-        code = self.settings.shared_code
-        return 8 * self.places.counts.itemsize if code is None else code.bits
-
-    @property
-    def packed_bytes_per_place(self) -> int:
-        """Size of a descriptor with codes packed without gaps, in bytes."""
-        return packed_bytes(self.places.counts.shape[1], self.counter_bits)
-
-    def save(self, path: str | Path) -> None:
-        """Write as ``.npz``, atomically; `load` gives an equal map back."""
-        arrays = {
-            "pixel_x": self.pixel_map.x,
-            "pixel_y": self.pixel_map.y,
-            **self.places.to_arrays(),
-            "saliency": self.saliency,
-            "hot": self.hot,
-        }
-        arrays |= present(
-            full_scale=self.full_scale,
-            mean=self.mean,
-            jumps=self.jumps,
-            odometer_mm=self.odometer_mm,
-        )
-        if self.confidence is not None:
-            arrays |= self.confidence.to_arrays()
-        meta: dict[str, Any] = {
-            "settings": self.settings.to_dict(),
-            "sensor": list(self.pixel_map.sensor),
-        }
-        if self.route is not None:
-            arrays |= self.route.to_arrays()
-            meta["position_kind"] = self.route.kind
-        write_archive(path, KIND, arrays, meta)
-
-    @classmethod
-    def load(cls, path: str | Path) -> ReferenceMap:
-        """Read a saved map.
+        Parameters
+        ----------
+        recording : EventSource or WindowSource or path
+            Of the query, from the camera of the map; a path is opened by `open_recording`.
+        settings : Settings, optional
+            Settings of matching to use instead of the map's.
+        every : str or MatchSchedule, optional
+            Match event by event as `localiser` does, and give a match as this says: see there. By
+            default every window of the drive is matched, also by the windows after it.
+        odometry : Odometry or path, optional
+            Of the query drive; only the place filter takes it.
+        registered : bool
+            Estimate first by how many pixels the query's image is shifted, and move the map's
+            pixels by that.
+        **changes
+            Single settings of matching that replace the map's, for example ``precision=0.99``.
 
         Raises
         ------
         MapError
-            If the file is missing, unreadable, not a map, or from a newer version.
+            If the recording is of another sensor, or not counted as the map.
+        UsageError
+            If an argument is wrong, or the recording is too short to be matched.
+
+        Examples
+        --------
+        >>> route = ReferenceMap.load("monday.npz")  # doctest: +SKIP
+        >>> route.match("tuesday.raw", precision=0.99).save("tuesday")  # doctest: +SKIP
         """
-        arrays, meta = read_archive(path, KIND)
-        with damaged(path, "make the map again"):
-            return cls(
-                settings=Settings.from_dict(meta["settings"]),
-                pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
-                places=Descriptors.from_arrays(arrays),
-                saliency=arrays["saliency"],
-                hot=arrays["hot"],
-                full_scale=arrays.get("full_scale"),
-                mean=arrays.get("mean"),
-                confidence=Confidence.from_arrays(arrays),
-                route=Route.from_arrays(arrays, meta),
-                jumps=arrays.get("jumps"),
-                odometer_mm=arrays.get("odometer_mm"),
+        asked = self._asked(settings, changes, "match")
+        given = (recording, odometry)
+        drive = opened(recording, self.frame_period)
+        inputs = tuple(str(each) for each in given if isinstance(each, str | Path))
+        if isinstance(drive, Recording) and not isinstance(recording, str | Path):
+            inputs = (str(drive.path), *inputs)
+        if odometry is not None and not isinstance(odometry, Odometry):
+            odometry = load_odometry(odometry)
+        check_sensor(drive.sensor, self.pixel_map.sensor)
+        reference, shift = self, None
+        if registered:
+            found = register(self, drive)
+            reference, shift = found.reference, MountShift.of(found)
+        matched = reference._with(asked, "match")
+        if every is None:
+            result = _match_windows(matched, drive, odometry, shift)
+            result = replace(result, reference=reference)
+        elif isinstance(drive, WindowSource):
+            raise UsageError(
+                "matching event by event (--online, every=) needs events, and this file holds "
+                "counts of windows: leave it out"
             )
+        else:
+            result = _match_events(matched.causal(), drive, every, odometry, shift)
+        return replace(result, inputs=inputs)
+
+    def localiser(
+        self,
+        every: str | MatchSchedule | None = None,
+        *,
+        settings: Settings | None = None,
+        recent: int = 0,
+        **changes: Any,
+    ) -> Localiser:
+        """Return a localiser, which matches events with this map while they come.
+
+        Parameters
+        ----------
+        every : str or MatchSchedule, optional
+            When to give a match: ``"event"``, a number of events such as ``"100"``, a time such as
+            ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event, or
+            with a delay at the end of each window.
+        settings : Settings, optional
+            Settings of matching to use instead of the map's.
+        recent : int
+            See `Localiser`.
+        **changes
+            Single settings of matching that replace the map's.
+
+        Raises
+        ------
+        UsageError
+            If an argument is wrong, or the map does not suit matching event by event.
+
+        Examples
+        --------
+        >>> localiser = route.localiser("50ms", precision=0.9)  # doctest: +SKIP
+        >>> matches = localiser.update(events)  # doctest: +SKIP
+        """
+        asked = self._with(self._asked(settings, changes, "localiser"), "localiser")
+        return Localiser(asked.causal(), every=every, recent=recent)
+
+    def causal(self) -> Self:
+        """Return the map with settings that need no windows after the one to match."""
+        settings = replace(self.settings, query_mean="running", smooth=False)
+        return self.matched_with(settings)
+
+    def _asked(self, settings: Settings | None, changes: dict[str, Any], by: str) -> dict[str, Any]:
+        """Return the settings of matching to use, by name, where they are not the map's own.
+
+        Parameters
+        ----------
+        settings : Settings or None
+        changes : dict
+        by : str
+            Name of the method, for error messages.
+        """
+        if settings is not None:
+            expect(settings, Settings, "settings", "Settings, or keywords such as precision=0.99")
+        chosen = (settings or self.settings).replaced(changes, by)
+        asked = {
+            name: getattr(chosen, name)
+            for name in SETTING_FIELDS
+            if getattr(chosen, name) != getattr(self.settings, name)
+        }
+        for name, value in asked.items():
+            if SETTING_FIELDS[name].group != "matching":
+                raise UsageError(
+                    f"{by}: setting {name} = {value!r}, and the map was made with "
+                    f"{getattr(self.settings, name)!r}: match with the map's, or build another map"
+                )
+        # a precision that the table cannot reach is an error before any work
+        _ = self._with(asked, by).acceptance
+        return asked
+
+    def _with(self, asked: dict[str, Any], by: str) -> Self:
+        return self.matched_with(self.settings.replaced(asked, by))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountShift:
+    """Shift of a query's image, as in `metrics.json`.
+
+    Attributes
+    ----------
+    dx, dy : int
+        By which the map's pixels were moved, to the right and downwards.
+    windows : int
+        Windows of the query that it was estimated from.
+    likeness, likeness_unmoved : float
+        Mean correlation of sequences with the most similar places, shifted and not.
+    """
+
+    dx: int
+    dy: int
+    windows: int
+    likeness: float
+    likeness_unmoved: float
+
+    @classmethod
+    def of(cls, found: Registration[Any]) -> MountShift:
+        """Build from the result of a registration."""
+        return cls(
+            dx=found.dx,
+            dy=found.dy,
+            windows=found.windows,
+            likeness=found.likeness,
+            likeness_unmoved=found.unmoved,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchMetrics:
+    """Sizes and times of a run, the first part of `metrics.json`.
+
+    Attributes
+    ----------
+    queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
+    counting_s, matching_s : float
+    tied_queries : int
+    faults_dropped : Faults
+    mount_shift : MountShift or None
+        None where the query was not registered.
+    """
+
+    queries: int
+    places: int
+    pixels: int
+    bytes_per_place: int
+    packed_bytes_per_place: int
+    events: int
+    counting_s: float
+    matching_s: float
+    tied_queries: int
+    faults_dropped: Faults
+    mount_shift: MountShift | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnlineMetrics:
+    """Sizes and times of a run event by event, the first part of `metrics.json`.
+
+    Attributes
+    ----------
+    matches, events : int
+    every : str
+        When a match was given, as the user wrote it.
+    localising_s, times_real_time : float
+    faults_dropped : Faults
+    mount_shift : MountShift or None
+        None where the query was not registered.
+    """
+
+    matches: int
+    events: int
+    every: str
+    localising_s: float
+    times_real_time: float
+    faults_dropped: Faults
+    mount_shift: MountShift | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True, eq=False)
+class MatchResult:
+    """Matches of a query drive with a map, from `ReferenceMap.match`.
+
+    >>> from edge_vpr import ReferenceMap
+    >>> from edge_vpr.simulation import simulate_pair
+    >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
+    >>> result = ReferenceMap.build(monday, pixels=50).match(tuesday)
+    >>> result, result.evaluate((monday.track, tuesday.track), 10).precision_at_100_recall
+    (MatchResult(Matches(8 queries, 6 places, place filter, 0 tied)), 1.0)
+
+    Attributes
+    ----------
+    reference : ReferenceMap
+        The map, with its own settings (those of the run are in `matches`); with its pixels moved
+        where the query was registered.
+    matches : Matches
+    queries : Descriptors or None
+        The windows of the query; None where it was matched event by event.
+    metrics : MatchMetrics or OnlineMetrics or None
+        Sizes and times of the run; None where the result was loaded.
+    removed : Removed
+        Events that cleaning removed from the query.
+    inputs : tuple of str
+        Files that were read, as far as they are known.
+    """
+
+    reference: ReferenceMap
+    matches: Matches
+    queries: Descriptors | None = None
+    metrics: MatchMetrics | OnlineMetrics | None = None
+    removed: Removed = field(default_factory=Removed)
+    inputs: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.matches)
+
+    def __repr__(self) -> str:
+        return f"MatchResult({self.matches!r})"
+
+    @property
+    def shift(self) -> MountShift | None:
+        """Shift of the query's image against the map; None if it was not estimated."""
+        return None if self.metrics is None else self.metrics.mount_shift
+
+    @property
+    def query_time_us(self) -> npt.NDArray[np.int64]:
+        """Times of the queries, shape (Q,): the centres of all windows, or those of the matches."""
+        return self.matches.time_us if self.queries is None else self.queries.centre_us
+
+    def truth(
+        self,
+        reference_track: Track | PathName,
+        query_track: Track | PathName,
+        tolerance_m: float,
+    ) -> GroundTruth:
+        """Return the right places of each query, from the tracks of both drives.
+
+        Parameters
+        ----------
+        reference_track, query_track : Track or path
+            Time 0 of each is the start of its recording.
+        tolerance_m : float
+            A place is right if it lies within so many metres of the query.
+
+        Raises
+        ------
+        GroundTruthError
+            If a track cannot be read, or does not cover its drive.
+        """
+        if not isinstance(reference_track, Track):
+            reference_track = load_track(reference_track)
+        if not isinstance(query_track, Track):
+            query_track = load_track(query_track)
+        return from_tracks(
+            reference_track,
+            query_track,
+            self.reference.places.centre_us,
+            self.query_time_us,
+            tolerance_m,
+        )
+
+    def evaluate(
+        self,
+        truth: GroundTruth | Sequence[Track | PathName],
+        tolerance_m: float | None = None,
+        *,
+        score: Score | None = None,
+        recall_denominator: RecallDenominator = "rejected-correct",
+        thresholds: int | None = None,
+    ) -> Evaluation:
+        """Compare the matches with the ground truth.
+
+        Parameters
+        ----------
+        truth : GroundTruth, or two tracks or paths of tracks
+            Of two tracks, that of the reference comes first.
+        tolerance_m : float, optional
+            Needed with two tracks: see `truth`.
+        score, recall_denominator, thresholds
+            See `edge_vpr.evaluate`.
+
+        Raises
+        ------
+        UsageError
+            If the truth is something else, or two tracks come without a tolerance.
+        GroundTruthError
+            If a track cannot be read, or the truth does not cover the drives.
+        """
+        if not isinstance(truth, GroundTruth):
+            if isinstance(truth, str | Path) or not isinstance(truth, Sequence) or len(truth) != 2:
+                raise UsageError(
+                    f"truth is {kind_of(truth)}: give a GroundTruth, or the track of the "
+                    "reference and the track of the query as a pair"
+                )
+            if tolerance_m is None:
+                raise UsageError(
+                    "the truth is two tracks, without the distance up to which a match is right: "
+                    "give for example tolerance_m=70"
+                )
+            truth = self.truth(truth[0], truth[1], tolerance_m)
+        return evaluate(
+            self.matches,
+            truth,
+            score=score,
+            recall_denominator=recall_denominator,
+            thresholds=thresholds,
+        )
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a pandas table with the columns of ``matches.csv``, one row for each match.
+
+        Raises
+        ------
+        MissingExtraError
+            If pandas is not installed.
+        """
+        return self.matches.to_frame(self.reference.route)
+
+    def save(self, folder: PathName, *, overwrite: bool = False) -> None:
+        """Write the folder of ``edge-vpr match``, without its report and figures.
+
+        ``edge-vpr evaluate`` and ``compare`` read it; `load` gives the result back.
+
+        Parameters
+        ----------
+        folder : path
+            Written whole or not at all.
+        overwrite : bool
+            Replace an older folder of results.
+
+        Raises
+        ------
+        UsageError
+            If the folder exists and may not be replaced, is not one of results, or holds an input.
+        """
+        with results_folder(as_path(folder, "a folder of results"), overwrite, self.inputs) as new:
+            self.write(new, self.inputs)
+
+    def write(self, folder: Path, inputs: Sequence[str | Path]) -> None:
+        """Write the files of `save` into an empty folder.
+
+        Parameters
+        ----------
+        folder : path
+        inputs : sequence of path
+            Files that were read, for `run.json`.
+        """
+        self.reference.save(folder / MAP)
+        self.matches.save(folder / MATCHES)
+        write_csv(folder / MATCHES_CSV, self.matches, self.reference.route)
+        if self.queries is not None:
+            write_archive(folder / QUERIES, QUERIES_KIND, self.queries.to_arrays(), {})
+        left_out = removed_record(self.removed, int(self.reference.hot.sum()))
+        settings = self.matches.settings.to_dict()
+        write_json(folder / RUN, run_record(settings, inputs, left_out))
+        write_json(folder / METRICS, {} if self.metrics is None else self.metrics)
+
+    @classmethod
+    def load(cls, folder: PathName) -> MatchResult:
+        """Read the matches, their map and their windows from a folder of results.
+
+        Raises
+        ------
+        MapError
+            If it is not a folder of results, or a file in it is damaged.
+        """
+        path = as_path(folder, "a folder of results")
+        if not path.is_dir():
+            raise MapError(f"{path} is not a folder of results: run edge-vpr match first")
+        return cls(ReferenceMap.load(path / MAP), Matches.load(path / MATCHES), read_queries(path))
+
+
+def read_queries(folder: Path) -> Descriptors | None:
+    """Read the windows of a match; None of a match event by event."""
+    if not (folder / QUERIES).is_file():
+        return None
+    arrays, _ = read_archive(folder / QUERIES, QUERIES_KIND)
+    return Descriptors.from_arrays(arrays)
+
+
+def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
+    """Return what cleaning removed, for `run.json`."""
+    return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)
+
+
+def opened(
+    recording: EventSource | WindowSource | PathName, frame_period: Fraction | None = None
+) -> EventSource | WindowSource:
+    """Return a recording, or open it if it is a path.
+
+    Parameters
+    ----------
+    recording : EventSource or WindowSource or path
+    frame_period : Fraction, optional
+        Seconds a frame of counts, where the file does not say.
+
+    Raises
+    ------
+    UsageError
+        If it is neither.
+    RecordingError
+        If the file cannot be read.
+    """
+    if isinstance(recording, str | Path):
+        return open_recording(recording, default_frame_period=frame_period)
+    check_source(recording)
+    return recording
+
+
+def _settings_of(settings: Settings | PathName | None, changes: dict[str, Any]) -> Settings:
+    if isinstance(settings, Settings):
+        return settings.replaced(changes, "build")
+    if settings is None:
+        settings = "default"
+    expect(
+        settings,
+        (str, Path),
+        "settings",
+        "Settings, the name of a preset, or a TOML file; single settings as keywords: pixels=50",
+    )
+    is_file = isinstance(settings, Path) or settings.endswith(".toml")
+    if is_file:
+        return resolve_settings(config=settings, flags=changes, source="build")
+    return resolve_settings(str(settings), flags=changes, source="build")
+
+
+def _match_windows(
+    asked: ReferenceMap,
+    drive: EventSource | WindowSource,
+    odometry: Odometry | None,
+    shift: MountShift | None,
+) -> MatchResult:
+    """Count the windows of a drive and match all of them."""
+    removed = Removed()
+    start = time.perf_counter()
+    queries = describe_query(asked, drive, removed=removed)
+    # compiled before timing
+    match_query(asked, queries.take(slice(asked.settings.windows_per_match)))
+    described = time.perf_counter()
+    matches = match_query(asked, queries, odometry)
+    metrics = MatchMetrics(
+        queries=len(matches),
+        places=len(asked),
+        pixels=len(asked.pixel_map),
+        bytes_per_place=asked.bytes_per_place,
+        packed_bytes_per_place=asked.packed_bytes_per_place,
+        events=int(queries.events.sum()),
+        counting_s=described - start,
+        matching_s=time.perf_counter() - described,
+        tied_queries=int((matches.ties > 0).sum()),
+        faults_dropped=getattr(drive, "faults", Faults()),
+        mount_shift=shift,
+    )
+    return MatchResult(asked, matches, queries, metrics, removed)
+
+
+def _match_events(
+    asked: ReferenceMap,
+    drive: EventSource,
+    every: str | MatchSchedule,
+    odometry: Odometry | None,
+    shift: MountShift | None,
+) -> MatchResult:
+    """Feed the events of a drive to a localiser."""
+    localiser = Localiser(asked, every=every)
+    found: list[npt.NDArray[np.void]] = []
+    events_fed, busy_s = 0, 0.0
+    removed, fed = Removed(), OdometryFeed(localiser, odometry)
+    for events in cleaned(drive, asked.settings, removed):
+        if not found:  # compiled before the clock runs
+            Localiser(asked, every=localiser.every).update(events[:1])
+        start = time.perf_counter()
+        found += fed.update(events)
+        busy_s += time.perf_counter() - start
+        events_fed += events.size
+    rows = np.concatenate([*found, localiser.finish()])
+    if rows.size == 0:
+        raise UsageError(
+            f"the recording ended before a sequence of {asked.settings.windows_per_match} windows "
+            "was complete: take shorter windows or a longer drive"
+        )
+    metrics = OnlineMetrics(
+        matches=len(rows),
+        events=events_fed,
+        every=every if isinstance(every, str) else repr(every),
+        localising_s=busy_s,
+        times_real_time=float(rows["time_us"][-1] / 1e6) / busy_s,
+        faults_dropped=getattr(drive, "faults", Faults()),
+        mount_shift=shift,
+    )
+    matches = Matches.of_rows(rows, asked.settings, len(asked))
+    return MatchResult(asked, matches, None, metrics, removed)

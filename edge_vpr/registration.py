@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Generic
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +22,8 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.pipeline import EventSource, WindowSource, check_sensor, event_windows
-from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import OwnMeanCode, mean_level
 
 #: number of windows of the query that are used, and the smallest number that is enough
@@ -40,12 +41,12 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Registration:
+class Registration(Generic[AnyMap]):
     """Result of a registration: the moved map and the estimated shift.
 
     Attributes
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
         The map, moved if `shifted`.
     dx, dy : int
         Shift of the query's image against the reference's, in pixels to the right and downwards;
@@ -57,7 +58,7 @@ class Registration:
         Of the query, that were looked at.
     """
 
-    reference: ReferenceMap
+    reference: AnyMap
     dx: int
     dy: int
     likeness: float
@@ -71,13 +72,13 @@ class Registration:
 
 
 def register(
-    reference: ReferenceMap, recording: EventSource | WindowSource, windows: int = WINDOWS
-) -> Registration:
+    reference: AnyMap, recording: EventSource | WindowSource, windows: int = WINDOWS
+) -> Registration[AnyMap]:
     """Move the pixels of a map by the shift of a query's image.
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     recording : EventSource or WindowSource
         Of the query; its first windows are counted at all pixels.
     windows : int
@@ -112,7 +113,7 @@ def register(
 
 
 def estimate_shift(
-    reference: ReferenceMap, images: npt.NDArray[np.integer]
+    reference: MapRecord, images: npt.NDArray[np.integer]
 ) -> tuple[int, int, Floats, Floats]:
     """Find the shift at which windows are most similar to the places of a map.
 
@@ -121,7 +122,7 @@ def estimate_shift(
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     images : ndarray of int, shape (n, height, width)
         Counts of n windows at all pixels.
 
@@ -166,18 +167,18 @@ def reach_of(sensor: Sensor) -> int:
     return min(REACH, min(sensor) // SHARE)
 
 
-def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
+def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
     """Move the pixels of a map; drop those that leave the sensor or would be hot pixels.
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     dx, dy : int
         To the right and downwards, in pixels.
 
     Returns
     -------
-    ReferenceMap
+    MapRecord
         The same one for no shift.
 
     Raises
@@ -220,7 +221,7 @@ def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
 
 
 def _first_images(
-    reference: ReferenceMap, recording: EventSource | WindowSource, windows: int
+    reference: MapRecord, recording: EventSource | WindowSource, windows: int
 ) -> npt.NDArray[np.uint16]:
     """Count the first windows of a query at all pixels, as (n, height, width)."""
     sensor, settings = recording.sensor, reference.settings

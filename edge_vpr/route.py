@@ -9,8 +9,8 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import check_array
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.archive import EqualByValue, check_array
+from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US
 
 # Positions of the places of a map along the route of the reference drive.
@@ -25,6 +25,8 @@ _COORDINATES = {
     ("metric", 3): ("x_m", "y_m", "z_m"),
 }
 _FARTHEST_M = 1e12
+#: columns of a table of matches after the coordinates
+ALONG = ("along_m", "along_from_m", "along_to_m")
 
 
 class Located(NamedTuple):
@@ -47,7 +49,7 @@ class Located(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Route:
+class Route(EqualByValue):
     """Positions of the K places of a map.
 
     Attributes
@@ -120,6 +122,21 @@ class Route:
             np.where(nothing, np.nan, to_m),
         )
 
+    def columns(
+        self, place: npt.NDArray[np.integer], within: int
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the result of `locate` as columns of a table of matches, by name, in order.
+
+        Parameters
+        ----------
+        place : ndarray of int, shape (n,)
+        within : int
+            See `locate`.
+        """
+        found = self.locate(place, within)
+        columns = (*found.position.T, found.along_m, found.from_m, found.to_m)
+        return dict(zip((*self.coordinates, *ALONG), columns, strict=True))
+
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
         return {"position": self.position, "along_m": self.along_m}
@@ -149,8 +166,12 @@ MOST_MM = 1 << 40
 
 
 @dataclass(frozen=True, eq=False)
-class Odometry:
+class Odometry(EqualByValue):
     """Readings of an odometer during one drive.
+
+    >>> odometry = Odometry(np.array([0, 1_000_000]), np.array([0, 900]))
+    >>> odometry.along(np.array([250_000, 500_000])).tolist()
+    [0, 225]
 
     Attributes
     ----------
@@ -171,6 +192,7 @@ class Odometry:
     def __post_init__(self) -> None:
         for name, most in (("time_us", TIME_LIMIT_US), ("distance_mm", MOST_MM)):
             column = getattr(self, name)
+            expect(column, np.ndarray, f"odometry {name}", "an array of int64, one value a reading")
             if column.dtype != np.int64 or column.shape != self.time_us.shape or column.ndim != 1:
                 raise UsageError(
                     f"odometry {name} is {column.dtype} of shape {column.shape}: expected int64, "

@@ -15,7 +15,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
 
@@ -272,7 +272,7 @@ class SettingField:
         if type(value) is not self.kind and not integer_for_float:
             raise UsageError(
                 f"setting {self.name} = {shown(value)} is of type {type(value).__name__}: "
-                f"expected {self.kind.__name__}"
+                f"expected {self.kind.__name__}{f', or {self.accepted}' if self.read else ''}"
             )
         if self.choices and value not in self.choices:
             raise UsageError(
@@ -560,7 +560,12 @@ TABLE = _PIXELS | _WINDOWS | _COUNTERS | _MATCHING | _CLEANING
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Settings:
-    """All settings that determine a map and its matches; stored with both."""
+    """All settings that determine a map and its matches; stored with both.
+
+    >>> settings = Settings(pixels=50, window="count")
+    >>> settings.events_per_window
+    150
+    """
 
     pixels: int = 150
     strategy: Strategy = "variance"
@@ -777,9 +782,10 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
     for name, given in values.items():
         field = by_key.get(name) or SETTING_FIELDS.get(name)
         if field is None:
+            nearest = did_you_mean(str(name), [*by_key, *SETTING_FIELDS])
             raise UsageError(
-                f"{source} has the unknown setting {name!r}: choose from "
-                f"{', '.join(sorted(by_key))}"
+                f"{source} has the unknown setting {name!r}"
+                f"{nearest or ': choose from ' + ', '.join(sorted(by_key))}"
             )
         if field.name in found:
             raise UsageError(f"{source} has both {field.key} and {field.name}: give one of them")
@@ -822,6 +828,7 @@ def resolve_settings(
     preset: str = "default",
     config: str | Path | None = None,
     flags: Mapping[str, Any] | None = None,
+    source: str = "flags",
 ) -> Settings:
     """Combine a preset, a TOML file and flags; a flag overrides the file, the file the preset.
 
@@ -833,25 +840,29 @@ def resolve_settings(
         overrides the parameter.
     flags : mapping, optional
         Single settings by the keys of the file; None means not given.
+    source : str
+        Where `flags` come from, for error messages.
 
     Raises
     ------
     UsageError
         If the file cannot be read, or a name or value is wrong.
     """
+    expect(flags or {}, Mapping, "flags", "single settings by name, as {'pixels': 50}")
     values: dict[str, Any] = {}
     if config is not None:
+        config = as_path(config, "settings")
         values = read_toml(config, "settings", "name a TOML file")
         preset = values.pop("preset", preset)
     if not isinstance(preset, str) or preset not in PRESETS:
         raise UsageError(f"preset {shown(preset)} is unknown: choose from {', '.join(PRESETS)}")
     values = values_by_name(values, str(config))
     given = {name: value for name, value in (flags or {}).items() if value is not None}
-    given = values_by_name(given, "the command line")
+    given = values_by_name(given, source)
     for chosen in (values, given):
         # own-mean codes, which some presets have, exist for logarithms only
         if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
             chosen.setdefault("counter_scaling", "shared")
             if chosen.get("clip"):
                 chosen.setdefault("counter_code", "none")
-    return PRESETS[preset].replaced(values, str(config)).replaced(given, "the command line")
+    return PRESETS[preset].replaced(values, str(config)).replaced(given, source)

@@ -37,6 +37,17 @@ def descriptors(counts) -> Descriptors:
     return Descriptors(narrow(counts), start, start + 1_000, events)
 
 
+def with_sums(matches, length: int = 1):
+    """Records of MATCH_DTYPE with the exact sums over L windows that the distances are means of."""
+    found = matches.astype([(name, matches.dtype[name]) for name in matches.dtype.names])
+    sums = {"distance": np.rint(matches["distance"] * length)}
+    second = np.nan_to_num(matches["second_distance"], nan=-1 / length)
+    sums["second_distance"] = np.rint(second * length)
+    for name, values in sums.items():
+        found[name] = values
+    return found
+
+
 class Drive:
     """Events in memory as a recording, in chunks of a given size."""
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import KernelState, kernel
-from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
+from edge_vpr.errors import RecordingError, UsageError, as_path, expect
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor, check_event_array, join_events
 
 # Removal of bursts, moments at which most pixels fire at once, from a stream of events.
 
@@ -22,6 +22,12 @@ BURST_SHARE = (1, 2)
 
 class BurstFilter:
     """Removes bursts from a stream: moments at which most pixels fire within a few milliseconds.
+
+    >>> from edge_vpr.events import make_events
+    >>> bursts = BurstFilter(Sensor(4, 4))
+    >>> kept = bursts.update(make_events(t=[0, 3_000, 9_000], x=[0, 1, 2], y=[0, 0, 0]))
+    >>> len(kept) + len(bursts.finish()), bursts.removed
+    (3, 0)
 
     Time is divided into slots of 2 ms. If more than half of all pixels fire in two neighbouring
     slots together, the events of both are removed. Events leave the filter up to two slots late;
@@ -38,6 +44,7 @@ class BurstFilter:
     """
 
     def __init__(self, sensor: Sensor) -> None:
+        expect(sensor, Sensor, "sensor", "the size of the camera, as Sensor(346, 260)")
         self.removed = 0
         self._sensor = sensor
         self._least = sensor.pixels * BURST_SHARE[0] // BURST_SHARE[1]
@@ -74,6 +81,7 @@ class BurstFilter:
         list of ndarray of EVENT_DTYPE
             The events that `update` would return, one array after another; they may be views.
         """
+        check_event_array(events)
         if events.size == 0:
             return []
         held, newest = self._events, self._newest.copy()
@@ -351,6 +359,9 @@ def find_hot_pixels(
     UsageError
         If `factor` is below 1 or `totals` is not an image.
     """
+    totals = np.asarray(totals)
+    if totals.dtype.kind not in "iu":
+        raise UsageError(f"totals are {totals.dtype}: give the number of events of each pixel")
     if totals.ndim != 2:
         raise UsageError(f"totals have shape {totals.shape}: expected (height, width)")
     if factor < 1:
@@ -359,6 +370,20 @@ def find_hot_pixels(
     # above the mean, in integers: n * size > factor * sum
     candidates = totals * totals.size > factor * int(totals.sum())
     return candidates & _above_neighbours(totals, factor)
+
+
+def can_be_searched(totals: npt.NDArray[np.integer]) -> bool:
+    """Return whether hot pixels can be told from others: at least half of the pixels have fired.
+
+    Where most pixels never fire, the neighbours of a pixel and the mean of the sensor are about 0,
+    and every pixel that does fire would be hot.
+
+    Parameters
+    ----------
+    totals : ndarray of int, shape (height, width)
+        Events of each pixel over the whole traverse.
+    """
+    return 2 * int(np.count_nonzero(totals)) >= totals.size
 
 
 @kernel
@@ -397,13 +422,14 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
     RecordingError
         If the file cannot be read or is larger than 64 MiB, or a line is not a pixel of the sensor.
     """
+    sensor, path = Sensor.of(sensor), as_path(path, "a list of hot pixels")
     try:
-        if Path(path).stat().st_size > _LONGEST_LIST:
+        if path.stat().st_size > _LONGEST_LIST:
             raise RecordingError(
                 f"{path} has more than {_LONGEST_LIST:,} bytes: name a file with a line x, y for "
                 "each hot pixel"
             )
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(
             f"cannot read hot pixels from {path}: {error}: name a file with a line x, y for each"

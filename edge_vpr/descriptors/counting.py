@@ -14,13 +14,14 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import (
     MAX_WINDOWS,
     Descriptors,
+    FixedCount,
     FixedTime,
     Window,
     WindowCounts,
     collect,
 )
-from edge_vpr.errors import EventError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Events, check_events
+from edge_vpr.errors import EventError, UsageError, expect
+from edge_vpr.events import EVENT_DTYPE, Events, check_event_array, check_events
 
 # Kernels that count events at selected pixels.
 #
@@ -348,24 +349,24 @@ def _off_sensor(x: Column, y: Column, width: int, height: int) -> EventError:
 class DescriptorStream:
     """Turns a stream of events into descriptors, however the stream is cut into chunks.
 
-    Parameters
-    ----------
-    pixel_map : PixelMap
-    window : FixedTime or FixedCount
-    polarity : bool
-        Count ON and OFF events apart.
-
-    Examples
-    --------
     >>> import numpy as np
     >>> from edge_vpr.events import Sensor, make_events
     >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
     >>> stream = DescriptorStream(two, FixedTime(tau_us=10))
     >>> stream.update(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0])).counts
     array([[2, 1]], dtype=uint8)
+
+    Parameters
+    ----------
+    pixel_map : PixelMap
+    window : FixedTime or FixedCount
+    polarity : bool
+        Count ON and OFF events apart.
     """
 
     def __init__(self, pixel_map: PixelMap, window: Window, *, polarity: bool = False) -> None:
+        expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
+        expect(window, (FixedTime, FixedCount), "window", "FixedTime(tau_us) or FixedCount(events)")
         self._table = pixel_map.table()
         self._window = window
         self._polarity = polarity
@@ -400,6 +401,7 @@ class DescriptorStream:
 
     def windows(self, events: Events) -> Iterator[WindowCounts]:
         """Feed the next events and yield the completed windows; `update` returns all at once."""
+        check_event_array(events)
         if events.size == 0:
             return
         if isinstance(self._window, FixedTime):
@@ -480,6 +482,11 @@ class DescriptorStream:
 class CountPixels:
     """Count the events at the selected pixels, of a whole array or of each of its windows.
 
+    >>> from edge_vpr.events import Sensor, make_events
+    >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
+    >>> CountPixels(two)(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0]))
+    array([3, 1])
+
     It replaces `tonic.transforms.ToFrame`: after the steps of a `tonic.transforms.Compose`, or as
     the transform of a dataset or of a `tonic.SlicedDataset`. Counts are 64 bits wide.
 
@@ -491,13 +498,6 @@ class CountPixels:
         time 0. If absent, all events are one window, which suits the slices of a slicer.
     polarity : bool
         Count ON and OFF events separately.
-
-    Examples
-    --------
-    >>> from edge_vpr.events import Sensor, make_events
-    >>> two = PixelMap(Sensor(4, 4), np.array([1, 2]), np.array([0, 0]))
-    >>> CountPixels(two)(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0]))
-    array([3, 1])
     """
 
     pixel_map: PixelMap
@@ -506,6 +506,7 @@ class CountPixels:
     _table: npt.NDArray[np.signedinteger] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        expect(self.pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
         object.__setattr__(self, "_table", self.pixel_map.table())
 
     def __call__(self, events: Events) -> npt.NDArray[np.int64]:

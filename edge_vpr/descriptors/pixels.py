@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, expect
 from edge_vpr.events import Sensor
 from edge_vpr.settings import STRATEGIES, Strategy
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
@@ -32,6 +32,10 @@ MAX_SENSOR_PIXELS = 1 << 25
 @dataclass(frozen=True)
 class PixelMap:
     """The J selected pixels of a sensor; slot j of a descriptor counts pixel ``(x[j], y[j])``.
+
+    >>> two = PixelMap(Sensor(4, 4), x=np.array([1, 2]), y=np.array([0, 3]))
+    >>> two, two.table()[3].tolist()
+    (PixelMap(2 pixels of 4x4), [-1, -1, 1, -1])
 
     Parameters
     ----------
@@ -109,6 +113,7 @@ class PixelMap:
 
 
 def _check_sensor(sensor: Sensor) -> None:
+    expect(sensor, Sensor, "sensor", "the size of the camera, as Sensor(346, 260)")
     sides = all(
         isinstance(side, int | np.integer) and not isinstance(side, bool) and 1 <= side <= 65_536
         for side in sensor
@@ -171,6 +176,8 @@ def select_pixels(
         raise UsageError(
             "saliency holds negative or non-finite values: expected variances or means"
         )
+    expect(pixels, (int, np.integer), "pixels", "a whole number")
+    expect(rng, np.random.Generator, "rng", "numpy.random.default_rng(seed)")
     if pixels < 1:
         raise UsageError(f"cannot select {pixels} pixels: ask for at least 1")
     if not (math.isfinite(sigma) and (sigma == 0 or sigma >= 0.01)):
@@ -198,10 +205,8 @@ def select_pixels(
 
     drawable = int(np.count_nonzero(weights))
     if drawable < pixels:
-        raise UsageError(
-            f"only {drawable} of {sensor.pixels} pixels can be drawn and {pixels} were asked for: "
-            "ask for fewer pixels or map a longer traverse"
-        )
+        excluded = 0 if exclude is None else int(np.count_nonzero(np.asarray(saliency)[exclude]))
+        raise too_few_pixels(drawable, excluded, pixels, sensor)
     if strategy == "top":
         flat = np.argsort(-weights, axis=None, kind="stable")[:pixels]
     elif strategy == "seed-code":
@@ -210,6 +215,28 @@ def select_pixels(
         flat = _draw(weights, pixels, _inverse_gaussian(sigma, max(height, width)), rng)
     y, x = np.divmod(flat, width)
     return PixelMap(sensor, x.astype(np.uint16), y.astype(np.uint16))
+
+
+def too_few_pixels(drawable: int, excluded: int, pixels: int, sensor: Sensor) -> UsageError:
+    """Return the error that fewer pixels can be selected than were asked for, with the cause.
+
+    Parameters
+    ----------
+    drawable : int
+        Pixels that vary and are not excluded.
+    excluded : int
+        Pixels that vary and are excluded, as hot.
+    pixels : int
+        Asked for.
+    sensor : Sensor
+    """
+    begin = f"only {drawable} of {sensor.pixels} pixels can be drawn and {pixels} were asked for"
+    if excluded and drawable + excluded >= pixels:
+        return UsageError(
+            f"{begin}: {excluded} others vary, but were left out as hot: keep them "
+            "(--hot-pixels keep, remove_hot_pixels=False), or give a list of the hot ones"
+        )
+    return UsageError(f"{begin}: ask for fewer pixels or map a longer traverse")
 
 
 _Suppression = Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.float64]]

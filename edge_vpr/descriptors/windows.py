@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import check_array, check_range
+from edge_vpr.archive import EqualByValue, check_array, check_range
 from edge_vpr.compiling import kernel
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US, Sensor
 from edge_vpr.recordings import Faults, read_count_frames
 from edge_vpr.recordings.frames import MOST_PIXELS, Counts
@@ -33,6 +33,9 @@ MAX_WINDOWS = 1_000_000
 class FixedTime:
     """Windows ``[k tau, (k+1) tau)`` from the recording's start, without gaps or overlap.
 
+    >>> str(FixedTime(500_000))
+    '0.5 s'
+
     A window is complete once an event at or after its end has arrived. Windows without events are
     descriptors of zeros.
 
@@ -48,6 +51,7 @@ class FixedTime:
         return f"{self.tau_us / 1e6:g} s"
 
     def __post_init__(self) -> None:
+        expect(self.tau_us, (int, np.integer), "tau_us", "whole microseconds")
         if not 1 <= self.tau_us <= TIME_LIMIT_US:
             raise UsageError(
                 f"window of {self.tau_us} us: expected 1 us or more, to {TIME_LIMIT_US}"
@@ -57,6 +61,9 @@ class FixedTime:
 @dataclass(frozen=True)
 class FixedCount:
     """Windows that close with their N-th event at a selected pixel; the next event opens another.
+
+    >>> str(FixedCount(450))
+    '450 events at the selected pixels'
 
     Parameters
     ----------
@@ -70,6 +77,7 @@ class FixedCount:
         return f"{self.events} events at the selected pixels"
 
     def __post_init__(self) -> None:
+        expect(self.events, (int, np.integer), "events", "a whole number of events")
         if not 1 <= self.events <= TIME_LIMIT_US:
             raise UsageError(
                 f"window of {self.events} events: expected 1 event or more, to {TIME_LIMIT_US}"
@@ -103,9 +111,14 @@ class WindowCounts(NamedTuple):
 COUNT_DTYPES = (np.uint8, np.uint16, np.uint32)
 
 
-@dataclass(frozen=True)
-class Descriptors:
+@dataclass(frozen=True, eq=False)
+class Descriptors(EqualByValue):
     """Event counts at the selected pixels, or their codes, and times of n windows.
+
+    >>> counts, start = np.array([[3, 0], [1, 2]], dtype=np.uint8), np.array([0, 1_000_000])
+    >>> windows = Descriptors(counts, start, start + 1_000_000, events=np.array([40, 35]))
+    >>> windows, windows.centre_us.tolist()
+    (Descriptors(2 windows of 2 counters), [500000, 1500000])
 
     Attributes
     ----------
@@ -362,6 +375,8 @@ class PublishedWindows:
         Which pixels the frames count.
     start_us : int
         The first frame that is read, on the clock of the frames in microseconds.
+    frame_period : Fraction or None
+        As given.
     faults : Faults
         None: damaged frames are errors.
 
@@ -381,6 +396,7 @@ class PublishedWindows:
         sensor: Sensor | None = None,
         crop: TimeCrop | None = None,
     ) -> None:
+        self.frame_period = period
         frames = read_count_frames(path)
         self._frames = frames
         start, end = (0, None) if crop is None else crop.span(frames.start_us)

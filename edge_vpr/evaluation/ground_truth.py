@@ -13,8 +13,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import read_members, read_npy
-from edge_vpr.errors import GroundTruthError, printable
+from edge_vpr.archive import EqualByValue, read_members, read_npy
+from edge_vpr.errors import GroundTruthError, expect, printable
 from edge_vpr.evaluation.tracks import Floats, Track, distances, interpolate, read_table
 
 # Ground truth: which places are right for which query.
@@ -25,8 +25,11 @@ BLOCK_CELLS = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
-class GroundTruth:
+class GroundTruth(EqualByValue):
     """The right places of each query.
+
+    >>> GroundTruth(np.eye(3, dtype=np.bool_), np.ones(3, dtype=np.bool_), "by hand")
+    GroundTruth(3 of 3 queries known, 3 places)
 
     Attributes
     ----------
@@ -134,6 +137,7 @@ def within(
 
 def check_tolerance(tolerance: float) -> None:
     """Check that the tolerance is a finite number of 0 or more."""
+    expect(tolerance, (int, float, np.number), "tolerance", "a number such as 70")
     if not (np.isfinite(tolerance) and tolerance >= 0):
         raise GroundTruthError(f"tolerance {tolerance} is not a distance: give 0 or more")
 
@@ -293,6 +297,8 @@ def from_tracks(
     GroundTruthError
         If the tracks cannot be compared, do not cover the windows, or never meet.
     """
+    for name, track in (("reference", reference), ("query", query)):
+        expect(track, Track, f"track of the {name}", "a Track, as of load_track")
     check_tolerance(tolerance_m)
     if reference.kind != query.kind or reference.position.shape[1] != query.position.shape[1]:
         raise GroundTruthError(

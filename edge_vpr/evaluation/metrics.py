@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.errors import GroundTruthError, UsageError, expect
 from edge_vpr.evaluation.calibration import Reliability, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.matching.matches import Matches
@@ -214,6 +214,8 @@ def precision_recall(
             f"scores, correct and has_place have shapes {scores.shape}, {correct.shape} and "
             f"{has_place.shape}: expected one entry of each a query"
         )
+    if thresholds is not None:
+        expect(thresholds, int, "thresholds", "a whole number, or None for all scores")
     if thresholds is not None and thresholds < 1:
         raise UsageError(f"{thresholds} thresholds: expected 1 or more")
     scores = np.where(np.isnan(scores), np.inf, scores)
@@ -235,6 +237,13 @@ def precision_recall(
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Result of `evaluate`.
+
+    >>> from edge_vpr import ReferenceMap
+    >>> from edge_vpr.simulation import simulate_pair
+    >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
+    >>> result = ReferenceMap.build(monday, pixels=50).match(tuesday)
+    >>> result.evaluate((monday.track, tuesday.track), tolerance_m=10)
+    Evaluation(8 queries, P@100R 1.000, R@99P 1.000)
 
     Attributes
     ----------
@@ -333,6 +342,8 @@ def evaluate(
     GroundTruthError
         If the truth does not cover the map or the queries, or is known for none of them.
     """
+    expect(matches, Matches, "matches", "Matches, as result.matches of ReferenceMap.match")
+    expect(truth, GroundTruth, "truth", "a GroundTruth, as of from_tracks")
     places, queries = truth.correct.shape
     if places != matches.places_in_map or queries <= int(matches.query.max()):
         raise GroundTruthError(

@@ -16,10 +16,11 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.archive import EqualByValue
+from edge_vpr.errors import GroundTruthError, UsageError, as_path, kind_of
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.map_record import AnyMap
 from edge_vpr.route import MOST_MM, Odometry, Route
 
 # Tracks: positions of the camera over time, interpolated but never extrapolated.
@@ -33,8 +34,12 @@ EARTH_RADIUS_M = 6_371_008.8
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class Track(EqualByValue):
     """Positions over time.
+
+    >>> track = Track(np.array([0, 2_000_000]), np.array([[0.0], [10.0]]))
+    >>> track.at(np.array([500_000])).tolist()
+    [[2.5]]
 
     Attributes
     ----------
@@ -70,8 +75,14 @@ class Track:
         return f"Track({len(self.time_us)} points, {self.kind})"
 
     def __post_init__(self) -> None:
-        time_us = np.array(self.time_us, dtype=np.int64)
-        position = np.array(self.position, dtype=np.float64)
+        try:
+            time_us = np.array(self.time_us, dtype=np.int64)
+            position = np.array(self.position, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise GroundTruthError(
+                f"time_us and position of a track are {kind_of(self.time_us)} and "
+                f"{kind_of(self.position)}: give numbers of shape (n,) and (n, d)"
+            ) from error
         if self.kind not in ("geographic", "metric"):
             raise GroundTruthError(f"track kind {self.kind!r} is unknown: use geographic or metric")
         widths = (2,) if self.kind == "geographic" else (1, 2, 3)
@@ -414,7 +425,7 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
     GroundTruthError
         If the file cannot be read or is not of this form.
     """
-    path = Path(path)
+    path = as_path(path, "a track")
     if path.suffix.lower() == ".nmea":
         return load_nmea(path, max_gap_s=max_gap_s)
     if path.suffix.lower() == ".gpx":
@@ -649,12 +660,12 @@ def _microseconds(seconds: float | None) -> int | None:
 # The positions of a map's places, from the track of the reference drive.
 
 
-def with_positions(reference: ReferenceMap, track: Track) -> ReferenceMap:
+def with_positions(reference: AnyMap, track: Track) -> AnyMap:
     """Give each place the position that the reference drive had in the middle of its window.
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     track : Track
         Of the reference drive; time 0 is the recording's start.
 
@@ -688,24 +699,24 @@ def load_odometry(path: str | Path) -> Odometry:
     Parameters
     ----------
     path : str or Path
-        With the header ``time_s,distance_m`` (the reading of an odometer, from any zero), or
-        ``time_s,speed_mps`` (below 0 backwards; between two rows the mean of both holds). Times in
-        seconds from the recording's start.
+        With the header ``time_s,distance_m`` (the reading of an odometer, from any zero),
+        ``time_s,position_m`` (a track along the route), or ``time_s,speed_mps`` (below 0 backwards;
+        between two rows the mean of both holds). Times in seconds from the recording's start.
 
     Raises
     ------
     GroundTruthError
         If the file cannot be read, is not of this form, or holds values out of range.
     """
-    path = Path(path)
+    path = as_path(path, "odometry")
     if path.suffix.lower() != ".csv":
         raise GroundTruthError(f"{path} is not odometry: give a .csv table")
     header, table = read_table(path)
     speeds = header == ("time_s", "speed_mps")
-    if not speeds and header != ("time_s", "distance_m"):
+    if not speeds and header not in (("time_s", "distance_m"), ("time_s", "position_m")):
         raise GroundTruthError(
-            f"{path} has the header {','.join(header)!r}: expected time_s,distance_m or "
-            "time_s,speed_mps"
+            f"{path} has the header {','.join(header)!r}: expected time_s,distance_m, "
+            "time_s,position_m or time_s,speed_mps"
         )
     time_s, values = table.T
     if speeds:
@@ -767,7 +778,7 @@ def load_jumps(path: str | Path, places: int) -> npt.NDArray[np.int32]:
     GroundTruthError
         If the file cannot be read, is not of this form, or names a place that the map lacks.
     """
-    path = Path(path)
+    path = as_path(path, "a list of jumps")
     if path.suffix.lower() != ".csv":
         raise GroundTruthError(f"{path} is no list of jumps: give a .csv table")
     header, table = read_table(path)

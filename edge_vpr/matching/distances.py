@@ -172,6 +172,10 @@ _LINE = 64  # bytes of a cache line
 class ReferenceIndex:
     """A reference traverse, packed for matching.
 
+    >>> index = ReferenceIndex(np.array([[3, 0, 1], [0, 2, 2]], dtype=np.uint16))
+    >>> index.distances(np.array([0, 1, 2]))
+    array([5, 1], dtype=int32)
+
     Parameters
     ----------
     reference : ndarray of int, shape (K, J)
@@ -186,12 +190,6 @@ class ReferenceIndex:
     ------
     UsageError
         If the reference is not a matrix of such integers.
-
-    Examples
-    --------
-    >>> index = ReferenceIndex(np.array([[3, 0, 1], [0, 2, 2]], dtype=np.uint16))
-    >>> index.distances(np.array([0, 1, 2]))
-    array([5, 1], dtype=int32)
     """
 
     def __init__(self, reference: npt.ArrayLike) -> None:

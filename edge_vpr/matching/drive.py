@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_vpr.confidence import Acceptance, Confidence, default_confidence
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, WindowRows
@@ -245,9 +245,9 @@ def match_descriptors(
         Table of probabilities; by default the shipped one for the place filter, and none for
         sequences.
     jumps : ndarray of int32, shape (n, 2), optional
-        Of the map, see `ReferenceMap`; only the place filter takes them.
+        Of the map, see `MapRecord`; only the place filter takes them.
     along_mm : ndarray of int64, shape (K,), optional
-        `ReferenceMap.along_mm`.
+        `MapRecord.along_mm`.
     odometry : Odometry, optional
         Of the query drive; takes `along_mm`, and the place filter.
 
@@ -265,10 +265,11 @@ def match_descriptors(
         If L is longer than a traverse, or the table does not promise the wanted precision, or
         jumps or odometry are given to sequences.
     """
+    expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
+    check_counts(places, queries)
     if confidence is None and settings.matching == "filter":
         confidence = default_confidence(settings.smooth, settings.late)
     acceptance = Acceptance(confidence, settings.precision)
-    check_counts(places, queries)
     if settings.matching == "filter":
         place_filter = filter_of(places, settings, jumps, along_mm)
         return _match_by_filter(place_filter, places, queries, settings, acceptance, odometry)
@@ -287,6 +288,8 @@ def match_descriptors(
 
 def check_counts(places: Descriptors, queries: Descriptors) -> None:
     """Check that places and queries have the same counters; raise MapError if not."""
+    for name, windows in (("places", places), ("queries", queries)):
+        expect(windows, Descriptors, name, "Descriptors, as of describe or of a map")
     if places.counts.shape[1] != queries.counts.shape[1]:
         raise MapError(
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "

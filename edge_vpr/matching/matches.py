@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import (
+    EqualByValue,
     check_array,
     check_range,
     damaged,
@@ -18,10 +19,10 @@ from edge_vpr.archive import (
     whole_number,
     write_archive,
 )
-from edge_vpr.errors import MapError, MissingExtraError
+from edge_vpr.errors import MapError, MissingExtraError, expect
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
-from edge_vpr.route import Route
+from edge_vpr.route import ALONG, Route
 from edge_vpr.settings import Settings
 
 if TYPE_CHECKING:
@@ -99,8 +100,15 @@ KIND = "set of matches"
 
 
 @dataclass(frozen=True, eq=False)
-class Matches:
+class Matches(EqualByValue):
     """Matches of n query windows.
+
+    >>> from edge_vpr import ReferenceMap
+    >>> from edge_vpr.simulation import simulate_pair
+    >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
+    >>> matches = ReferenceMap.build(monday, pixels=50).match(tuesday).matches
+    >>> matches.place[:3].tolist(), matches.time_s[:3].tolist()
+    ([0, 1, 1], [0.5, 1.5, 2.5])
 
     With the place filter, the two distances are metrics of the filter, and L = 1.
 
@@ -160,6 +168,11 @@ class Matches:
         )
 
     @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """`time_us` in seconds."""
+        return self.time_us / 1e6
+
+    @property
     def distance(self) -> npt.NDArray[np.float64]:
         """Distance D_seq of the best place."""
         return self.distance_sum / self.settings.windows_per_match
@@ -193,16 +206,18 @@ class Matches:
         settings : Settings
         places_in_map : int
         """
-        n = len(rows)
+        n, length = len(rows), settings.windows_per_match
+        known = rows["second"] >= 0
+        second = np.where(known, rows["second_distance"], 0.0)
         return cls(
             settings=settings,
             places_in_map=places_in_map,
             query=np.arange(n, dtype=np.int64),
-            time_us=rows["start"] + (rows["t"] - rows["start"]) // 2,
+            time_us=rows["start_us"] + (rows["time_us"] - rows["start_us"]) // 2,
             place=rows["place"],
-            distance_sum=rows["distance_sum"],
+            distance_sum=np.rint(rows["distance"] * length).astype(np.int64),
             second=rows["second"],
-            second_sum=rows["second_sum"],
+            second_sum=np.where(known, np.rint(second * length), -1).astype(np.int64),
             ties=np.zeros(n, dtype=np.int64),
             candidates=rows["place"][:, None],
             trust=rows["trust"],
@@ -212,6 +227,7 @@ class Matches:
 
     def every(self, stride: int) -> Matches:
         """Return every `stride`-th match, each as a query."""
+        expect(stride, int, "stride", "a whole number from 1")
         columns = {name: getattr(self, name)[::stride] for name in _COLUMNS}
         columns["query"] = np.arange(len(columns["query"]), dtype=np.int64)
         return replace(self, **columns)
@@ -246,15 +262,19 @@ class Matches:
             check_matches(found)
         return found
 
-    def to_frame(self) -> pandas.DataFrame:
+    def to_frame(self, route: Route | None = None) -> pandas.DataFrame:
         """Return a pandas table with one row for each match.
+
+        Parameters
+        ----------
+        route : Route, optional
+            Of the map; adds the coordinates of the matched place, and metres along the route.
 
         Returns
         -------
         pandas.DataFrame
-            Columns ``query``, ``time_s``, ``place``, ``distance``, ``second``, ``second_distance``,
-            ``ratio``, ``margin``, ``ties``, ``trust``, ``probability``, ``lost``; NaN where there
-            is no second or no probability.
+            The columns of ``matches.csv`` (see docs/commands.md), then ``margin`` and ``ties``; NaN
+            where there is no second, no probability or no position.
 
         Raises
         ------
@@ -265,16 +285,18 @@ class Matches:
             import pandas
         except ImportError as error:
             raise MissingExtraError("a table of matches", "pandas", "pandas") from error
-        time_s = self.time_us / 1e6
-        columns = {n: time_s if n == "time_s" else getattr(self, n) for n in _TABLE}
+        columns = {name: getattr(self, name) for name in (*TABLE, "margin", "ties")}
+        if route is not None:
+            columns |= route.columns(self.place, self.settings.exclusion)
         return pandas.DataFrame(columns)
 
 
 _COLUMNS = tuple(field.name for field in fields(Matches))[2:]  # all arrays
-#: columns of `to_frame`, which has times in seconds
-_TABLE = (
-    "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "margin", "ties",
-    "trust", "probability", "lost",
+#: columns of ``matches.csv``; rows of `MATCH_DTYPE` and of JSON use the same names, but that times
+#: are `time_us` in arrays
+TABLE = (
+    "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust",
+    "probability", "lost",
 )  # fmt: skip
 #: columns that older files do not have
 _LATER = ("trust", "probability", "lost")
@@ -317,15 +339,6 @@ def check_matches(matches: Matches) -> None:
 # The table of matches as CSV, for people and spreadsheets.
 
 
-COLUMNS = (
-    *("query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust"),
-    *("probability", "lost"),
-)
-
-#: columns after the coordinates, for a map with positions
-ALONG = ("along_m", "along_from_m", "along_to_m")
-
-
 def write_csv(path: str | Path, matches: Matches, route: Route | None = None) -> None:
     """Write matches as CSV, one line for each, atomically.
 
@@ -339,30 +352,22 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
         Adds the coordinates of the matched place, metres along the route, and the interval of the
         exclusion zone around it; empty where the position is not known.
     """
-    located = None
-    if route is not None:
-        located = route.locate(matches.place, matches.settings.exclusion)
     rejects = matches.settings.precision is not None
+    where = {} if route is None else route.columns(matches.place, matches.settings.exclusion)
+    time_s, distance, ratio = matches.time_s, matches.distance, matches.ratio
+    second_distance = matches.second_distance
     with replacing(path) as temporary, temporary.open("w", newline="") as file:
         table = csv.writer(file)
-        where = () if route is None else (*route.coordinates, *ALONG)
-        table.writerow((*COLUMNS, *where))
+        table.writerow((*TABLE, *where))
         for i in range(len(matches)):
-            row = [int(matches.query[i]), f"{matches.time_us[i] / 1e6:.6f}", int(matches.place[i])]
-            row.append(f"{matches.distance[i]:.6g}")
-            if matches.second[i] >= 0:
-                row += [int(matches.second[i]), f"{matches.second_distance[i]:.6g}"]
-                row.append(f"{matches.ratio[i]:.6f}")
-            else:
-                row += ["", "", ""]
-            row.append(int(matches.trust[i]))
-            known = not np.isnan(matches.probability[i])
-            row.append(f"{matches.probability[i]:.4f}" if known else "")
+            second = int(matches.second[i])
+            row = [int(matches.query[i]), f"{time_s[i]:.6f}"]
+            row += [int(matches.place[i]), f"{distance[i]:.6g}", "" if second < 0 else second]
+            row += [_field(second_distance[i], "{:.6g}"), _field(ratio[i], "{:.6f}")]
+            row += [int(matches.trust[i]), _field(matches.probability[i], "{:.4f}")]
             row.append(int(matches.lost[i]) if rejects else "")
-            if located is not None:
-                along = (located.along_m[i], located.from_m[i], located.to_m[i])
-                row += [_field(value, "{:.7f}") for value in located.position[i]]
-                row += [_field(value, "{:.2f}") for value in along]
+            for name, column in where.items():
+                row.append(_field(column[i], "{:.2f}" if name in ALONG else "{:.7f}"))
             table.writerow(row)
 
 

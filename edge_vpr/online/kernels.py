@@ -443,13 +443,33 @@ def sequence_answer(sums, total, c, length, row):
         return False
     c.last_reported = best
     second, second_least = _second(sums, total.sums, best, c.exclusion, c.places)
-    row["place"], row["distance_sum"] = best + length - 1, np.int64(least) + total.common
-    row["second"], row["second_sum"], row["trust"] = -1, -1, 0
+    best_sum, second_sum = np.int64(least) + total.common, np.int64(-1)
+    row["place"], row["second"], row["trust"] = best + length - 1, -1, 0
     if second >= 0:
         row["second"] = second + length - 1
-        row["second_sum"] = np.int64(second_least) + total.common
-        row["trust"] = np.int64(second_least) - np.int64(least)
+        second_sum = np.int64(second_least) + total.common
+        row["trust"] = second_sum - best_sum
+    write_distances(row, best_sum, second_sum, length)
     return True
+
+
+@kernel
+def write_distances(row, best_sum, second_sum, length):
+    """Write both distances and their ratio.
+
+    Parameters
+    ----------
+    row : record of MATCH_DTYPE
+    best_sum, second_sum : int
+        Sums over the L windows; the second is negative if there is no second place.
+    length : int
+        L.
+    """
+    row["distance"] = best_sum / length
+    row["second_distance"] = np.nan if second_sum < 0 else second_sum / length
+    row["ratio"] = np.nan if second_sum < 0 else 1.0
+    if second_sum > 0:
+        row["ratio"] = best_sum / second_sum
 
 
 @kernel(inline="always")
@@ -503,32 +523,27 @@ def filter_answer(predicted, metric, sums, c, events, row):
         return False
     c.last_reported = best
     kept = c.trust if predicted.follows[best] else np.int64(0)
-    row["place"], row["distance_sum"] = best, metric[best]
-    row["second"], row["second_sum"] = second, -1
-    if second >= 0:
-        row["second_sum"] = metric[second]
+    row["place"], row["second"] = best, second
+    second_metric = np.int64(-1) if second < 0 else np.int64(metric[second])
+    write_distances(row, np.int64(metric[best]), second_metric, 1)
     row["trust"] = trust_after(int(kept), bool(best == c.place), margin_of(metric, best, second))
     return True
 
 
 @kernel
 def acceptance(row, trust, probability, least_trust):
-    """Write the ratio, the probability, and whether the match is lost.
+    """Write the probability, and whether the match is lost.
 
     Parameters
     ----------
     row : record of MATCH_DTYPE
-        With its trust and both sums.
+        With its trust.
     trust : ndarray of int64, shape (m,)
     probability : ndarray of float64, shape (m,)
         Steps of `Confidence`; m is 0 where nothing is known.
     least_trust : int
         Of a match that is not lost.
     """
-    second = row["second_sum"]
-    row["ratio"] = np.nan if second < 0 else 1.0
-    if second > 0:
-        row["ratio"] = row["distance_sum"] / second
     row["probability"], row["lost"] = np.nan, row["trust"] < least_trust
     first, last = 0, trust.size - 1  # binary search: the step lies between these two
     if last >= 0:

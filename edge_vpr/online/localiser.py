@@ -17,8 +17,9 @@ from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime
-from edge_vpr.errors import EventError, UsageError
-from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor
+from edge_vpr.errors import EventError, UsageError, expect
+from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor, check_event_array
+from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.drive import check_no_ways
 from edge_vpr.online.kernels import selected_in_order
 from edge_vpr.online.matcher import (
@@ -43,14 +44,13 @@ from edge_vpr.online.state import (
     check_state,
 )
 from edge_vpr.pipeline import window_of
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import Settings
 
 # The part of a map that a saved localiser needs.
 
 
-def map_arrays(reference: ReferenceMap) -> Arrays:
+def map_arrays(reference: MapRecord) -> Arrays:
     """Return the arrays of a map that `searched_map` needs, without the places, for an archive."""
     arrays = present(
         pixel_x=reference.pixel_map.x,
@@ -66,7 +66,7 @@ def map_arrays(reference: ReferenceMap) -> Arrays:
     return arrays
 
 
-def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
+def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
     """Build a map with only the parts that a localiser needs.
 
     Parameters
@@ -80,7 +80,7 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
     sensor = pixel_map.sensor
     no_times = np.zeros(len(arrays["places"]), dtype=np.int64)
     figures = np.broadcast_to(np.float32(0), (sensor.height, sensor.width))
-    return ReferenceMap(
+    return MapRecord(
         Settings.from_dict(meta["settings"]),
         pixel_map,
         Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
@@ -116,7 +116,7 @@ class LocaliserState:
     """
 
     def __init__(
-        self, reference: ReferenceMap, every: MatchSchedule, recent: int, check_every: int
+        self, reference: MapRecord, every: MatchSchedule, recent: int, check_every: int
     ) -> None:
         settings = reference.settings
         self._settings, self._every = settings, every
@@ -265,18 +265,28 @@ KIND = "localiser state"
 class Localiser:
     """Matches a stream of events with a map, event by event.
 
+    >>> from edge_vpr import ReferenceMap
+    >>> from edge_vpr.simulation import simulate_pair
+    >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
+    >>> localiser = ReferenceMap.build(monday, pixels=50).localiser("window")
+    >>> places = [int(match["place"]) for events in tuesday for match in localiser.update(events)]
+    >>> places[-3:]
+    [3, 4, 5]
+
     It holds the counters of the newest L windows, one directly after the other
     (`edge_vpr.online.state`), and the distances of this sequence to all places. An event changes
     each distance by a few steps of +-1, so that the best place is known without a new comparison.
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
         Its settings say the window, the sequence length, the exclusion zone, and the code of
         its counts.
-    every : MatchSchedule
-        When to give a match; by default after each event, or with a delay at the end of each
-        window, which is the only schedule then. None is given before the L windows are complete.
+    every : str or MatchSchedule, optional
+        When to give a match: ``"event"``, a number of events such as ``"100"``, a time such as
+        ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event, or with
+        a delay at the end of each window, which is the only schedule then. No match is given before
+        the L windows are complete.
     recent : int
         So many of the map's newest places are left out of the search; for a rover that appends
         places while it drives.
@@ -290,29 +300,23 @@ class Localiser:
     UsageError
         If the map is shorter than a sequence, the sequence too long to be followed, or the codes
         are own-mean ones without the place filter.
-
-    Examples
-    --------
-    >>> localiser = Localiser(reference, every=MatchSchedule(events=1))       # doctest: +SKIP
-    >>> for events in recording:                                      # doctest: +SKIP
-    ...     for match in localiser.update(events):
-    ...         print(match["t"], match["place"], match["ratio"])
     """
 
     def __init__(
         self,
-        reference: ReferenceMap,
+        reference: MapRecord,
         *,
-        every: MatchSchedule | None = None,
+        every: str | MatchSchedule | None = None,
         recent: int = 0,
         check_every: int = 0,
     ) -> None:
+        expect(reference, MapRecord, "reference", "a ReferenceMap, as of ReferenceMap.load(path)")
         if reference.settings.smooth:  # which needs later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
         self.settings = settings = reference.settings
-        if every is None:
-            every = MatchSchedule.window(settings) if settings.late else MatchSchedule(events=1)
-        self.every = every
+        if every is not None:
+            expect(every, (str, MatchSchedule), "every", "a text such as '50ms' or 'window'")
+        self.every = MatchSchedule.parse(every, settings, "event")
         self._state = LocaliserState(reference, self.every, recent, check_every)
 
     def __len__(self) -> int:
@@ -373,9 +377,11 @@ class Localiser:
         UsageError
             If time jumps over more than a million ticks of the policy.
         """
-        if events.size == 0:
-            return NO_MATCHES
-        return self._state.take(events)
+        try:
+            return self._state.take(events) if events.size else NO_MATCHES
+        except (AttributeError, IndexError, ValueError):
+            check_event_array(events)  # which would take as long as a few events
+            raise
 
     @property
     def run(self) -> MatchRun:
@@ -399,6 +405,7 @@ class Localiser:
         -------
         ndarray of MATCH_DTYPE, shape (m,)
         """
+        expect(until_us, (int, np.integer), "until_us", "whole microseconds")
         floor_us = self._state.run.floor_us
         if until_us < floor_us:
             raise EventError(

@@ -13,6 +13,7 @@ from edge_vpr.compiling import BoxedState, KernelState, entry, kernel
 from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events
+from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import filter_of
 from edge_vpr.matching.place_filter import Predictions, WindowRows
@@ -26,6 +27,7 @@ from edge_vpr.online.kernels import (
     sequence_answer,
     take_moves,
     write_codes,
+    write_distances,
 )
 from edge_vpr.online.state import (
     MATCH_DTYPE,
@@ -36,7 +38,6 @@ from edge_vpr.online.state import (
     compared,
     grown,
 )
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometer
 from fixedpoint.own_mean import RunningMean
 
@@ -127,9 +128,9 @@ def follow(box, slots, times, until):
         else:
             answered = sequence_answer(sums, totals[0], c, length, row)
         if answered:
-            row["t"], row["events"] = now, events
+            row["time_us"], row["events"] = now, events
             # start of a fixed-count window: the time of its oldest event
-            row["start"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
+            row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
             acceptance(row, f.trust, f.probability, c.least_trust)
             given += 1
 
@@ -329,7 +330,7 @@ class FilterRun(MatchRun):
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     windows : OnlineWindows
         Of this map, and one window long.
     schedule : MatchSchedule
@@ -346,7 +347,7 @@ class FilterRun(MatchRun):
     schedule_name = "filter_schedule"
 
     def __init__(
-        self, reference: ReferenceMap, windows: OnlineWindows, schedule: MatchSchedule
+        self, reference: MapRecord, windows: OnlineWindows, schedule: MatchSchedule
     ) -> None:
         super().__init__(windows, OnlineState.begin(reference, windows.s, schedule))
         self.place_filter = filter_of(
@@ -487,7 +488,7 @@ class SequenceRun(MatchRun):
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     windows : OnlineWindows
         Of this map.
     schedule : MatchSchedule
@@ -498,7 +499,7 @@ class SequenceRun(MatchRun):
 
     def __init__(
         self,
-        reference: ReferenceMap,
+        reference: MapRecord,
         windows: OnlineWindows,
         schedule: MatchSchedule,
         recent: int,
@@ -521,7 +522,7 @@ class DelayedRun(FilterRun):
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
         Its settings say N.
     windows : OnlineWindows
     schedule : MatchSchedule
@@ -534,7 +535,7 @@ class DelayedRun(FilterRun):
     """
 
     def __init__(
-        self, reference: ReferenceMap, windows: OnlineWindows, schedule: MatchSchedule
+        self, reference: MapRecord, windows: OnlineWindows, schedule: MatchSchedule
     ) -> None:
         settings = reference.settings
         if schedule != MatchSchedule.window(settings):
@@ -580,9 +581,8 @@ class DelayedRun(FilterRun):
         row, match = self._undecided.popleft(), decided.match
         if row is None:
             return
-        row["place"], row["distance_sum"] = match.place, match.metric
-        row["second"], row["second_sum"] = match.second, match.second_metric
-        row["trust"] = match.trust
+        row["place"], row["second"], row["trust"] = match.place, match.second, match.trust
+        write_distances(row, match.metric, match.second_metric, 1)
         acceptance(row, self._followed.trust, self._followed.probability, self._control.least_trust)
         self._decided.append(row)
 

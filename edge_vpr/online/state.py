@@ -13,13 +13,13 @@ from edge_vpr.archive import Arrays, check_array, check_range, whole_number
 from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, narrow
 from edge_vpr.errors import EdgeVprError, MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
 from edge_vpr.matching.place_filter import RECIPROCAL_BITS, TRUST_BITS, Predictions
 from edge_vpr.matching.transitions import METRIC_TOP, Metrics
 from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM
-from edge_vpr.settings import Settings
+from edge_vpr.settings import Settings, duration_us
 from fixedpoint.codes import PixelCodes
 
 # State of sliding windows: the newest time or events, and windows of the same length before.
@@ -249,7 +249,7 @@ class OnlineWindows:
 
     Parameters
     ----------
-    reference : ReferenceMap
+    reference : MapRecord
     window : FixedTime or FixedCount
 
     Attributes
@@ -259,7 +259,7 @@ class OnlineWindows:
         Those of the map, and those that were appended.
     """
 
-    def __init__(self, reference: ReferenceMap, window: Window) -> None:
+    def __init__(self, reference: MapRecord, window: Window) -> None:
         self.places = reference.places.counts
         self._codes = None if reference.own_mean_code is not None else reference.codes
         self.s = start(self.places, window, reference.settings.windows_per_match, self._codes)
@@ -362,6 +362,11 @@ class OnlineWindows:
 class MatchSchedule:
     """Schedule of matches or descriptors, by events, by time, or by both.
 
+    >>> MatchSchedule(interval_us=50_000)
+    MatchSchedule(events=0, interval_us=50000, change=False)
+    >>> MatchSchedule.parse("50ms", Settings()) == MatchSchedule(interval_us=50_000)
+    True
+
     Parameters
     ----------
     events : int
@@ -397,6 +402,37 @@ class MatchSchedule:
             return cls(interval_us=settings.tau_us)
         return cls(events=settings.events_per_window)
 
+    @classmethod
+    def parse(
+        cls, when: str | MatchSchedule | None, settings: Settings, default: str = "50ms"
+    ) -> MatchSchedule:
+        """Return the schedule of live matches with a map.
+
+        Parameters
+        ----------
+        when : str, MatchSchedule or None
+            See `read_every`; None: the default, or ``window`` if matches are late.
+        settings : Settings
+            Of the map.
+        default : str
+
+        Raises
+        ------
+        UsageError
+            If it is none, or matches come late and are wanted at other times than the ends of
+            windows.
+        """
+        if isinstance(when, MatchSchedule):
+            return when
+        text = when or ("window" if settings.late else default)
+        schedule = read_every(text)
+        if schedule is not None and settings.late:
+            raise UsageError(
+                f"--every {text} with a delay of {settings.late} windows, which gives a "
+                "match at the end of each window: leave --every out, or set --delay 0"
+            )
+        return schedule or cls.window(settings)
+
     def check_ticks(self, from_us: int, until_us: int) -> None:
         """Raise UsageError if time jumps over more than a million intervals."""
         if self.interval_us and (until_us - from_us) // self.interval_us > MAX_WINDOWS:
@@ -406,20 +442,49 @@ class MatchSchedule:
             )
 
 
+def read_every(text: str) -> MatchSchedule | None:
+    """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
+
+    Returns
+    -------
+    MatchSchedule or None
+        None for ``window``, whose length a map or a design knows.
+
+    Raises
+    ------
+    UsageError
+        If it is none of these.
+    """
+    if text == "window":
+        return None
+    if text in ("event", "change"):
+        return MatchSchedule(events=1, change=text == "change")
+    if text.isascii() and text.isdigit() and int(text) > 0:
+        return MatchSchedule(events=int(text))
+    try:
+        return MatchSchedule(interval_us=duration_us(text))
+    except UsageError:
+        raise UsageError(
+            f"--every {text!r}: expected event, a number of events, a time such as 10ms, window, "
+            "or change"
+        ) from None
+
+
 # Record of one match of the localiser.
 
 
-#: One match. With the place filter, metrics replace distances, and one window the sequence.
+#: One match, with the names of the columns of ``matches.csv``. With the place filter, metrics
+#: replace distances, and one window the sequence.
 MATCH_DTYPE = np.dtype(
     [
-        ("t", "<i8"),  # time, in microseconds
+        ("time_us", "<i8"),  # when it was given, by the clock of the events
         ("place", "<i8"),  # the best; of equal ones the first
-        ("distance_sum", "<i8"),  # its distance, summed over the L windows of the sequence
+        ("distance", "<f8"),  # of the best place: mean of the L windows of the sequence
         ("second", "<i8"),  # the best place outside the exclusion zone; -1: there is none
-        ("second_sum", "<i8"),  # its distance
-        ("ratio", "<f8"),  # best distance / second-best distance
+        ("second_distance", "<f8"),  # of that place; NaN if there is none
+        ("ratio", "<f8"),  # distance / second_distance; NaN if there is no second place
         ("events", "<i8"),  # in the newest window, at the selected pixels
-        ("start", "<i8"),  # of the newest window, in microseconds
+        ("start_us", "<i8"),  # of the newest window
         # the higher the surer: of `place_filter.FilterMatch`, or with sequences the margin
         ("trust", "<i8"),
         ("probability", "<f8"),  # of being right; NaN: not known
@@ -500,14 +565,12 @@ class OnlineState(NamedTuple):
     out: npt.NDArray[np.void]
 
     @classmethod
-    def begin(
-        cls, reference: ReferenceMap, s: SlidingWindows, schedule: MatchSchedule
-    ) -> OnlineState:
+    def begin(cls, reference: MapRecord, s: SlidingWindows, schedule: MatchSchedule) -> OnlineState:
         """Build the state before the first event.
 
         Parameters
         ----------
-        reference : ReferenceMap
+        reference : MapRecord
         s : Sliding
             Of this map.
         schedule : MatchSchedule

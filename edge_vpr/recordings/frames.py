@@ -566,6 +566,22 @@ def read_count_frames(path: str | Path) -> CountFrames:
         return CountFrames(path)
 
 
+def as_period(given: Fraction | float | str) -> Fraction:
+    """Return the period of a frame in seconds, exactly, from a number or a text.
+
+    Raises
+    ------
+    UsageError
+        If it is not a number above 0.
+    """
+    if isinstance(given, str):
+        return parse_period(given)
+    is_number = isinstance(given, int | float | Fraction) and not isinstance(given, bool)
+    if is_number and 0 < given < 1 << 31:
+        return Fraction(given).limit_denominator(1_000_000)
+    raise UsageError(f"frame period {given!r} is no positive number: write for example 1/30")
+
+
 def parse_period(text: str) -> Fraction:
     """Read a frame period in seconds, ``"1/30"`` or ``"0.0333"``, exactly.
 
@@ -594,7 +610,7 @@ class FrameSource(Source):
         super().__init__(path, options, self.frames.sensor)
         period = self.frames.period
         if period is None:
-            period = options.frame_period
+            period = options.frame_period or options.default_frame_period
         elif options.frame_period not in (None, period):
             raise UsageError(
                 f"{path} has frames of {period} s, and {options.frame_period} s was given: "

@@ -223,11 +223,15 @@ CHUNK_EVENTS = 1 << 16
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Format of the file (a name of `FORMATS`), and what the caller states beside the file."""
+    """Format of the file (a name of `FORMATS`), and what the caller states beside the file.
+
+    `frame_period` must not contradict the file; `default_frame_period` is for files that say none.
+    """
 
     format: str
     sensor: Sensor | None = None
     frame_period: Fraction | None = None
+    default_frame_period: Fraction | None = None
     chunk_events: int = CHUNK_EVENTS
     topic: str | None = None
     time_unit: str | None = None
@@ -349,12 +353,12 @@ class TimeCrop:
         return start, end
 
 
-def seconds_us(text: str, name: str) -> int:
+def seconds_us(given: float | str, name: str) -> int:
     """Read seconds exactly, such as ``1587452582.35`` or ``1/30``, as microseconds.
 
     Parameters
     ----------
-    text : str
+    given : float or str
     name : str
         Named in the message.
 
@@ -368,11 +372,36 @@ def seconds_us(text: str, name: str) -> int:
     UsageError
         If it is not a number.
     """
+    text = str(given)
     # 1e999999999 would fill the memory
     if len(text) <= 40 and "e" not in text.lower():
         with suppress(ValueError, ZeroDivisionError):
             return round(Fraction(text) * 1_000_000)
     raise UsageError(f"{name} {text[:40]!r} is no number of seconds: write for example 12.5")
+
+
+def crop_of(
+    start: float | str | None, end: float | str | None, offset: float | str | None = None
+) -> TimeCrop | None:
+    """Return the part between two times in seconds; None if no time is given.
+
+    Parameters
+    ----------
+    start, end, offset : float or str, optional
+        See `TimeCrop`.
+
+    Raises
+    ------
+    UsageError
+        If a time is no number of seconds, or the end is not after the start.
+    """
+    if start is end is offset is None:
+        return None
+    return TimeCrop(
+        start_us=0 if start is None else seconds_us(start, "start (--start)"),
+        end_us=None if end is None else seconds_us(end, "end (--end)"),
+        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
+    )
 
 
 def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) -> Iterator[Events]:
@@ -465,7 +494,14 @@ _SLOWEST, _FASTEST, _FEWEST = 1_000.0, 2e9, 1_000
 
 
 class Recording:
-    """Iterable of event arrays that are never empty, in time order, and inside the sensor.
+    r"""Iterable of event arrays that are never empty, in time order, and inside the sensor.
+
+    >>> import tempfile, edge_vpr
+    >>> path = Path(tempfile.mkdtemp()) / "three.csv"
+    >>> _ = path.write_text("t,x,y,p\n100,0,0,1\n150,1,0,0\n150,1,1,1\n")
+    >>> recording = edge_vpr.open_recording(path, sensor=(2, 2))
+    >>> recording.sensor, [len(events) for events in recording]
+    (Sensor(width=2, height=2), [3])
 
     Each ``iter()`` starts at the first event and resets `faults` and `position`. Memory does not
     grow with the length of the file.
@@ -483,6 +519,8 @@ class Recording:
         Entries that the newest pass has dropped so far.
     remark : str
         Reason why the unit of the times is implausible, if the file does not state it; else "".
+    frame_period : Fraction or None
+        Seconds a frame of counts, as given; None if it was not, or the file holds events.
     """
 
     def __init__(self, source: Source, on_fault: str = "error") -> None:
@@ -498,6 +536,9 @@ class Recording:
         self._source = source
         self._on_fault = on_fault
         self.remark = ""
+        options, is_frames = source.options, source.options.format == "frames"
+        given = options.frame_period or options.default_frame_period
+        self.frame_period: Fraction | None = given if is_frames else None
         self._span: tuple[int, int | None] = (0, None)
         self._origin_us, self.start_us = self._find_start()
 

@@ -13,9 +13,10 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
+from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
 from edge_vpr.events import Events, Sensor, check_events
 from edge_vpr.files import replacing
+from edge_vpr.recordings.frames import as_period
 from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.reading import ArrayStream
@@ -24,6 +25,7 @@ from edge_vpr.recordings.recording import (
     ReadOptions,
     Recording,
     check_policy,
+    crop_of,
     foreign_errors,
 )
 
@@ -80,9 +82,12 @@ def open_recording(
     path: str | Path,
     *,
     format: str | None = None,
-    sensor: Sensor | None = None,
+    sensor: Sensor | tuple[int, int] | str | None = None,
+    start: float | str | None = None,
+    end: float | str | None = None,
     on_fault: str = "error",
-    frame_period: Fraction | None = None,
+    frame_period: Fraction | float | str | None = None,
+    default_frame_period: Fraction | None = None,
     chunk_events: int = CHUNK_EVENTS,
     topic: str | None = None,
     time_unit: str | None = None,
@@ -96,13 +101,18 @@ def open_recording(
         A file; a folder for a ROS 2 bag or for count frames.
     format : str, optional
         A name from :data:`FORMATS`; found from content and suffix if absent.
-    sensor : Sensor, optional
-        For files that do not state the size of their sensor. It is never guessed.
+    sensor : Sensor or (int, int) or str, optional
+        Width and height, or ``"346x260"``, for files that do not state the size of their sensor.
+        It is never guessed.
+    start, end : float or str, optional
+        Part of the recording to read, in seconds from its first event; `start` becomes time 0.
     on_fault : {"error", "drop"}
         Whether faults raise, or are left out and counted in ``Recording.faults``. Faults are time
         running backwards, pixels off the sensor, unreadable entries and a cut-off end.
-    frame_period : Fraction, optional
-        Seconds a frame, for count frames that do not state it.
+    frame_period : Fraction or float or str, optional
+        Seconds a frame, such as ``"1/30"``, for count frames that do not state it.
+    default_frame_period : Fraction, optional
+        The same where neither the file nor `frame_period` states it, as of a map.
     chunk_events : int
         Approximate number of events in a chunk.
     topic : str, optional
@@ -129,25 +139,42 @@ def open_recording(
     >>> recording = recordings.open_recording(path, sensor=Sensor(2, 2))
     >>> [chunk["t"].tolist() for chunk in recording], recording.start_us
     ([[0, 50, 50]], 100)
+    >>> later = recordings.open_recording(path, sensor="2x2", start="0.00004")
+    >>> [chunk["t"].tolist() for chunk in later], later.start_us
+    ([[10, 10]], 140)
     """
-    path = Path(path)
+    path = as_path(path, "a recording")
     check_policy(on_fault)
-    if chunk_events < 1:
-        raise UsageError(f"chunk_events {chunk_events} is not positive: give 1 or more")
+    if type(chunk_events) is not int or chunk_events < 1:
+        raise UsageError(f"chunk_events {chunk_events!r} is not positive: give a number from 1")
     if time_unit not in (None, "s", "ms", "us", "ns"):
         raise UsageError(f"time unit {time_unit!r} is unknown: choose s, ms, us or ns")
+    for name, text in (("columns", columns), ("format", format), ("topic", topic)):
+        if text is not None:
+            expect(text, str, name, "text")
     if columns is not None and not {"t", "x", "y"} <= set(columns) <= set("txyp-"):
         raise UsageError(f"columns {columns!r} do not name t, x and y: write for example xytp")
-    if frame_period is not None and frame_period <= 0:
-        raise UsageError(f"frame period {frame_period} s is not positive: write for example 1/30")
+    period = None if frame_period is None else as_period(frame_period)
     if format is not None and format not in FORMATS:
         raise UsageError(f"format {format!r} is unknown: choose one of {', '.join(FORMATS)}")
+    crop = crop_of(start, end)
+    size = None if sensor is None else Sensor.of(sensor)
     if not path.exists():
         raise RecordingError(f"{path} does not exist: check the path")
     with foreign_errors(path):
         name = format or sniff(path)
-        options = ReadOptions(name, sensor, frame_period, chunk_events, topic, time_unit, columns)
-        return Recording(FORMATS[name].function("source")(path, options), on_fault)
+        options = ReadOptions(
+            name,
+            size,
+            period,
+            default_frame_period,
+            chunk_events,
+            topic,
+            time_unit,
+            columns,
+        )
+        recording = Recording(FORMATS[name].function("source")(path, options), on_fault)
+    return recording if crop is None else recording.cropped(crop)
 
 
 def sniff(path: Path) -> str:
@@ -303,16 +330,18 @@ def write_recording(
     RecordingError
         If the events do not fit the format, there are none, or the disk cannot be written.
     """
-    path = Path(path)
+    path = as_path(path, "a recording")
     entry = _writable(path, format)
     sensor = getattr(events, "sensor", None) if sensor is None else sensor
     start_us = getattr(events, "start_us", 0) if start_us is None else start_us
     if sensor is None:
         raise UsageError(f"{path} needs the size of the sensor: pass sensor=")
+    sensor = Sensor.of(sensor)
     if path.exists() and (path.is_dir() or not overwrite):
         raise UsageError(f"{path} exists: choose another name, or pass --overwrite")
     open_sink = entry.function("sink")
     chunks = [events] if isinstance(events, np.ndarray) else events
+    expect(chunks, Iterable, "events", "an event array, or a recording that yields them")
     try:
         with replacing(path) as part:
             n = _fill(open_sink(part, sensor, start_us), chunks, sensor)

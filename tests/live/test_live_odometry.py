@@ -22,7 +22,7 @@ from edge_vpr.live.odometer import OdometerLine
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, OdometryFeed
 from edge_vpr.online.state import MatchSchedule
-from edge_vpr.pipeline import cleaned, map_traverse
+from edge_vpr.pipeline import cleaned
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
@@ -85,7 +85,7 @@ def drive(tmp_path_factory):
     rng = np.random.default_rng(3)
     events = random_events(rng, 60_000, SENSOR, 3_000_000)
     settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, matching="filter")
-    reference = map_traverse(Drive(events, SENSOR), settings)
+    reference = ReferenceMap.build(Drive(events, SENSOR), settings)
     places = np.arange(len(reference), dtype=np.int64)
     replace(reference, odometer_mm=500 * places).save(folder / "map.npz")
     replace(reference, settings=replace(settings, matching="sequence", sequence_length=2)).save(
@@ -134,22 +134,27 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
     rows = [json.loads(row) for row in log.read_text().splitlines()]
     (said,) = [row["text"] for row in rows if row["kind"] == "odometer"]
     assert "brings lines that are no readings of an odometer" in said
-    readings = {row["t"]: row["distance_m"] for row in rows if row["kind"] == "odometry"}
+    readings = {
+        round(1e6 * row["time_s"]): row["distance_m"] for row in rows if row["kind"] == "odometry"
+    }
     assert len(readings) > 50  # of 200 a second or fewer, on a machine that is busy
     odometry = Odometry(
         np.array(list(readings), dtype=np.int64),
         np.rint(1e3 * np.array(list(readings.values()))).astype(np.int64),
     )
     reference = ReferenceMap.load(drive / "map.npz")
-    found = [[row["t"], row["place"], row["distance_sum"], row["trust"]] for row in rows
-             if row["kind"] == "match"]  # fmt: skip
+    found = [
+        [round(1e6 * row["time_s"]), row["place"], row["distance"], row["trust"]]
+        for row in rows
+        if row["kind"] == "match"
+    ]
 
     def offline(odometry):
         localiser = Localiser(reference, every=MatchSchedule(interval_us=100_000))
         feed = OdometryFeed(localiser, odometry)
         parts = cleaned(Drive(events, SENSOR), reference.settings)
         rows = np.concatenate([row for part in parts for row in feed.update(part)])
-        return [list(row) for row in rows[["t", "place", "distance_sum", "trust"]].tolist()]
+        return [list(row) for row in rows[["time_us", "place", "distance", "trust"]].tolist()]
 
     assert len(found) > 15
     assert found == offline(odometry)

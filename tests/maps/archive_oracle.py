@@ -7,7 +7,7 @@ from pathlib import Path
 import filter_oracle
 import naive
 import numpy as np
-from streams import descriptors, random_events
+from streams import descriptors, random_events, with_sums
 
 from edge_vpr.archive import read_archive
 from edge_vpr.confidence import default_confidence
@@ -215,7 +215,7 @@ def _follow(
         assert len(matches) == (whole and number % every.events == 0)
         if not len(matches):
             continue
-        names: tuple[str, ...] = ("place", "distance_sum", "second", "second_sum")
+        names: tuple[str, ...] = ("place", "distance", "second", "second_distance")
         if begin is not None:
             ended = t // tau if tau else (number - 1) // window.events  # type: ignore[union-attr]
             coded, events = _coded_windows(reference, selected, t + 1, before, begin, ended)
@@ -226,7 +226,8 @@ def _follow(
             coded = [_coded(reference, lag) for lag in lags]
             places = reference.places.counts.tolist()
             expected = naive.online_match(places, coded, settings.exclusion, recent)
-        assert tuple(int(matches[0][name]) for name in names) == expected
+        found = with_sums(matches, settings.windows_per_match)[0]
+        assert tuple(int(found[name]) for name in names) == expected
 
 
 def _coded_windows(

@@ -14,7 +14,7 @@ from edge_vpr.descriptors.pixels import PixelStatistics
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.pipeline import describe, map_traverse, match_traverse
+from edge_vpr.pipeline import describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -75,7 +75,7 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
         "test",
     )
     events = busy_drive(np.random.default_rng(seed), 600)
-    found = map_traverse(Drive(events, SENSOR, chunk), chosen)
+    found = ReferenceMap.build(Drive(events, SENSOR, chunk), chosen)
 
     pixels, kept, hot = expected_map(events, chosen)
     map_pixels = zip(found.pixel_map.x.tolist(), found.pixel_map.y.tolist(), strict=True)
@@ -91,23 +91,23 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
 
 def test_the_hot_pixel_and_the_burst_of_a_drive_do_not_reach_its_map():
     events = busy_drive(np.random.default_rng(0))
-    found = map_traverse(Drive(events, SENSOR), SMALL)
+    found = ReferenceMap.build(Drive(events, SENSOR), SMALL)
     assert found.hot[3, 4]
     assert found.hot.sum() == 1
-    kept = map_traverse(Drive(events, SENSOR), SMALL.replaced({"remove_bursts": False}, ""))
+    kept = ReferenceMap.build(Drive(events, SENSOR), SMALL.replaced({"remove_bursts": False}, ""))
     assert kept.places.counts.sum() > found.places.counts.sum()
 
 
 def test_a_temporary_file_that_is_too_small_costs_a_second_pass_and_changes_nothing(monkeypatch):
     events = busy_drive(np.random.default_rng(1))
-    whole = map_traverse(Drive(events, SENSOR), SMALL)
+    whole = ReferenceMap.build(Drive(events, SENSOR), SMALL)
 
     def small(self, sensor, *, clip=None):
         original(self, sensor, clip=clip, spool_bytes=100)
 
     original = PixelStatistics.__init__
     monkeypatch.setattr(PixelStatistics, "__init__", small)
-    again = map_traverse(Drive(events, SENSOR), SMALL)
+    again = ReferenceMap.build(Drive(events, SENSOR), SMALL)
     assert np.array_equal(again.places.counts, whole.places.counts)
     assert np.array_equal(again.places.start_us, whole.places.start_us)
     assert np.array_equal(again.places.events, whole.places.events)
@@ -126,8 +126,9 @@ def test_the_variance_is_exact_whatever_the_counts(rows):
 
 def test_a_drive_matched_against_its_own_map_finds_each_place():
     events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
-    reference = map_traverse(Drive(events, SENSOR), SMALL)
-    matches, queries = match_traverse(reference, Drive(events, SENSOR, 7))
+    reference = ReferenceMap.build(Drive(events, SENSOR), SMALL)
+    result = reference.match(Drive(events, SENSOR, 7))
+    matches, queries = result.matches, result.queries
     assert np.array_equal(queries.counts, reference.places.counts)
     assert matches.place.tolist() == matches.query.tolist()
     assert not matches.distance_sum.any()
@@ -157,8 +158,8 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
     drive = Drive(events, SENSOR, 100)
     plain = SMALL.replaced({"window": window, "polarity": polarity, "seed": seed}, "test")
     coded = plain.replaced(code, "test")
-    counts = map_traverse(drive, plain)
-    found = map_traverse(drive, coded)
+    counts = ReferenceMap.build(drive, plain)
+    found = ReferenceMap.build(drive, coded)
     assert found.pixel_map == counts.pixel_map
     columns = counts.places.counts.T.tolist()
     kind, bits = coded.counter_code, coded.counter_bits
@@ -175,7 +176,8 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
     ]
     assert found.places.counts.T.tolist() == expected
     # a query is coded as the map is
-    matches, queries = match_traverse(found, drive)
+    result = found.match(drive)
+    matches, queries = result.matches, result.queries
     assert np.array_equal(queries.counts, found.places.counts)
     assert not matches.distance_sum.any()
     assert counts.decoded(counts.places) is counts.places is counts.coded(counts.places)
@@ -187,8 +189,8 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
 def test_pixels_are_selected_by_clipped_counts_as_in_the_released_code():
     events = busy_drive(np.random.default_rng(0))
     chosen = SMALL.replaced({"strategy": "top", "remove_hot_pixels": False}, "test")
-    clipped = map_traverse(Drive(events, SENSOR), chosen.replaced({"clip": 1}, "test"))
-    plain = map_traverse(Drive(events, SENSOR), chosen)
+    clipped = ReferenceMap.build(Drive(events, SENSOR), chosen.replaced({"clip": 1}, "test"))
+    plain = ReferenceMap.build(Drive(events, SENSOR), chosen)
     assert clipped.saliency.max() <= 0.25  # the variance of zeros and ones
     assert plain.saliency.max() > 1
     assert clipped.places.counts.max() == 1
@@ -197,11 +199,11 @@ def test_pixels_are_selected_by_clipped_counts_as_in_the_released_code():
 def test_a_map_says_how_many_bytes_a_place_takes_here_and_packed(tmp_path):
     drive = Drive(busy_drive(np.random.default_rng(0)), SENSOR)
     changes = {"counter_code": "log", "counter_bits": 3, "counter_scaling": "per-pixel"}
-    coded = map_traverse(drive, SMALL.replaced(changes, "test"))
+    coded = ReferenceMap.build(drive, SMALL.replaced(changes, "test"))
     assert (coded.counter_bits, coded.bytes_per_place, coded.packed_bytes_per_place) == (3, 6, 3)
-    plain = map_traverse(drive, SMALL)
+    plain = ReferenceMap.build(drive, SMALL)
     assert (plain.counter_bits, plain.bytes_per_place, plain.packed_bytes_per_place) == (8, 6, 6)
-    clipped = map_traverse(drive, SMALL.replaced({"clip": 10}, "test"))
+    clipped = ReferenceMap.build(drive, SMALL.replaced({"clip": 10}, "test"))
     assert (clipped.counter_bits, clipped.packed_bytes_per_place) == (4, 3)
     coded.save(tmp_path / "map.npz")
     again = ReferenceMap.load(tmp_path / "map.npz")
@@ -212,16 +214,16 @@ def test_a_map_says_how_many_bytes_a_place_takes_here_and_packed(tmp_path):
 def test_the_full_scales_of_the_map_cannot_be_forgotten():
     drive = Drive(busy_drive(np.random.default_rng(0)), SENSOR)
     changes = {"counter_code": "log", "counter_scaling": "per-pixel"}
-    coded = map_traverse(drive, SMALL.replaced(changes, "test"))
+    coded = ReferenceMap.build(drive, SMALL.replaced(changes, "test"))
     with pytest.raises(MapError, match="pass those of the reference map"):
         describe(drive, coded.pixel_map, coded.settings)
 
 
 def test_n_from_the_reference_is_what_a_window_of_tau_holds_on_average():
     events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
-    by_time = map_traverse(Drive(events, SENSOR), SMALL)
+    by_time = ReferenceMap.build(Drive(events, SENSOR), SMALL)
     chosen = SMALL.replaced({"window": "count", "events_per_pixel": 0.0}, "test")
-    by_count = map_traverse(Drive(events, SENSOR), chosen)
+    by_count = ReferenceMap.build(Drive(events, SENSOR), chosen)
     mean = by_time.places.counts.sum() / len(by_time)
     assert by_count.pixel_map == by_time.pixel_map
     assert by_count.settings.events_per_window == round(mean)
@@ -230,7 +232,7 @@ def test_n_from_the_reference_is_what_a_window_of_tau_holds_on_average():
 
 def test_a_map_comes_back_from_disk_as_it_was(tmp_path):
     events = busy_drive(np.random.default_rng(3))
-    reference = map_traverse(Drive(events, SENSOR), SMALL)
+    reference = ReferenceMap.build(Drive(events, SENSOR), SMALL)
     reference.save(tmp_path / "map.npz")
     again = ReferenceMap.load(tmp_path / "map.npz")
     assert again.settings == reference.settings
@@ -244,15 +246,15 @@ def test_a_map_comes_back_from_disk_as_it_was(tmp_path):
 
 def test_a_recording_of_another_sensor_does_not_fit_the_map():
     events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
-    reference = map_traverse(Drive(events, SENSOR), SMALL)
+    reference = ReferenceMap.build(Drive(events, SENSOR), SMALL)
     with pytest.raises(MapError, match="of a 10x7 sensor and the map of a 9x7 one"):
-        match_traverse(reference, Drive(events, Sensor(10, 7)))
+        reference.match(Drive(events, Sensor(10, 7)))
 
 
 @pytest.mark.parametrize("window", ["time", "count"])
 def test_a_window_longer_than_the_recording_is_wrong_use(window):
     events = random_events(np.random.default_rng(2), 50, SENSOR, 250_000)
-    reference = map_traverse(Drive(events, SENSOR), SMALL)
+    reference = ReferenceMap.build(Drive(events, SENSOR), SMALL)
     short = events[:1]
     with pytest.raises(UsageError, match="shorter than one window of"):
         describe(
@@ -264,15 +266,15 @@ def test_a_window_longer_than_the_recording_is_wrong_use(window):
 
 def test_an_empty_recording_is_wrong_use():
     with pytest.raises(UsageError, match=r"shorter than one window of 0.1 s"):
-        map_traverse(Drive(make_events([], [], []), SENSOR), SMALL)
+        ReferenceMap.build(Drive(make_events([], [], []), SENSOR), SMALL)
 
 
 def test_clipping_changes_neither_the_events_of_a_window_nor_the_hot_pixels():
     events = busy_drive(np.random.default_rng(0))
     chosen = SMALL.replaced({"window": "count", "events_per_pixel": 0.0}, "test")
     chosen = chosen.replaced({"strategy": "random"}, "test")
-    whole = map_traverse(Drive(events, SENSOR), chosen)
-    clipped = map_traverse(Drive(events, SENSOR), chosen.replaced({"clip": 1}, "test"))
+    whole = ReferenceMap.build(Drive(events, SENSOR), chosen)
+    clipped = ReferenceMap.build(Drive(events, SENSOR), chosen.replaced({"clip": 1}, "test"))
     assert clipped.settings.events_per_window == whole.settings.events_per_window
     assert np.array_equal(clipped.hot, whole.hot)
     assert clipped.places.counts.max() == 1

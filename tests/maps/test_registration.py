@@ -14,8 +14,8 @@ from streams import Drive, random_events
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.pipeline import map_traverse, match_traverse
 from edge_vpr.recordings import write_recording
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.registration import SEQUENCE, estimate_shift, moved_map, reach_of, register
 from edge_vpr.settings import Settings
 
@@ -59,12 +59,12 @@ def test_the_shift_is_found_and_the_matches_are_as_without_it(shift, changes):
     rng = np.random.default_rng(3)
     world = scenes(rng)
     chosen = CHOSEN.replaced(changes, "test")
-    mapped = map_traverse(Counted(seen(world, 0, 0)), chosen)
+    mapped = ReferenceMap.build(Counted(seen(world, 0, 0)), chosen)
     query = Counted(seen(world + rng.integers(0, 3, world.shape), *shift))
     found = register(mapped, query)
     assert (found.dx, found.dy) == shift and found.shifted == (shift != (0, 0))
     assert found.windows == WINDOWS and found.likeness >= found.unmoved
-    matches, _ = match_traverse(found.reference, query)
+    matches = found.reference.match(query).matches
     off = np.abs(matches.place.astype(np.int64) - matches.query)
     assert off.max() <= 1 and (off == 0).mean() > 0.9
 
@@ -72,7 +72,7 @@ def test_the_shift_is_found_and_the_matches_are_as_without_it(shift, changes):
 def test_the_likeness_is_the_oracles_to_the_bit():
     rng = np.random.default_rng(4)
     world = scenes(rng, 18)
-    mapped = map_traverse(Counted(seen(world, 0, 0)), CHOSEN)
+    mapped = ReferenceMap.build(Counted(seen(world, 0, 0)), CHOSEN)
     images = seen(world + rng.integers(0, 9, world.shape), 2, 1)
     images[:, 3, 4] = 0  # a pixel that never fires
     dx, dy, likeness, unmoved = estimate_shift(mapped, images)
@@ -91,7 +91,7 @@ def test_the_likeness_is_the_oracles_to_the_bit():
 
 def test_a_shift_that_is_not_clear_moves_nothing():
     rng = np.random.default_rng(5)
-    mapped = map_traverse(Counted(seen(scenes(rng), 0, 0)), CHOSEN)
+    mapped = ReferenceMap.build(Counted(seen(scenes(rng), 0, 0)), CHOSEN)
     found = register(mapped, Counted(seen(scenes(rng), 0, 0)))  # another world
     assert found.reference is mapped and not found.shifted
 
@@ -100,7 +100,7 @@ def test_what_belongs_to_the_pixels_of_the_sensor_does_not_hold_the_map_back():
     """A camera's own pattern stays where it is when the mounting moves."""
     rng = np.random.default_rng(6)
     world, pattern = scenes(rng), rng.integers(0, 60, (SENSOR.height, SENSOR.width))
-    mapped = map_traverse(Counted(seen(world, 0, 0) + pattern), CHOSEN)
+    mapped = ReferenceMap.build(Counted(seen(world, 0, 0) + pattern), CHOSEN)
     found = register(mapped, Counted(seen(world, 2, -1) + pattern))
     assert (found.dx, found.dy) == (2, -1)
 
@@ -111,7 +111,7 @@ def test_events_are_registered_too(polarity, window):
     rng = np.random.default_rng(7)
     world = scenes(rng, 30)
     chosen = CHOSEN.replaced({"polarity": polarity, "window": window}, "test")
-    mapped = map_traverse(drive(rng, seen(world, 0, 0)), chosen)
+    mapped = ReferenceMap.build(drive(rng, seen(world, 0, 0)), chosen)
     query = drive(rng, seen(world, -2, 1))
     found = register(mapped, query)
     assert (found.dx, found.dy) == (-2, 1)
@@ -121,7 +121,7 @@ def test_events_are_registered_too(polarity, window):
         wanted, given = kept.counts.sum() / len(kept), found.reference.settings.events_per_window
         assert abs(given - wanted) <= 1
     else:
-        matches, _ = match_traverse(found.reference, query)
+        matches = found.reference.match(query).matches
         assert (np.abs(matches.place.astype(int) - matches.query) <= 1).mean() > 0.9
     assert np.abs(kept.activity - kept.counts.sum(axis=1)).max() < 0.2 * kept.activity.mean()
 
@@ -137,7 +137,7 @@ def drive(rng, images):
 def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
     rng = np.random.default_rng(8)
     chosen = CHOSEN.replaced({"polarity": True, "counter_code": "log"}, "test")
-    mapped = map_traverse(drive(rng, seen(scenes(rng), 0, 0)), chosen)
+    mapped = ReferenceMap.build(drive(rng, seen(scenes(rng), 0, 0)), chosen)
     x, y = mapped.pixel_map.x.astype(int), mapped.pixel_map.y.astype(int)
     first = int(np.flatnonzero((x < 29) & (y < 24 - 2))[0])
     hot = mapped.hot.copy()
@@ -157,14 +157,14 @@ def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
 def test_what_cannot_be_registered_is_refused_with_a_remedy():
     rng = np.random.default_rng(9)
     world = scenes(rng)
-    mapped = map_traverse(Counted(seen(world, 0, 0)), CHOSEN)
+    mapped = ReferenceMap.build(Counted(seen(world, 0, 0)), CHOSEN)
     with pytest.raises(UsageError, match=r"15 windows, too few.*leave registration out"):
         register(mapped, Counted(seen(world, 0, 0)[:15]))
     partly = np.ones((SENSOR.height, SENSOR.width), np.bool_)
     partly[0, 0] = False
     with pytest.raises(UsageError, match=r"1 pixels were not counted.*leave registration out"):
         register(mapped, Counted(seen(world, 0, 0), partly))
-    few = map_traverse(Counted(seen(world, 0, 0)), CHOSEN.replaced({"pixels": 3}, "test"))
+    few = ReferenceMap.build(Counted(seen(world, 0, 0)), CHOSEN.replaced({"pixels": 3}, "test"))
     with pytest.raises(UsageError, match="of the map's 3 pixels lie 3 or more from the border"):
         register(few, Counted(seen(world, 0, 0)))
     other = Drive(random_events(rng, 10, Sensor(5, 5), 100), Sensor(5, 5))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors, random_events
 
-from edge_vpr import Matches, ReferenceMap, map_traverse, match_traverse
+from edge_vpr import Matches, ReferenceMap
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.matching import drive as module
@@ -85,7 +85,7 @@ def drives(tmp_path_factory):
         events = random_events(rng, 3_000, SENSOR, 1_500_000)
         write_recording(folder / f"{name}.npz", [events], sensor=SENSOR)
     settings = Settings(pixels=5, sigma=1.0, tau_us=100_000, sequence_length=3)
-    map_traverse(open_recording(folder / "reference.npz"), settings).save(folder / "map.npz")
+    ReferenceMap.build(open_recording(folder / "reference.npz"), settings).save(folder / "map.npz")
     return folder
 
 
@@ -139,7 +139,8 @@ def test_figures_are_functions_that_return_figures(drives):
     from matplotlib.figure import Figure
 
     reference = ReferenceMap.load(drives / "map.npz")
-    matches, queries = match_traverse(reference, open_recording(drives / "query.npz"))
+    result = reference.match(open_recording(drives / "query.npz"))
+    matches, queries = result.matches, result.queries
     for drawing in (
         figures.selected_pixels(reference),
         figures.online_places(matches),

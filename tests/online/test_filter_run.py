@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import Drive, as_tuples, cut_up, descriptors, random_events
+from streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
 
 from edge_vpr.errors import UsageError
@@ -103,9 +103,9 @@ def in_code(reference, counted):
 
 
 def without_ratio(matches):
-    derived = ("ratio", "start", "probability", "lost")
+    derived = ("ratio", "start_us", "probability", "lost")
     names = [name for name in matches.dtype.names if name not in derived]
-    return [tuple(int(match[name]) for name in names) for match in matches]
+    return [tuple(int(match[name]) for name in names) for match in with_sums(matches)]
 
 
 def random_map(rng, places, largest, **changes):
@@ -165,7 +165,7 @@ def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, de
     live = np.concatenate([live, localiser.finish()])[: len(batch)]
     for theirs, ours in (
         (batch.place, live["place"]),
-        (batch.distance_sum, live["distance_sum"]),
+        (batch.distance, live["distance"]),
         (batch.second, live["second"]),
         (batch.trust, live["trust"]),
         (batch.probability, live["probability"]),
@@ -216,7 +216,7 @@ def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
     rows = [row for piece in cut_up(rng, events, pieces) for row in fed.update(piece)]
     live = np.concatenate([*rows, localiser.finish()])[: len(batch)]
     assert batch.place.tolist() == live["place"].tolist()
-    assert batch.distance_sum.tolist() == live["distance_sum"].tolist()
+    assert batch.distance.tolist() == live["distance"].tolist()
     assert batch.trust.tolist() == live["trust"].tolist()
 
 
@@ -344,11 +344,13 @@ def test_a_match_that_comes_late_is_given_as_soon_as_its_last_window_has_ended(w
     last = localiser.finish()
     assert localiser.finish().size == 0
     # the same windows, of which all but three waited for the end of the third after them
-    assert [row["t"] for _, row in given] + last["t"].tolist() == at_once["t"].tolist()
+    assert [row["time_us"] for _, row in given] + last["time_us"].tolist() == at_once[
+        "time_us"
+    ].tolist()
     assert len(last) == 3
     for (i, row), third in zip(given, at_once[3:], strict=True):
-        assert row["start"] < row["t"] < third["t"] <= events["t"][i]
-        assert row["events"] == at_once["events"][at_once["t"] == row["t"]][0]
+        assert row["start_us"] < row["time_us"] < third["time_us"] <= events["t"][i]
+        assert row["events"] == at_once["events"][at_once["time_us"] == row["time_us"]][0]
 
 
 def test_a_window_that_was_skipped_gives_no_match_and_the_others_keep_theirs():
@@ -361,8 +363,8 @@ def test_a_window_that_was_skipped_gives_no_match_and_the_others_keep_theirs():
     localiser.skip_ticks(int(later["t"][0]))
     after = np.concatenate([before, localiser.update(later), localiser.finish()])
     ends = [*range(100, 1_000, 100), *range(10**9, 10**9 + 1_000, 100)]
-    assert after["t"].tolist() == ends
-    assert (after["start"] == after["t"] - 100).all()
+    assert after["time_us"].tolist() == ends
+    assert (after["start_us"] == after["time_us"] - 100).all()
 
 
 def test_a_delay_is_of_whole_windows_and_is_not_saved(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import random_events
+from streams import random_events, with_sums
 from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
 from test_localiser import CODED, PIXELS, SENSOR, feed, map_of
@@ -109,10 +109,13 @@ def test_the_kernel_judges_matches_as_the_table_of_the_map_does(kind, precision,
     assert np.array_equal(found["probability"], probability, equal_nan=True)
     assert found["lost"].tolist() == lost.tolist()
     assert (precision is None) or (0 < lost.sum() < lost.size)
-    ratio = ratio_to_second(found["distance_sum"], found["second_sum"])
+    settings = reference.settings
+    sums = with_sums(found, settings.windows_per_match)
+    first, second = (sums[name].astype(np.int64) for name in ("distance", "second_distance"))
+    ratio = ratio_to_second(first, second)
     assert np.array_equal(found["ratio"], ratio, equal_nan=True)
     if kind == "sequence":
-        margin = margin_to_second(found["distance_sum"], found["second_sum"])
+        margin = margin_to_second(first, second)
         assert found["trust"].tolist() == margin.tolist()
 
 
@@ -167,7 +170,7 @@ def test_a_silence_with_more_ticks_than_the_kernel_gives_at_once_has_them_all():
     localiser.update(random_events(rng, 300, SENSOR, 1_000))
     last = localiser.next_match_us + 10 * (ticks - 1)
     found = localiser.update(make_events([last], [0], [0]))
-    assert found["t"].tolist() == list(range(last - 10 * (ticks - 1), last + 1, 10))
+    assert found["time_us"].tolist() == list(range(last - 10 * (ticks - 1), last + 1, 10))
     # one match is not the memory of another
     found["place"] = -7
     assert (localiser.advance(last + 20)["place"] >= 0).all()

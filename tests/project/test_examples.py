@@ -19,7 +19,7 @@ from designs import random_stream
 
 from edge_vpr.evaluation.tracks import with_positions
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.pipeline import map_traverse
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import resolve_settings
 from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
@@ -40,7 +40,7 @@ def street(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
     first, _ = simulate_pair(seed=0, length_m=60.0)
     settings = resolve_settings("default", flags={"tau_us": 250_000})
-    reference = with_positions(map_traverse(first, settings), first.track)
+    reference = with_positions(ReferenceMap.build(first, settings), first.track)
     reference.save(folder / "map.npz")
     encoder = open_encoder("evpr", first.sensor)
     with (folder / "sent.bin").open("wb") as sent:

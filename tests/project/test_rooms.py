@@ -43,9 +43,9 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "files", "plugins", "compiling", "archive", "settings", "events"),
-    *("confidence", "route", "recordings", "descriptors", "reference_map", "matching"),
-    *("pipeline", "registration", "evaluation", "simulation", "online", "live"),
+    *("errors", "files", "plugins", "compiling", "archive", "settings", "events", "results"),
+    *("confidence", "route", "recordings", "descriptors", "map_record", "matching"),
+    *("pipeline", "registration", "evaluation", "simulation", "online", "reference_map", "live"),
 ]
 
 
@@ -80,7 +80,7 @@ def test_no_circle_of_imports():
 
 
 def _loads(path, files):
-    if path.name == "__init__.py" and "def __getattr__" in path.read_text(encoding="utf-8"):
+    if path.name == "__init__.py" and "__getattr__" in path.read_text(encoding="utf-8"):
         return
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and not node.level:
@@ -202,3 +202,17 @@ def test_no_kernel_takes_more_than_eight_arguments():
             ):
                 found.add(f"{path.stem}.{node.name}")
     assert found == LONG
+
+
+def test_the_docstring_of_each_public_class_begins_with_an_example():
+    """Which pytest runs, like all of them: after the first sentence, and none is left out."""
+    import inspect
+
+    import edge_vpr
+
+    classes = [getattr(edge_vpr, name) for name in edge_vpr.__all__]
+    classes = [value for value in classes if inspect.isclass(value)]
+    assert len(classes) > 20
+    for value in classes:
+        _, begin, *_ = inspect.cleandoc(value.__doc__).split("\n\n")
+        assert begin.startswith(">>> ") and "SKIP" not in begin, value

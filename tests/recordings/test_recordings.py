@@ -236,7 +236,12 @@ def test_an_archive_or_a_folder_of_other_things_says_what_it_holds(tmp_path):
         ({"time_unit": "min"}, "choose s, ms, us or ns"),
         ({"columns": "abc"}, "write for example xytp"),
         ({"chunk_events": 0}, "not positive"),
-        ({"frame_period": 0}, "not positive"),
+        ({"frame_period": 0}, "no positive number"),
+        ({"frame_period": "often"}, "no positive number"),
+        ({"sensor": 346}, "or '346x260'"),
+        ({"start": "soon"}, "is no number of seconds"),
+        ({"start": 5, "end": 2}, "is not after the start"),
+        ({"columns": 4}, "columns is an int (4): give text"),
         ({}, "--sensor 346x260"),
     ],
 )

@@ -11,7 +11,8 @@ from streams import Drive, random_events
 from edge_vpr.events import Sensor
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.state import MatchSchedule
-from edge_vpr.pipeline import cleaned, map_traverse
+from edge_vpr.pipeline import cleaned
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
 SENSOR = Sensor(24, 18)
@@ -35,16 +36,16 @@ def test_flashes_are_added_in_the_order_of_time_and_take_no_event_away():
 
 def test_each_filter_matches_and_the_exact_one_as_a_recording_is():
     walked, query = drives()
-    reference = map_traverse(walked, SETTINGS)
+    reference = ReferenceMap.build(walked, SETTINGS)
     flashed = Flashed(query, 10.0, seed=3)
     found = {name: matched(reference, flashed, name) for name in FILTERS}
     localiser = Localiser(reference, every=MatchSchedule.window(SETTINGS))
     rows = np.concatenate([localiser.update(part) for part in cleaned(flashed, SETTINGS)])
     assert found["exact"].place.tolist() == rows["place"].tolist()
-    assert found["exact"].distance_sum.tolist() == rows["distance_sum"].tolist()
+    assert found["exact"].distance.tolist() == rows["distance"].tolist()
     sums = [each.distance_sum.tolist() for each in found.values()]
     assert len(set(map(tuple, sums))) == 3  # each counts other events
     without = dataclasses.replace(SETTINGS, remove_bursts=False)
     kept = Localiser(reference, every=MatchSchedule.window(SETTINGS))
     rows = np.concatenate([kept.update(part) for part in cleaned(flashed, without)])
-    assert found["none"].distance_sum.tolist() == rows["distance_sum"].tolist()
+    assert found["none"].distance.tolist() == rows["distance"].tolist()

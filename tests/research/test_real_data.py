@@ -28,8 +28,8 @@ from edge_vpr.evaluation.metrics import judge_rejection
 from edge_vpr.evaluation.tracks import load_nmea
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.state import MatchSchedule
-from edge_vpr.pipeline import map_traverse, match_traverse
 from edge_vpr.recordings import open_recording
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 
 
@@ -114,11 +114,11 @@ def test_the_online_matches_of_a_walk_are_the_offline_ones_and_never_drift(walks
     settings = PRESETS["paper"].replaced(
         {"sequence_length": 3, "anchor": "end", "remove_bursts": False, "window": "count"}, "test"
     )
-    reference = map_traverse(walks[0], settings)
-    batch, _ = match_traverse(reference, walks[1])
+    reference = ReferenceMap.build(walks[0], settings)
+    batch = reference.match(walks[1]).matches
     online = Localiser(reference, every=MatchSchedule.window(settings))
     found = np.concatenate([online.update(events) for events in walks[1]])
-    for name in ("place", "distance_sum", "second", "second_sum"):
+    for name in ("place", "distance", "second", "second_distance"):
         assert np.array_equal(found[name], getattr(batch, name)), name
 
     every_event = Localiser(reference, check_every=1_000)
@@ -132,15 +132,15 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
     windows = PublishedWindows(folder / "sunset2.npz")
     assert windows.counted.sum() == 49
     assert sum(1 for _ in windows.windows()) == 641
-    reference = map_traverse(windows, brisbane.SETTINGS.replaced({"tau_us": 5}, "test"))
+    reference = ReferenceMap.build(windows, brisbane.SETTINGS.replaced({"tau_us": 5}, "test"))
     assert reference.settings.tau_us == 1_000_000
     walk = PublishedWindows(shared_data / "speck_walks" / "query.npz", period=Fraction(1, 30))
     with pytest.raises(MapError, match="of a 128x128 sensor"):
-        match_traverse(reference, walk)
+        reference.match(walk)
     indoor = shared_data / "speck_indoor" / "reference.npz"
-    small = map_traverse(PublishedWindows(indoor, period=Fraction(1)), PRESETS["tiny"])
+    small = ReferenceMap.build(PublishedWindows(indoor, period=Fraction(1)), PRESETS["tiny"])
     with pytest.raises(MapError, match="last 500000 us and the map's 1000000 us"):
-        match_traverse(small, PublishedWindows(indoor, period=Fraction(1, 2)))
+        small.match(PublishedWindows(indoor, period=Fraction(1, 2)))
 
 
 @pytest.mark.slow

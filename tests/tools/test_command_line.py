@@ -402,7 +402,7 @@ def test_results_are_shown_in_one_short_line(drive):
     assert repr(reference) == "ReferenceMap(19 places, 5 pixels of 16x12, 8 bits a counter)"
     assert repr(reference.pixel_map) == "PixelMap(5 pixels of 16x12)"
     recording = edge_vpr.open_recording(drive / "drive.npz")
-    matches, _ = edge_vpr.match_traverse(reference, recording)
+    matches = reference.match(recording).matches
     assert repr(matches) == "Matches(18 queries, 19 places, L = 2, 0 tied)"
     truth = edge_vpr.from_matrix(np.eye(19, dtype=np.uint8), 19, 19, rows="reference")
     found = edge_vpr.evaluate(matches, truth)

@@ -310,7 +310,7 @@ def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monke
     def interrupt(*unused):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("edge_vpr_tools.runs.matching.write_csv", interrupt)
+    monkeypatch.setattr("edge_vpr.reference_map.write_csv", interrupt)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     code, lines = call(capsys, *arguments)
     assert code == 130
@@ -326,7 +326,7 @@ def test_a_user_without_a_home_is_told_where_compiled_code_can_go(
     def fail(*unused):
         raise RuntimeError("cannot cache function '_below': no locator available for file 'a.py'")
 
-    monkeypatch.setattr("edge_vpr_tools.runs.matching.write_csv", fail)
+    monkeypatch.setattr("edge_vpr.reference_map.write_csv", fail)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(
         capsys, *arguments, code=1, says="set NUMBA_CACHE_DIR to a folder that can be written to"
@@ -339,7 +339,7 @@ def test_a_fault_of_ours_is_one_line_and_debug_shows_the_trace(
     def fail(*unused):
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("edge_vpr_tools.runs.matching.write_csv", fail)
+    monkeypatch.setattr("edge_vpr.reference_map.write_csv", fail)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says="internal error, ZeroDivisionError: oh")
     _, lines = call(capsys, "--debug", *arguments)

@@ -19,7 +19,7 @@ from terminals import Terminal
 from edge_vpr.events import Sensor
 from edge_vpr.live.links import open_device_link
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.pipeline import map_traverse
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
 pytestmark = pytest.mark.alone
@@ -36,7 +36,7 @@ def map_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "map.npz"
     events = random_events(np.random.default_rng(0), 60_000, SENSOR, 3_000_000)
     settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, sequence_length=2)
-    map_traverse(Drive(events, SENSOR), settings).save(path)
+    ReferenceMap.build(Drive(events, SENSOR), settings).save(path)
     return path
 
 

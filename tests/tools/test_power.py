@@ -41,10 +41,10 @@ from edge_vpr_tools.profile.sensors import pmic
 from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
-from edge_vpr_tools.results import from_json, to_json
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError
+from edge_vpr.results import from_json, to_json
 
 HWMON = "sys/class/hwmon"
 

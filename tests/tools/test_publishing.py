@@ -30,7 +30,7 @@ from edge_vpr.live.links import LinkError
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveResult
 from edge_vpr.online.state import MATCH_DTYPE
-from edge_vpr.pipeline import map_traverse
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
@@ -59,7 +59,7 @@ def drive(tmp_path_factory):
     rng = np.random.default_rng(0)
     events = random_events(rng, 6_000, SENSOR, 2_000_000)
     settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, sequence_length=2, exclusion=1)
-    reference = map_traverse(Drive(events, SENSOR), settings)
+    reference = ReferenceMap.build(Drive(events, SENSOR), settings)
     along = np.arange(len(reference)) * 2.5
     along[0] = np.nan
     reference = dataclasses.replace(reference, route=Route(along[:, None].copy(), along))
@@ -96,7 +96,7 @@ def test_with_a_delay_a_row_has_the_host_time_of_its_own_window(drive):
     reference = drive[1]
     late = dataclasses.replace(reference.settings, matching="filter", smooth=False, delay=2)
     matches = np.zeros(1, dtype=MATCH_DTYPE)
-    matches["t"] = 1_000_000
+    matches["time_us"] = 1_000_000
     result = LiveResult(np.empty(0), matches, False, 3_000_400)
     (line,) = MatchRows(dataclasses.replace(reference, settings=late)).lines(result, 9_000_000)
     assert json.loads(line)["host_us"] == 9_000_000 - 2_000_400
@@ -107,14 +107,16 @@ def test_with_a_delay_a_row_has_the_host_time_of_its_own_window(drive):
 def test_a_row_has_every_field_of_its_match():
     matches = np.zeros(2, dtype=MATCH_DTYPE)
     matches["probability"], matches["lost"] = 0.1, True
-    matches["t"], matches["trust"] = 2**60, -(2**40)
+    matches["time_us"], matches["trust"] = 2**50, -(2**40)
     for i, name in enumerate(matches.dtype.names):
         matches[name][1] = i
     lines = list(MatchRows().lines(LiveResult(np.empty(0), matches, False), -5))
     rest = {"incomplete": False, "host_us": -5}
+    names = [name.replace("_us", "_s") for name in matches.dtype.names]
+    rows = [dict(zip(names, values, strict=True)) for values in matches.tolist()]
+    in_s = [{name: row[name] / 1e6 for name in ("time_s", "start_s")} for row in rows]
     expected = [
-        {"kind": "match", **dict(zip(matches.dtype.names, values, strict=True)), **rest}
-        for values in matches.tolist()
+        {"kind": "match", **row, **times, **rest} for row, times in zip(rows, in_s, strict=True)
     ]
     assert lines == [json.dumps(row) for row in expected]
 

@@ -4,47 +4,52 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.info import summarise
-from edge_vpr_tools.results import to_json
-from edge_vpr_tools.runs.mapping import calibrate, map_recording
-from edge_vpr_tools.runs.matching import localise, made_causal, match_recording, parse_every
+from edge_vpr_tools.runs.mapping import calibrate
 from edge_vpr_tools.runs.truth_files import load_truth
 from test_commands import drive  # noqa: F401
 
-from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.results import to_json
 
 
-def test_mapping_and_matching_give_what_the_commands_write(drive, tmp_path):  # noqa: F811
+def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  # noqa: F811
     """A map made of the settings of the command's map is the same, and so are the matches."""
     written = ReferenceMap.load(drive / "map.npz")
-    made = map_recording(open_recording(drive / "reference.npz"), written.settings)
-    assert np.array_equal(made.reference.places.counts, written.places.counts)
-    assert made.removed.events > 0 and made.seconds > 0
+    made = ReferenceMap.build(drive / "reference.npz", written.settings)
+    assert made == written
 
-    query = open_recording(drive / "query.npz")
-    found = match_recording(made.reference, query)
+    found = made.match(drive / "query.npz")
     flags = [str(drive / "map.npz"), str(drive / "query.npz"), "--no-figures"]
     assert main(["match", *flags, "-o", str(tmp_path / "windows")]) == 0
-    assert np.array_equal(found.matches.place, Matches.load(tmp_path / "windows/matches.npz").place)
-    metrics = json.loads((tmp_path / "windows/metrics.json").read_text())
-    assert set(to_json(found.metrics(made.reference, query.faults))) == set(metrics)
-    assert metrics["queries"] == len(found.matches)
+    again = MatchResult.load(tmp_path / "windows")
+    assert (again.matches, again.queries, again.reference) == (found.matches, found.queries, made)
+    found.save(tmp_path / "saved")
+    names = {file.name for file in (tmp_path / "windows").iterdir()} - {"report.html"}
+    assert {file.name for file in (tmp_path / "saved").iterdir()} == names
+    assert (tmp_path / "saved/matches.csv").read_bytes() == (
+        tmp_path / "windows/matches.csv"
+    ).read_bytes()
+    metrics = [
+        json.loads((tmp_path / n / "metrics.json").read_text()) for n in ("saved", "windows")
+    ]
+    assert metrics[0].keys() == metrics[1].keys()
+    (recording,) = json.loads((tmp_path / "saved/run.json").read_text())["inputs"]
+    assert recording["path"] == str(drive / "query.npz")
 
-    every = parse_every("20ms", made.reference)
-    online = localise(made_causal(made.reference), query, every)
+    online = made.match(drive / "query.npz", every="20ms")
     command = ["match", *flags, "--online", "--every", "20ms", "-o", str(tmp_path / "online")]
     assert main(command) == 0
-    assert np.array_equal(online.matches.place, Matches.load(tmp_path / "online/matches.npz").place)
+    again = MatchResult.load(tmp_path / "online")
+    assert (again.matches, again.queries) == (online.matches, None)
 
     truth = tmp_path / "truth.csv"
     truth.write_text("query_s,reference_s\n0,0\n1000,1000\n")
-    times = (made.reference.places.centre_us, found.queries.centre_us)
+    times = (made.places.centre_us, found.queries.centre_us)
     known = load_truth([str(truth)], *times, tolerance=0.3, rows=None, frame_period=None)
-    learnt = calibrate(made.reference, found.matches, known)
+    learnt = calibrate(made, found.matches, known)
     assert 0 < learnt.matches <= len(found.matches) and 0 <= learnt.right <= learnt.matches
     assert learnt.reference.confidence == learnt.confidence
 

@@ -117,7 +117,8 @@ def _played(
                 data, now = os.read(out, 1 << 16), time.perf_counter()
                 *whole, rest = (rest + data).split(b"\n")
                 for row in map(json.loads, whole):
-                    read_s.setdefault(row.get("t", -1), row.get("at_s", now))
+                    time_us = round(1e6 * row.get("time_s", -1))
+                    read_s.setdefault(time_us, row.get("at_s", now))
         left = memoryview(frame)
         if frame:
             written[number] = time.perf_counter()

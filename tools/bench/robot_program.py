@@ -35,7 +35,7 @@ def run(port: str, map_path: str, every_us: int, causal_bursts: bool) -> None:
         found = live.feed(chunk.data, int(chunk.at_s * 1e6), lost=chunk.lost)
         if found.matches.size:
             now = time.perf_counter()
-            had += [{"t": int(match["t"]), "at_s": now} for match in found.matches]
+            had += [{"time_s": match["time_us"] / 1e6, "at_s": now} for match in found.matches]
 
 
 if __name__ == "__main__":

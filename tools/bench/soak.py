@@ -99,7 +99,7 @@ class Watched:
             self.started.set()
             row = json.loads(line)
             if row["kind"] == "match":
-                self.matches.append((row["t"], now))
+                self.matches.append((round(1e6 * row["time_s"]), now))
             elif row["kind"] == "summary":
                 self.summary = row
 

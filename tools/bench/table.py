@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from importlib import metadata
 from typing import NamedTuple
 
-from edge_vpr_tools.results import processor_name
+from edge_vpr.results import processor_name
 
 #: the contestant that all others are compared with
 OURS = "edge-vpr"

@@ -7,8 +7,8 @@ from pathlib import Path
 from edge_vpr.errors import UsageError
 from edge_vpr.pipeline import EventSource, cleaned
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.results import check_parent
 from edge_vpr_tools.estimate.of_map import memories_of
-from edge_vpr_tools.results import check_parent
 from firmware_model import Design, Event, Memories
 from firmware_model.vectors import FILTER_CORNERS, Case, load_manifest
 from firmware_model.vectors.case import choose_pixels

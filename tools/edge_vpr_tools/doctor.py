@@ -35,13 +35,13 @@ from edge_vpr.errors import install_command, printable
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
 from edge_vpr.live.session import LiveLocaliser
 from edge_vpr.online.state import MatchSchedule
-from edge_vpr.pipeline import map_traverse, match_traverse
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.results import processor_name
 from edge_vpr.settings import PRESETS, resolve_settings
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import ROOT
-from edge_vpr_tools.results import processor_name
 
 # Result of one check of this machine.
 
@@ -155,8 +155,8 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
         show(f"mapping and matching with preset {preset}")
         # 20 m have only a few of the default windows
         settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
-        reference = map_traverse(first, settings)
-        match_traverse(reference, second)
+        reference = ReferenceMap.build(first, settings)
+        reference.match(second)
         for causal_bursts in (False, True):
             live = LiveLocaliser(
                 open_decoder("evpr", first.sensor),

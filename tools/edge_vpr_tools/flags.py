@@ -120,7 +120,7 @@ def map_settings(args: argparse.Namespace) -> Settings:
     flags = {field.key: getattr(args, field.key) for field in SETTING_FIELDS.values()}
     if flags["hot_pixels"] not in (None, "find", "keep"):  # a file, which is read elsewhere
         flags["hot_pixels"] = "find"
-    settings = resolve_settings(args.preset, args.config, flags)
+    settings = resolve_settings(args.preset, args.config, flags, "the command line")
     _warn_of_no_effect(args, settings, SETTING_FIELDS.values())
     return settings
 

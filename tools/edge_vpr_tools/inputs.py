@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 
 from edge_vpr.descriptors.windows import PublishedWindows
-from edge_vpr.errors import GroundTruthError, MapError
+from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, open_recording, parse_period
-from edge_vpr.recordings.recording import TimeCrop, seconds_us
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools import results
+from edge_vpr.recordings.recording import crop_of
+from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr_tools.console import note, warning
-from edge_vpr_tools.runs.matching import read_queries
 from edge_vpr_tools.runs.truth_files import load_truth
 
 # Open recordings with the flags of the command line, and describe their faults.
 
 
 def open_from(
-    args: argparse.Namespace, path: str | Path, *, on_fault: str | None = None
+    args: argparse.Namespace,
+    path: str | Path,
+    *,
+    on_fault: str | None = None,
+    default_period: Fraction | None = None,
 ) -> Recording:
     """Open a recording with the flags of :func:`add_reading_arguments`.
 
@@ -38,21 +41,31 @@ def open_from(
     recording = open_recording(
         path,
         format=args.format,
-        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+        sensor=args.sensor,
         on_fault=args.on_fault if on_fault is None else on_fault,
-        frame_period=None if args.frame_period is None else parse_period(args.frame_period),
+        frame_period=args.frame_period,
+        default_frame_period=default_period,
         topic=args.topic,
         time_unit=args.time_unit,
         columns=args.columns,
     )
     if recording.remark:
         warning(f"{path}: {recording.remark}")
-    crop = _crop_of(args)
+    crop = crop_of(args.start, args.end, args.start_offset)
     return recording if crop is None else recording.cropped(crop)
 
 
-def open_source(args: argparse.Namespace, path: str | Path) -> Recording | PublishedWindows:
+def open_source(
+    args: argparse.Namespace, path: str | Path, default_period: Fraction | None = None
+) -> Recording | PublishedWindows:
     """Open a recording as events, or with ``--frames-as-windows`` as windows of counts.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    path : path
+    default_period : Fraction, optional
+        Seconds a frame, if neither the file nor the flag says; as of the map.
 
     Raises
     ------
@@ -60,23 +73,12 @@ def open_source(args: argparse.Namespace, path: str | Path) -> Recording | Publi
         If a flag is wrong or the file cannot be opened.
     """
     if not args.frames_as_windows:
-        return open_from(args, path)
+        return open_from(args, path, default_period=default_period)
     return PublishedWindows(
         path,
-        period=None if args.frame_period is None else parse_period(args.frame_period),
+        period=default_period if args.frame_period is None else parse_period(args.frame_period),
         sensor=None if args.sensor is None else Sensor.parse(args.sensor),
-        crop=_crop_of(args),
-    )
-
-
-def _crop_of(args: argparse.Namespace) -> TimeCrop | None:
-    if args.start is args.end is args.start_offset is None:
-        return None
-    end, offset = args.end, args.start_offset
-    return TimeCrop(
-        start_us=seconds_us(args.start or "0", "--start"),
-        end_us=None if end is None else seconds_us(end, "--end"),
-        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
+        crop=crop_of(args.start, args.end, args.start_offset),
     )
 
 
@@ -111,22 +113,21 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
     EdgeVprError
         If the folder or the ground truth cannot be used.
     """
-    folder = Path(args.results)
-    if not folder.is_dir():
-        raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
-    reference = ReferenceMap.load(folder / results.MAP)
-    matches = Matches.load(folder / results.MATCHES)
-    queries = read_queries(folder)
+    loaded = MatchResult.load(args.results)
+    reference, matches, queries = loaded.reference, loaded.matches, loaded.queries
     if queries is None:  # matched online: each match is a query
         matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
     queries_us = matches.time_us if queries is None else queries.centre_us
+    period = args.frame_period
+    if period is None and reference.frame_period is not None:
+        period = str(reference.frame_period)
     truth_of = partial(
         load_truth,
         places_us=reference.places.centre_us,
         queries_us=queries_us,
         tolerance=args.tolerance,
         rows=args.rows,
-        frame_period=args.frame_period,
+        frame_period=period,
     )
     truth = truth_of(args.ground_truth, offset_s=args.offset)
     for line in truth.notes:

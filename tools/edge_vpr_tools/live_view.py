@@ -250,7 +250,7 @@ class View:
 
     def odometry(self, time_us: int, distance_m: float) -> None:
         """Write a reading of the odometer."""
-        self._write({"kind": "odometry", "t": time_us, "distance_m": distance_m})
+        self._write({"kind": "odometry", "time_s": time_us / 1e6, "distance_m": distance_m})
 
     def give_up(self, text: str) -> None:
         """Report that a file is given up; the run continues without it."""
@@ -445,7 +445,7 @@ class RerunView:
         if matches.size:
             # only the newest match of a piece is visible
             match = matches[-1]
-            self._recording.set_time("stream", duration=match["t"] / 1e6)
+            self._recording.set_time("stream", duration=match["time_us"] / 1e6)
             self._recording.log("match/place", rerun.Scalars(float(match["place"])))
             if not np.isnan(match["ratio"]):
                 self._recording.log("match/ratio", rerun.Scalars(float(match["ratio"])))

@@ -15,7 +15,6 @@ from edge_vpr.pipeline import Removed, WindowSource
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import SimulatedRecording
 from edge_vpr_tools.console import is_quiet, warning
-from edge_vpr_tools.results import RemovedEvents
 
 
 class Tracked:
@@ -101,11 +100,6 @@ def describe_removed(removed: Removed, settings: Settings) -> str:
     if not settings.remove_bursts:
         return "; bursts kept"
     return f"; {removed.burst_events:,} events ({removed.burst_share:.1%}) removed as bursts"
-
-
-def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
-    """Return the same for `run.json`."""
-    return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)
 
 
 def warn_if_much(removed: Removed, path: str, remedy: str) -> None:

@@ -20,7 +20,6 @@ import numpy as np
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.live.links import LinkError, bracketed
 from edge_vpr.live.session import LiveResult
-from edge_vpr.matching.matches import ALONG
 from edge_vpr.reference_map import ReferenceMap
 
 # Server that sends rows of JSON, one in each line, to every program that connects.
@@ -499,11 +498,11 @@ class MatchRows:
         self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
         if reference is not None and reference.route is not None:
             route = reference.route
-            found = route.locate(np.arange(len(reference)), reference.settings.exclusion)
-            columns = (*found.position.T, found.along_m, found.from_m, found.to_m)
-            self._names = (*route.coordinates, *ALONG)
+            columns = route.columns(np.arange(len(reference)), reference.settings.exclusion)
+            self._names = tuple(columns)
             self._where = [
-                [_or_none(value) for value in place] for place in np.stack(columns, axis=1).tolist()
+                [_or_none(value) for value in place]
+                for place in np.stack(list(columns.values()), axis=1).tolist()
             ]
 
     def lines(self, result: LiveResult, host_us: int) -> Iterator[str]:
@@ -516,7 +515,7 @@ class MatchRows:
         result : LiveResult
         host_us : int
             When the bytes came that gave these matches, in microseconds since 1970 by the clock of
-            this machine; `t` is the time of the event by the camera's.
+            this machine; `time_s` is the time of the event by the camera's.
 
         Yields
         ------
@@ -525,14 +524,15 @@ class MatchRows:
         """
         incomplete = _FLAG[result.incomplete]
         for values in result.matches.tolist():
-            t, place, best_sum, second, second_sum, ratio, events, start, trust, chance, lost = (
+            time_us, place, distance, second, after, ratio, events, start, trust, chance, lost = (
                 values
             )
-            came_us = host_us - (result.reached_us - t) * self._late
+            came_us = host_us - (result.reached_us - time_us) * self._late
             yield (
-                f'{{"kind": "match", "t": {t}, "place": {place}, "distance_sum": {best_sum}, '
-                f'"second": {second}, "second_sum": {second_sum}, "ratio": {_number(ratio)}, '
-                f'"events": {events}, "start": {start}, "trust": {trust}, '
+                f'{{"kind": "match", "time_s": {time_us / 1e6!r}, "place": {place}, '
+                f'"distance": {distance!r}, "second": {second}, '
+                f'"second_distance": {_number(after)}, "ratio": {_number(ratio)}, '
+                f'"events": {events}, "start_s": {start / 1e6!r}, "trust": {trust}, '
                 f'"probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
                 f'"incomplete": {incomplete}, "host_us": {came_us}'
                 f"{self._where_text(place) if self._where else ''}}}"

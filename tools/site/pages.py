@@ -13,6 +13,7 @@ import posixpath
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,7 @@ STAGES = {
         "Maps and matches of whole drives",
         "From a recording to a map, and from a map and a recording to matches.",
         names=("edge_vpr.registration.register", "edge_vpr.registration.Registration"),
-        exported=("pipeline", "reference_map"),
+        exported=("pipeline", "reference_map", "route"),
     ),
     "settings": Stage(
         "Settings",
@@ -216,11 +217,18 @@ def _home(package: str, name: str, value: Any) -> str:
     """Return the path of an object in its own module; of plain data, where it is assigned."""
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}.{value.__qualname__}"
+    if package == "edge_vpr":
+        (module,) = re.findall(rf"^from (\S+) import {name} as ", _stub(), re.MULTILINE)
+        return f"edge_vpr{module}.{name}"
+    return f"{package}.{name}"
+
+
+@cache
+def _stub() -> str:
+    """Return the list of public names with their modules."""
     import edge_vpr
 
-    if package == "edge_vpr":
-        return f"edge_vpr.{edge_vpr._MODULE_OF[name]}.{name}"
-    return f"{package}.{name}"
+    return Path(edge_vpr.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
 
 
 def _stage_page(stage: Stage, objects: dict[str, str]) -> str:

@@ -27,12 +27,12 @@ _WIDTH = 100
 
 def run(args: argparse.Namespace) -> None:
     """Simulate, try every variant, print the table and write the report."""
+    from edge_vpr import results
+    from edge_vpr.results import run_record, write_json
     from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools import results
     from edge_vpr_tools.progress import keep_shown, status
     from edge_vpr_tools.report.demo_page import HEADER, remarks, rows, write_report
     from edge_vpr_tools.research.experiments import simulated
-    from edge_vpr_tools.results import run_record, write_json
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)

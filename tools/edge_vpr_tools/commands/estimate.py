@@ -359,7 +359,7 @@ def compared(name: str, design: Design, mission: Mission) -> Side:
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
     """Return the number of matches per second for a value of ``--every``."""
-    from edge_vpr_tools.runs.matching import read_every
+    from edge_vpr.online.state import read_every
 
     schedule = read_every(every)
     if schedule is None:
@@ -372,11 +372,11 @@ def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
 
 def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
+    from edge_vpr.results import check_parent, write_json
     from edge_vpr_tools.estimate.estimation import estimate
     from edge_vpr_tools.estimate.search import draw
     from edge_vpr_tools.estimate.show import show
     from edge_vpr_tools.report.style import save
-    from edge_vpr_tools.results import check_parent, write_json
 
     question = question_of(args)
     figure = _figure(args, question)

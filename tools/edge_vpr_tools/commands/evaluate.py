@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edge_vpr import results
 from edge_vpr_tools.console import answer
 from edge_vpr_tools.flags import FIGURES_HELP, add_truth_flags
 
@@ -51,12 +52,11 @@ def run(args: argparse.Namespace) -> None:
     """Evaluate, print the figures, and add them to the folder."""
     from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.evaluation.tracks import with_positions
-    from edge_vpr_tools import results
+    from edge_vpr.results import read_json, run_record, write_json
     from edge_vpr_tools.inputs import load_evaluated
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.style import read_formats
     from edge_vpr_tools.report.traverse import write_report
-    from edge_vpr_tools.results import read_json, run_record, write_json
     from edge_vpr_tools.runs.truth_files import load_tracks
 
     folder, formats = Path(args.results), read_formats(args.figures)

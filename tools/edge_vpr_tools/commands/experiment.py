@@ -64,10 +64,10 @@ def run(args: argparse.Namespace) -> None:
     """Run experiments and print their tables as Markdown."""
     from importlib import import_module
 
+    from edge_vpr.results import check_parent
     from edge_vpr_tools.progress import status
     from edge_vpr_tools.report.experiment_page import ExperimentPage
     from edge_vpr_tools.research.experiments.drives import check_logs
-    from edge_vpr_tools.results import check_parent
 
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")

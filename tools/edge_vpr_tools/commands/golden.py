@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
         reference = ReferenceMap.load(args.map)
         design = design_of(reference, args.lanes)
         if args.recording is not None:
-            recording = open_from(args, args.recording)
+            recording = open_from(args, args.recording, default_period=reference.frame_period)
             recorded = [recorded_case(reference, design, recording, args.max_events)]
     suites = _suites(args, design, recorded)
     with replacing_folder(output) as folder:

@@ -36,9 +36,9 @@ def run(args: argparse.Namespace) -> None:
     """Write the project."""
     from edge_vpr.files import check_output, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr.results import check_parent
     from edge_vpr_tools.device import blank_memories
     from edge_vpr_tools.estimate.of_map import design_of, memories_of
-    from edge_vpr_tools.results import check_parent
     from firmware_model import Design
     from firmware_model.hardware.project import write_project
 

@@ -100,9 +100,9 @@ def summarise(recording: Recording) -> RecordingSummary:
 def run(args: argparse.Namespace) -> None:
     """Read the whole recording once and print what it holds."""
     from edge_vpr.recordings import FORMATS
+    from edge_vpr.results import to_json
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.progress import tracked
-    from edge_vpr_tools.results import to_json
 
     recording = open_from(args, args.recording, on_fault="drop")
     facts = summarise(tracked(recording, "reading"))

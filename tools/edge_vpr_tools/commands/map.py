@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
@@ -63,23 +62,18 @@ def run(args: argparse.Namespace) -> None:
     import numpy as np
 
     from edge_vpr.descriptors.cleaning import load_hot_pixels
-    from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
+    from edge_vpr.evaluation.tracks import load_odometry, load_track
     from edge_vpr.files import check_output
+    from edge_vpr.reference_map import removed_record
+    from edge_vpr.results import check_parent, run_record, write_json
     from edge_vpr_tools.inputs import describe_faults, open_source
-    from edge_vpr_tools.progress import describe_removed, removed_record, tracked, warn_if_much
-    from edge_vpr_tools.results import check_parent, run_record, write_json
+    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
     from edge_vpr_tools.runs.mapping import map_recording
 
     output = Path(args.output)
     listed = args.hot_pixels not in (None, "find", "keep")
-    inputs = [
-        args.recording,
-        args.track,
-        args.odometry,
-        args.jumps,
-        args.hot_pixels if listed else None,
-        getattr(args, "config", None),
-    ]
+    named = (args.recording, args.track, args.odometry, args.jumps, args.config)
+    inputs = [file for file in (*named, args.hot_pixels if listed else None) if file is not None]
     check_output(output, inputs)
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
@@ -97,29 +91,25 @@ def run(args: argparse.Namespace) -> None:
     track = None if args.track is None else load_track(args.track).shifted(args.track_offset or 0.0)
 
     odometry = None if args.odometry is None else load_odometry(args.odometry)
-    if args.jumps is not None and settings.matching != "filter":
-        raise UsageError("--jumps are for the place filter: add --matching filter")
-
     detail_settings(settings.to_dict())
     reference, removed, elapsed = map_recording(
-        tracked(recording, "mapping"), settings, hot=hot, track=track, odometry=odometry
+        tracked(recording, "mapping"),
+        settings,
+        hot=hot,
+        track=track,
+        odometry=odometry,
+        jumps=args.jumps,
     )
-    if args.jumps is not None:
-        reference = replace(reference, jumps=load_jumps(args.jumps, len(reference)))
     reference.save(output)
     hot_pixels = int(reference.hot.sum())
     left_out = removed_record(removed, hot_pixels)
-    write_json(run_file, run_record(reference.settings.to_dict(), [args.recording], left_out))
+    write_json(run_file, run_record(reference.settings.to_dict(), inputs, left_out))
 
     places = reference.places
-    counts = places.counts
-    packed = ""
-    if reference.codes is not None:
-        packed = f", {reference.packed_bytes_per_place} packed at {reference.counter_bits} bits"
     summary(
         f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels of "
-        f"{reference.pixel_map.sensor}, {reference.bytes_per_place} bytes a place "
-        f"({counts.dtype}){packed}, {counts.nbytes / 1e3:.1f} kB in all"
+        f"{reference.pixel_map.sensor}, {reference.bytes_text}, "
+        f"{reference.packed_bytes_per_place * len(places) / 1e3:.1f} kB in all"
     )
     summary(
         f"counted {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "

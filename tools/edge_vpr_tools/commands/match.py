@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edge_vpr import results
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import detail_settings, summary
 from edge_vpr_tools.flags import (
@@ -91,50 +92,41 @@ def match_online(
     EdgeVprError
         If an argument is wrong or the recording cannot be matched.
     """
-    from edge_vpr.pipeline import check_sensor
-    from edge_vpr_tools import results
+    from edge_vpr.reference_map import OnlineMetrics
     from edge_vpr_tools.inputs import describe_faults, open_from
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
     from edge_vpr_tools.report.style import read_formats
-    from edge_vpr_tools.runs.matching import (
-        every_of,
-        localise,
-        made_causal,
-        parse_every,
-        registered,
-        write_match_folder,
-    )
+    from edge_vpr_tools.runs.matching import report_shift
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
     if args.anchor is not None:
         raise UsageError("--online matches belong to the newest window: leave --anchor out")
-    output, reference = Path(args.output), made_causal(reference)
-    settings, every = (
-        reference.settings,
-        every_of(args.every, "event", reference),
+    output, settings = Path(args.output), reference.causal().settings
+    every = args.every or ("window" if settings.late else "event")
+    recording = open_from(args, args.recording, default_period=reference.frame_period)
+    found = reference.match(
+        tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )
-    recording = open_from(args, args.recording)
-    check_sensor(recording.sensor, reference.pixel_map.sensor)
-    reference, shift = registered(reference, recording, args.register)
-    schedule = parse_every(every, reference)
-    found = localise(reference, tracked(recording, "localising"), schedule, odometry)
-    matches = found.matches
-    metrics = found.metrics(every, recording.faults, shift)
+    report_shift(reference, found)
+    matches, metrics = found.matches, found.metrics
+    assert isinstance(metrics, OnlineMetrics)
     with results.results_folder(output, args.overwrite) as folder:
-        inputs = list(filter(None, (args.map, args.recording, args.odometry)))
-        write_match_folder(folder, reference, matches, found.removed, metrics, inputs)
+        found.write(folder, list(filter(None, (args.map, args.recording, args.odometry))))
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_online_figure
 
-            write_online_figure(folder, reference, matches, read_formats(args.figures))
+            write_online_figure(folder, found.reference, matches, read_formats(args.figures))
+    duration_s = metrics.times_real_time * metrics.localising_s
     summary(
-        f"{output}: {len(matches):,} matches of {found.events:,} events over "
-        f"{found.duration_s:.1f} s{describe_removed(found.removed, settings)}"
+        f"{output}: {len(matches):,} matches of {metrics.events:,} events over "
+        f"{duration_s:.1f} s{describe_removed(found.removed, settings)}"
         f"{describe_faults(recording)}"
     )
-    times = found.duration_s / found.busy_s
-    summary(f"localising took {found.busy_s:.2f} s, {times:,.0f} times real time")
+    summary(
+        f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times real "
+        "time"
+    )
     warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
 
 
@@ -142,14 +134,13 @@ def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
     from edge_vpr.archive import kind_of, write_npy
     from edge_vpr.evaluation.tracks import load_odometry
+    from edge_vpr.map_record import KIND as MAP_KIND
     from edge_vpr.pipeline import query_distances
-    from edge_vpr.reference_map import KIND as MAP_KIND
-    from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools import results
+    from edge_vpr.reference_map import MatchMetrics, ReferenceMap
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
     from edge_vpr_tools.report.style import read_formats
-    from edge_vpr_tools.runs.matching import match_recording, registered, write_match_folder
+    from edge_vpr_tools.runs.matching import report_shift
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -176,32 +167,35 @@ def run(args: argparse.Namespace) -> None:
     if args.online:
         match_online(args, asked, odometry)
         return
-    recording = open_source(args, args.recording)
-    reference, shift = registered(reference, recording, args.register)
-    asked = reference.matched_with(
-        reference.settings.replaced(match_flags(args), "the command line")
+    recording = open_source(args, args.recording, reference.frame_period)
+    found = reference.match(
+        tracked(recording, "counting"),
+        odometry=odometry,
+        registered=args.register,
+        **match_flags(args),
     )
-    found = match_recording(asked, tracked(recording, "counting"), odometry)
-    queries, matches = found.queries, found.matches
-    metrics = found.metrics(reference, recording.faults, shift)
+    report_shift(reference, found)
+    queries, matches, metrics = found.queries, found.matches, found.metrics
+    assert queries is not None and isinstance(metrics, MatchMetrics)
     with results.results_folder(output, args.overwrite) as folder:
-        write_match_folder(folder, reference, matches, found.removed, metrics, inputs, queries)
+        found.write(folder, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
             write_report(folder, formats=formats)
     summary(
-        f"{output}: {len(matches)} queries matched against {len(reference)} places of "
-        f"{reference.bytes_per_place} bytes{describe_removed(found.removed, settings)}"
+        f"{output}: {len(matches)} queries matched against {len(reference)} places, "
+        f"{reference.bytes_text}{describe_removed(found.removed, settings)}"
         f"{describe_faults(recording)}"
     )
     if matrix is not None:
+        asked = found.reference.matched_with(matches.settings)
         distances = query_distances(asked, queries, odometry)
         write_npy(matrix, distances)
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")
     summary(
-        f"counting {queries.events.sum():,} events took {found.counting_s:.2f} s, matching "
-        f"{found.matching_s * 1e6 / len(matches):.1f} us a query"
+        f"counting {queries.events.sum():,} events took {metrics.counting_s:.2f} s, matching "
+        f"{metrics.matching_s * 1e6 / len(matches):.1f} us a query"
     )
     if not args.no_figures:
         summary(f"see {output / results.REPORT}; is it right? edge-vpr evaluate {output} --help")
@@ -211,7 +205,6 @@ def run(args: argparse.Namespace) -> None:
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
     """Check that a matrix can be written, before any work is done."""
     from edge_vpr.files import check_output
-    from edge_vpr_tools import results
 
     if args.online:
         raise UsageError(

@@ -120,7 +120,7 @@ def attached_ports() -> list[AttachedPort]:
 
 def run(args: argparse.Namespace) -> None:
     """List the ports."""
-    from edge_vpr_tools.results import to_json
+    from edge_vpr.results import to_json
 
     found = attached_ports()
     if args.json:

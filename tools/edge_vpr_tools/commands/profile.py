@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edge_vpr import results
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
 from edge_vpr_tools.flags import add_reading_arguments
@@ -112,7 +113,7 @@ def load_of(args: argparse.Namespace) -> Load:
         return simulated_load(args.seed)
 
     reference = ReferenceMap.load(args.map)
-    recording = open_from(args, args.recording)
+    recording = open_from(args, args.recording, default_period=reference.frame_period)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
     truth_of = None
     inputs = [args.map, args.recording]
@@ -132,13 +133,12 @@ def load_of(args: argparse.Namespace) -> Load:
 
 def run(args: argparse.Namespace) -> None:
     """Profile this machine."""
-    from edge_vpr_tools import results
+    from edge_vpr.results import write_json
     from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.measurement import Plan
     from edge_vpr_tools.profile.profiling import Request
     from edge_vpr_tools.profile.record import PROFILE
     from edge_vpr_tools.profile.show import show
-    from edge_vpr_tools.results import write_json
 
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")

@@ -189,9 +189,9 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong, the link cannot be opened, or a file cannot be written.
     """
+    from edge_vpr.online.state import MatchSchedule
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.runs.live import LiveOutput, follow_line
-    from edge_vpr_tools.runs.matching import every_of, parse_every
 
     check_arguments(args)
     output = LiveOutput(
@@ -204,7 +204,7 @@ def run(args: argparse.Namespace) -> None:
     reference = None if args.map is None else _with_flags(args, ReferenceMap.load(args.map))
     every = None
     if reference is not None:
-        every = parse_every(every_of(args.every, "50ms", reference), reference)
+        every = MatchSchedule.parse(args.every, reference.settings)
     causal = args.burst_filter == "causal"
     follow_line(
         _line(args, reference), output, reference, every,

@@ -9,7 +9,7 @@ from typing import Any
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.pipeline import EventSource, coded_map, describe, map_traverse
+from edge_vpr.pipeline import EventSource, coded_map, describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
@@ -110,7 +110,7 @@ def _coded(
     drives: Drives, settings: Settings, design: Design
 ) -> Iterator[tuple[int, tuple[ReferenceMap, float, int]]]:
     """Code the counts of one draw with each width; yield map, P@100R and number of queries."""
-    mapped = map_traverse(drives.reference, settings)
+    mapped = ReferenceMap.build(drives.reference, settings)
     queries = describe(drives.query, mapped.pixel_map, mapped.settings)
     truth = drives.truth_of(mapped.places.centre_us, queries.centre_us)
     for bits in BITS:

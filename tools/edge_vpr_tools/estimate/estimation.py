@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import understood
+from edge_vpr.results import to_json
 from edge_vpr_tools.estimate.model import (
     Cost,
     Mission,
@@ -45,7 +46,6 @@ from edge_vpr_tools.estimate.targets import (
 )
 from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.record import Profile
-from edge_vpr_tools.results import to_json
 from firmware_model.model.design import Design
 
 # Two designs side by side in every layer: counts, bytes, instructions, time, modelled energy.

@@ -12,10 +12,11 @@ from typing import NamedTuple
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from edge_vpr import results
 from edge_vpr.archive import damaged
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools import results
+from edge_vpr.results import from_json, read_json
 from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware, sizes
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import UNKNOWN, Constant, Target, matching, size_text, spread
@@ -27,7 +28,6 @@ from edge_vpr_tools.report.style import (
     panels,
     quantity_axis,
 )
-from edge_vpr_tools.results import from_json, read_json
 from firmware_model.errors import DesignError
 from firmware_model.image import check_limits
 from firmware_model.model.design import Design

@@ -6,14 +6,15 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from edge_vpr_tools import results
+from edge_vpr import results
+from edge_vpr.results import to_json, write_json
 from edge_vpr_tools.profile import figures
 from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.record import PROFILE, Profile, numbers
 from edge_vpr_tools.profile.show import DESIGNS, designs, notes, rows
 from edge_vpr_tools.report.page import Page, add_run, plain
 from edge_vpr_tools.report.style import save
-from edge_vpr_tools.results import to_json, write_json, write_spreadsheet
+from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 
 def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
+from edge_vpr.results import LEFT_OUT, fields_from_json, fields_to_json, from_json, to_json
 from edge_vpr_tools.console import check_interrupted, note
 from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
-from edge_vpr_tools.results import LEFT_OUT, fields_from_json, fields_to_json, from_json, to_json
 
 # Samples of power over time, and the energy between two times.
 

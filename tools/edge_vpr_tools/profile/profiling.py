@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import understood
+from edge_vpr.online.state import MatchSchedule
+from edge_vpr.results import run_record
 from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
@@ -30,8 +32,6 @@ from edge_vpr_tools.profile.record import LoadRecord, MapSize, Moments, Profile,
 from edge_vpr_tools.profile.sensors.sensor import ROOT, About, Missing, Sensor, SensorError
 from edge_vpr_tools.profile.speed import sparse_against_all
 from edge_vpr_tools.profile.workload import PIXELS, Load, Workload, compare, measure_throughput
-from edge_vpr_tools.results import run_record
-from edge_vpr_tools.runs.matching import parse_every
 
 # Trace of an external meter, aligned with the windows of a profile by the steps of the load.
 
@@ -200,7 +200,7 @@ class Request:
     Attributes
     ----------
     every : str
-        Schedule of matches; see `parse_every`.
+        Schedule of matches; see `MatchSchedule.parse`.
     packet : int
         Number of events in a call.
     mission_rate : float
@@ -257,7 +257,7 @@ def profile(
         If the load gives no match within a window.
     """
     reference = load.reference
-    every = parse_every(request.every, reference)
+    every = MatchSchedule.parse(request.every, reference.settings)
     workload = Workload(reference, load.events, every, request.packet)
     designs = load.truth_of is not None and request.designs
     if sensor is not None:

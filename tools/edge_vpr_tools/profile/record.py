@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import read_json, understood
+from edge_vpr.results import RecordError, RunRecord, from_json
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.measurement import BOUNDED, Energy, Outcome
 from edge_vpr_tools.profile.sensors.sensor import read_text
 from edge_vpr_tools.profile.speed import SparseAgainstAll
 from edge_vpr_tools.profile.workload import DesignResult, Throughput
-from edge_vpr_tools.results import RecordError, RunRecord, from_json
 
 PROFILE = "profile.json"
 SCHEMA = 3

@@ -17,7 +17,7 @@ from edge_vpr.events import Events
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.state import MatchSchedule
-from edge_vpr.pipeline import EventSource, cleaned, describe_query, map_traverse
+from edge_vpr.pipeline import EventSource, cleaned, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
@@ -162,9 +162,9 @@ def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
     for pixels in PIXELS:
         mapped = main
         if pixels != settings.pixels:
-            mapped = map_traverse(drive, settings.replaced({"pixels": pixels}, "designs"))
+            mapped = ReferenceMap.build(drive, settings.replaced({"pixels": pixels}, "designs"))
         yield Compared(f"{pixels} px", mapped)
-    coded = map_traverse(drive, settings.replaced(FEW_BITS, "designs"))
+    coded = ReferenceMap.build(drive, settings.replaced(FEW_BITS, "designs"))
     yield Compared(f"{settings.pixels} px, 3-bit log", coded)
     every = map_all_pixels(drive, settings, main.hot)
     yield Compared(f"all {len(every.pixel_map):,} px", every)
@@ -243,7 +243,7 @@ def simulated_load(seed: int) -> Load:
         keep_shown(drive, f"simulating the {name}")
     # N is the average number of events in a window of tau
     fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": None}, "profile")
-    reference = map_traverse(pair[0], fixed_n)
+    reference = ReferenceMap.build(pair[0], fixed_n)
     events = list(cleaned(pair[1], reference.settings))
     designs = of_pair(pair[0], reference)
     name = f"simulated street of {_STREET_M:g} m"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from edge_vpr import results
 from edge_vpr.evaluation.tracks import Track, with_positions
-from edge_vpr_tools import results
+from edge_vpr.results import read_json
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import Page, add_run
 from edge_vpr_tools.report.style import along_route, save, seconds
@@ -13,7 +14,6 @@ from edge_vpr_tools.report.traverse import shown_distances
 from edge_vpr_tools.research.experiments import simulated
 from edge_vpr_tools.research.experiments.simulated import Latency
 from edge_vpr_tools.research.experiments.trial import Trial
-from edge_vpr_tools.results import read_json
 
 
 def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:

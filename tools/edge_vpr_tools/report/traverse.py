@@ -9,20 +9,19 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import sequence_sums
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.reference_map import ReferenceMap, read_queries
+from edge_vpr.results import read_json
 from edge_vpr.route import Route
-from edge_vpr_tools import results
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.page import MISSED, Page, add_run
 from edge_vpr_tools.report.style import Scale, along_route, drawn, save, seconds
-from edge_vpr_tools.results import read_json
-from edge_vpr_tools.runs.matching import read_queries
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500

@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Confidence
-from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import EventSource, Removed, WindowSource, map_traverse
+from edge_vpr.pipeline import EventSource, Removed, WindowSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
@@ -39,8 +38,9 @@ def map_recording(
     hot: npt.NDArray[np.bool_] | None = None,
     track: Track | None = None,
     odometry: Odometry | None = None,
+    jumps: str | None = None,
 ) -> MapRun:
-    """Make a map of a drive, and check that a drive can be matched with it.
+    """Make a map of a drive, and take the time.
 
     Parameters
     ----------
@@ -52,6 +52,8 @@ def map_recording(
         Gives each place its position.
     odometry : Odometry, optional
         Gives each place its distance along the drive.
+    jumps : str, optional
+        File of pairs of places that one step can lead between.
 
     Raises
     ------
@@ -59,25 +61,10 @@ def map_recording(
         If the recording cannot be mapped, or has fewer places than a sequence has windows.
     """
     start, removed = time.perf_counter(), Removed()
-    reference = map_traverse(recording, settings, hot=hot, removed=removed)
-    seconds = time.perf_counter() - start
-    _check_matchable(reference)
-    if track is not None:
-        reference = with_positions(reference, track)
-    if odometry is not None:
-        along = odometry.along(reference.places.centre_us)
-        reference = replace(reference, odometer_mm=along)
-    return MapRun(reference, removed, seconds)
-
-
-def _check_matchable(reference: ReferenceMap) -> None:
-    """Check that a map has enough places for its own sequence length."""
-    length, places = reference.settings.windows_per_match, len(reference)
-    if length > places:
-        raise UsageError(
-            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
-            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
-        )
+    reference = ReferenceMap.build(
+        recording, settings, hot=hot, track=track, odometry=odometry, jumps=jumps, removed=removed
+    )
+    return MapRun(reference, removed, time.perf_counter() - start)
 
 
 # Learning the table of probabilities of a map from a drive with ground truth.

@@ -10,10 +10,9 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import PublishedWindows
-from edge_vpr.evaluation.ground_truth import from_tracks
-from edge_vpr.evaluation.metrics import RECALL_AT, Evaluation, evaluate
+from edge_vpr.evaluation.metrics import RECALL_AT, Evaluation
 from edge_vpr.evaluation.tracks import load_nmea
-from edge_vpr.pipeline import map_traverse, match_traverse
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.report.figures import precision_recall
 from edge_vpr_tools.report.style import save
@@ -28,23 +27,15 @@ SETTINGS = PRESETS["paper"].replaced({"pixels": 49, "strategy": "top"}, "Brisban
 def evaluate_lengths(data: Path) -> dict[int, Evaluation]:
     """Match sunset 1 against sunset 2 with sequences of each length."""
     folder = data / FOLDER
-    reference = map_traverse(PublishedWindows(folder / "sunset2.npz"), SETTINGS)
+    reference = ReferenceMap.build(PublishedWindows(folder / "sunset2.npz"), SETTINGS)
     reference_track, query_track = (
         load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")
     )
     found = {}
     for length in LENGTHS:
-        settings = SETTINGS.replaced({"sequence_length": length}, "L")
         query = PublishedWindows(folder / "sunset1.npz")
-        matches, queries = match_traverse(reference, query, settings)
-        truth = from_tracks(
-            reference_track,
-            query_track,
-            reference.places.centre_us,
-            queries.centre_us,
-            TOLERANCE_M,
-        )
-        found[length] = evaluate(matches, truth)
+        matched = reference.match(query, sequence_length=length)
+        found[length] = matched.evaluate((reference_track, query_track), TOLERANCE_M)
     return found
 
 

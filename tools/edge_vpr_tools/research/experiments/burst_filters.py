@@ -14,13 +14,12 @@ from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.state import MatchSchedule
-from edge_vpr.pipeline import EventSource, map_traverse
+from edge_vpr.pipeline import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.report.style import dot_plot, save
 from edge_vpr_tools.research.experiments.speck_walks import FOLDER, open_walks, truth_of_walks
 from edge_vpr_tools.research.experiments.trial import Summary, markdown_table
-from edge_vpr_tools.runs.matching import made_causal
 
 #: Flashes per second that are added to the query: from none over a failing lamp to a strobe.
 RATES = (0.0, 0.1, 1.0, 10.0)
@@ -103,7 +102,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
     scores: dict[str, Scores] = {RIGHT: {}, SAME: {}}
     for seed in range(seeds):
         settings = PRESETS["default"].replaced({"seed": seed}, "seed")
-        reference = made_causal(map_traverse(walked, settings))
+        reference = ReferenceMap.build(walked, settings).causal()
         for rate in RATES:
             on_start(f"{rate:g} flashes a second, draw {seed + 1} of {seeds}")
             flashed = Flashed(query, rate, seed)

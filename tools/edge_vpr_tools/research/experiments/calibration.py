@@ -28,7 +28,7 @@ from edge_vpr.evaluation.metrics import judge_rejection
 from edge_vpr.files import replacing
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import count_windows, map_traverse
+from edge_vpr.pipeline import count_windows
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, QueryMean
 from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
@@ -167,7 +167,7 @@ def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
                     "seed": seed,
                 }
                 settings = PRESETS["default"].replaced(changes, "calibration")
-                mapped = map_traverse(reference, settings)
+                mapped = ReferenceMap.build(reference, settings)
                 elsewhere = (
                     None
                     if before is None

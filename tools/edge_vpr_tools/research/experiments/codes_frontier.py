@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.pipeline import coded_map, describe, map_traverse
+from edge_vpr.pipeline import coded_map, describe
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.style import legend_below, log_ticks, look, mean_line, panels, save
 from edge_vpr_tools.research.experiments.drives import Pair, check_data, pairs
 from edge_vpr_tools.research.experiments.trial import Summary, markdown_table
@@ -58,7 +59,7 @@ def score(pair: Pair, seeds: int, variants: Mapping[tuple[str, int], Mapping[str
     found: Scores = {variant: [] for variant in variants}
     for seed in range(seeds if pair.drawn else 1):
         settings = pair.settings.replaced({"seed": seed}, "seed")
-        mapped = map_traverse(pair.reference, settings)
+        mapped = ReferenceMap.build(pair.reference, settings)
         queries = describe(pair.query, mapped.pixel_map, settings)
         truth = pair.truth_of(mapped.places.centre_us, queries.centre_us)
         for variant, changes in variants.items():

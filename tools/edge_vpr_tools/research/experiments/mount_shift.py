@@ -19,9 +19,9 @@ from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
-from edge_vpr.pipeline import EventSource, WindowSource, map_traverse, match_traverse
+from edge_vpr.pipeline import EventSource, WindowSource
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.registration import register
 from edge_vpr.settings import Settings
 from edge_vpr_tools.report.style import CYCLE, DASHES, legend_below, mean_line, panels, save
@@ -160,7 +160,7 @@ def score(
     for seed in range(seeds):
         for way in (*WAYS, *(EVERY if seed == 0 and settings.pixels == PAPER.pixels else ())):
             chosen = settings.replaced({"seed": seed, **way.changes}, way.name)
-            mapped = map_traverse(reference, chosen)
+            mapped = ReferenceMap.build(reference, chosen)
             if way.all_pixels:
                 mapped = map_all_pixels(reference, chosen, mapped.hot)
             for shift in SHIFTS:
@@ -170,9 +170,9 @@ def score(
                     used = found.reference
                     if way is WAYS[-1]:
                         estimates.append((shift, found.dx, found.dy))
-                matches, queries = match_traverse(used, query)
-                truth = truth_of(used.places.centre_us, queries.centre_us)
-                right = evaluate(matches, truth).precision_at_100_recall
+                matched = used.match(query)
+                truth = truth_of(used.places.centre_us, matched.query_time_us)
+                right = matched.evaluate(truth).precision_at_100_recall
                 scores.setdefault((way.name, shift), []).append(right)
     return scores, estimates
 

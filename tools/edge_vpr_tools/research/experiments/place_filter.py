@@ -18,7 +18,7 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import coded_map, count_windows, map_traverse, match_query
+from edge_vpr.pipeline import coded_map, count_windows, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS, Score, Settings
@@ -170,7 +170,7 @@ def counted_pairs(
         found[pair.name] = []
         for seed in range(seeds if pair.drawn else 1):
             settings = pair.settings.replaced({"seed": seed}, "seed")
-            reference = map_traverse(pair.reference, settings)
+            reference = ReferenceMap.build(pair.reference, settings)
             queries = count_windows(pair.query, reference.pixel_map, settings)
             truth = pair.truth_of(reference.places.centre_us, queries.centre_us)
             found[pair.name].append(Counted(settings, reference, queries, truth))
@@ -200,7 +200,7 @@ def _street(seed: int, on_start: Callable[[str], None]) -> Iterator[tuple[str, C
         wheel = wheel_odometry(other.track, rng)
         for pixels in (25, 150):
             settings = PRESETS["paper"].replaced({"pixels": pixels, "seed": seed}, "street")
-            mapped = map_traverse(reference, settings)
+            mapped = ReferenceMap.build(reference, settings)
             queries = count_windows(other, mapped.pixel_map, settings)
             truth = truth_of_pair(reference, other)(mapped.places.centre_us, queries.centre_us)
             mapped = replace(mapped, odometer_mm=meter.along(mapped.places.centre_us))

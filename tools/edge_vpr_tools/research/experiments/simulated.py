@@ -138,7 +138,7 @@ def measure_latency(
     matches = np.concatenate(given)
     begin_m = reference_track.at(reference.places.start_us)[:, 0]
     end_m = reference_track.at(reference.places.end_us)[:, 0]
-    at_m = query_track.at(matches["t"])[:, 0]
+    at_m = query_track.at(matches["time_us"])[:, 0]
     way = query_track.position[:, 0]
     entered_us = np.interp(begin_m, way, query_track.time_us, left=np.nan, right=np.nan)
 
@@ -146,14 +146,14 @@ def measure_latency(
     near = np.abs(begin_m[named] - at_m) <= reach_m
     seconds, places = [], 0
     for k in range(reference.settings.windows_per_match - 1, len(reference)):
-        if not (np.isfinite(entered_us[k]) and matches["t"][0] <= entered_us[k]):
+        if not (np.isfinite(entered_us[k]) and matches["time_us"][0] <= entered_us[k]):
             continue
         places += 1
-        first, last = np.searchsorted(matches["t"], [entered_us[k], np.inf])
+        first, last = np.searchsorted(matches["time_us"], [entered_us[k], np.inf])
         last = first + np.searchsorted(at_m[first:last], end_m[k] + reach_m)
         right = (named[first:last] == k) | ((named[first:last] > k) & near[first:last])
         if right.any():
-            seconds.append((matches["t"][first + np.argmax(right)] - entered_us[k]) / 1e6)
+            seconds.append((matches["time_us"][first + np.argmax(right)] - entered_us[k]) / 1e6)
     return Latency(np.array(seconds), places, len(matches))
 
 

@@ -17,7 +17,7 @@ from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import EventSource, describe_query, map_traverse
+from edge_vpr.pipeline import EventSource, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.research.baselines import map_all_pixels
@@ -121,7 +121,7 @@ def map_and_describe(
     """
     # for windows by count, N is taken from the reference
     settings = settings.replaced({"events_per_pixel": None, **variant.changes}, variant.name)
-    mapped = map_traverse(reference, settings)
+    mapped = ReferenceMap.build(reference, settings)
     if variant.all_pixels:
         mapped = map_all_pixels(reference, settings, mapped.hot)
     return mapped, describe_query(mapped, query)

@@ -12,7 +12,8 @@ from edge_vpr.confidence import SMOOTHED, Confidence, default_confidence
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.metrics import Rejection, judge_rejection
 from edge_vpr.evaluation.tracks import distances, with_positions
-from edge_vpr.pipeline import count_windows, map_traverse
+from edge_vpr.pipeline import count_windows
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.report.figures import reliability_diagram
 from edge_vpr_tools.report.style import save
@@ -147,7 +148,7 @@ def cases(pair: Pair, seeds: int) -> Iterator[Case]:
             },
             "trust",
         )
-        mapped = map_traverse(pair.reference, settings)
+        mapped = ReferenceMap.build(pair.reference, settings)
         counted = count_windows(pair.query, mapped.pixel_map, settings)
         truth = pair.truth_of(mapped.places.centre_us, counted.centre_us)
         yield Case(mapped, counted, truth)

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from edge_vpr import results
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.files import read_json, replacing, understood
-from edge_vpr_tools import results
+from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr_tools.report.style import CYCLE, figure, name_label, save
 from edge_vpr_tools.research.sweep.store import SWEEP, Store
-from edge_vpr_tools.results import RUN, run_record, write_json, write_spreadsheet
+from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 # Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated.
 

@@ -18,10 +18,10 @@ from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
 from edge_vpr.recordings import Recording, open_recording, parse_period
 from edge_vpr.recordings.recording import TimeCrop, seconds_us
+from edge_vpr.reference_map import MatchMetrics
+from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
-from edge_vpr_tools.results import RecordError, from_json
 from edge_vpr_tools.runs.mapping import map_recording
-from edge_vpr_tools.runs.matching import match_recording
 from edge_vpr_tools.runs.truth_files import load_truth
 
 # One trial of a sweep: a variant of the method on one pair of drives with one seed.
@@ -217,12 +217,13 @@ def run_trial(trial: Trial) -> TrialResult:
             )
     settings = Settings.from_dict(trial.settings, "the trial")
     mapped = map_recording(drives.open(0), settings)
-    matched = match_recording(mapped.reference, drives.open(1))
-    matches, reference = matched.matches, mapped.reference
+    matched = mapped.reference.match(drives.open(1))
+    matches, reference, metrics = matched.matches, mapped.reference, matched.metrics
+    assert isinstance(metrics, MatchMetrics)
     truth = load_truth(
         drives.ground_truth,
         reference.places.centre_us,
-        matched.queries.centre_us,
+        matched.query_time_us,
         tolerance=drives.tolerance,
         rows=drives.rows,
         frame_period=drives.frame_period,
@@ -239,10 +240,10 @@ def run_trial(trial: Trial) -> TrialResult:
         pixels=len(reference.pixel_map),
         bytes_per_place=reference.bytes_per_place,
         packed_bytes_per_place=reference.packed_bytes_per_place,
-        events=int(matched.queries.events.sum()),
+        events=metrics.events,
         mapping_s=mapped.seconds,
-        counting_s=matched.counting_s,
-        microseconds_per_match=1e6 * matched.matching_s / len(matches),
+        counting_s=metrics.counting_s,
+        microseconds_per_match=1e6 * metrics.matching_s / len(matches),
         elapsed_s=time.perf_counter() - begin,
     )
 

@@ -12,8 +12,8 @@ from typing import TypeVar
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import read_json
+from edge_vpr.results import RecordError, check_parent, from_json, write_json
 from edge_vpr_tools.research.sweep.plan import KeptFailure, KeptResult, TrialResult
-from edge_vpr_tools.results import RecordError, check_parent, from_json, write_json
 
 T = TypeVar("T")
 SWEEP = "sweep.json"

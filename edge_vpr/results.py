@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import datetime
 import hashlib
 import json
@@ -11,7 +10,7 @@ import platform
 import sys
 import tempfile
 import types
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from functools import cache
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from edge_vpr.archive import damaged
-from edge_vpr.errors import EdgeVprError, MapError, UsageError, printable
+from edge_vpr.errors import EdgeVprError, MapError, UsageError, as_path
 from edge_vpr.files import check_output, clear_dead_runs, replacing, replacing_folder
 
 # Folders of results, which are written whole or not at all.
@@ -99,7 +98,9 @@ def _is_ours(file: Path) -> bool:
 
 
 @contextmanager
-def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
+def results_folder(
+    path: Path, overwrite: bool, inputs: Iterable[str | Path | None] = ()
+) -> Iterator[Path]:
     """Yield an empty folder that becomes `path` if the block succeeds, see `replacing_folder`.
 
     Raises
@@ -107,7 +108,8 @@ def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
     UsageError
         See `check_output_folder`.
     """
-    check_output_folder(path, overwrite)
+    path = as_path(path, "a folder of results")
+    check_output_folder(path, overwrite, inputs)
     with replacing_folder(path) as folder:
         yield folder
 
@@ -423,36 +425,3 @@ def _input_file(path: Path) -> InputFile:
         digest = hashlib.sha256(file.read(_HASHED_BYTES)).hexdigest()
     covers = "file" if size <= _HASHED_BYTES else f"first {_HASHED_BYTES} bytes"
     return InputFile(str(path), size, digest, covers)
-
-
-# CSV files of measured values, which also contain names from files.
-
-
-#: a spreadsheet takes a cell that begins like this as a formula, which can run programs
-_OF_FORMULAS = ("=", "+", "-", "@")
-
-
-def write_spreadsheet(
-    path: Path, header: Sequence[str], lines: Iterable[Sequence[str | float | None]]
-) -> None:
-    """Write a CSV file, atomically.
-
-    Parameters
-    ----------
-    path : Path
-    header : sequence of str
-    lines : iterable of sequence of str, float or None
-        None is an empty cell, which was not measured. Text that a spreadsheet would compute has an
-        apostrophe before it.
-    """
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(map(_cell, header))
-        writer.writerows(map(_cell, line) for line in lines)
-
-
-def _cell(value: str | float | None) -> str | float:
-    if not isinstance(value, str):
-        return "" if value is None else value
-    text = printable(value)
-    return f"'{text}" if text.startswith(_OF_FORMULAS) else text

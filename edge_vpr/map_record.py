@@ -1,0 +1,369 @@
+"""The data of a reference map: selected pixels, descriptors of the places, and settings.
+
+All stages of matching take this record. `ReferenceMap` adds building and matching to it.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.archive import (
+    EqualByValue,
+    check_array,
+    check_range,
+    damaged,
+    present,
+    read_archive,
+    write_archive,
+)
+from edge_vpr.confidence import Acceptance, Confidence, default_confidence
+from edge_vpr.descriptors.codes import codes_of, encode_own, encode_running
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
+from edge_vpr.errors import MapError, expect
+from edge_vpr.events import Sensor
+from edge_vpr.route import MOST_MM, Route
+from edge_vpr.settings import Settings
+from fixedpoint.codes import PixelCodes, packed_bytes
+from fixedpoint.errors import FixedPointError
+from fixedpoint.own_mean import OwnMeanCode
+
+# Checks of parts of a reference map that kernels use as indices.
+
+
+#: each is processed after every window
+MOST_JUMPS = 4_096
+
+
+def check_ways(
+    places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
+) -> None:
+    """Check that jumps lead from place to place, and that the distance driven never decreases."""
+    if jumps is not None:
+        check_array(jumps, "jumps", (np.int32,), (None, 2))
+        check_range(jumps, "jumps", 0, places - 1)
+        if len(jumps) > MOST_JUMPS:
+            raise MapError(f"jumps has {len(jumps)} pairs of places: expected up to {MOST_JUMPS}")
+        if (jumps[:, 0] == jumps[:, 1]).any():
+            raise MapError("jumps leads from a place to itself: expected pairs of two places")
+    if odometer_mm is not None:
+        check_array(odometer_mm, "odometer_mm", (np.int64,), (places,))
+        check_range(odometer_mm, "odometer_mm", 0, MOST_MM)
+        if (np.diff(odometer_mm) < 0).any():
+            raise MapError("odometer_mm falls from place to place: expected the way driven")
+
+
+def check_codes(
+    settings: Settings, counts: npt.NDArray[Any], full_scale: npt.NDArray[Any] | None
+) -> None:
+    """Check that all codes of the places occur in the tables of their counters."""
+    if settings.learns_full_scale and full_scale is not None:
+        # arbitrary scales, which no reference gives, could need one table for each counter
+        scale = full_scale.astype(np.int64)
+        wrong = (scale < 1) | (scale & (scale + 1) != 0)
+        if wrong.any():
+            raise MapError(
+                f"full_scale holds {scale[wrong][0]}: expected 2**n - 1, with n from 1 to 16"
+            )
+    try:
+        codes = codes_of(settings, counts.shape[1], full_scale)
+    except FixedPointError as error:
+        raise MapError(f"the codes of the map: {error}") from error
+    if codes is None:
+        return
+    top = np.array([code.top for code in codes.codes], dtype=np.int64)[codes.row]
+    above = np.flatnonzero(counts.max(axis=0) > top)
+    if above.size:
+        j = int(above[0])
+        raise MapError(
+            f"counter {j} holds the code {counts[:, j].max()}: expected codes up to {top[j]}"
+        )
+
+
+KIND = "reference map"
+#: a map of any class: a function that changes a map returns one of the same class
+AnyMap = TypeVar("AnyMap", bound="MapRecord")
+
+
+@dataclass(frozen=True, eq=False)
+class MapRecord(EqualByValue):
+    """Data of a reference drive, which queries are matched against.
+
+    Attributes
+    ----------
+    settings : Settings
+        With which it was made; a query is described with the same.
+    pixel_map : PixelMap
+    places : Descriptors
+        One a place, K in all.
+    saliency : ndarray of float32, shape (height, width)
+        Variance (or mean) that the pixels were drawn from; for figures.
+    hot : ndarray of bool, shape (height, width)
+        Pixels that were left out.
+    full_scale : ndarray of uint16, shape (J,), optional
+        Of each counter's code, where the settings scale it to each pixel; with polarity (2 J,).
+    mean : ndarray of int32, shape (J,), optional
+        Mean logarithm of each counter over this drive in units of 1/256 octave, where the settings
+        take codes against it; with polarity (2 J,).
+    confidence : Confidence, optional
+        Probability of matches with these settings, learnt from an evaluated drive.
+    route : Route, optional
+        Where the K places are.
+    jumps : ndarray of int32, shape (n, 2), optional
+        Pairs of places: from the first, the place filter may step to the second, as where a loop
+        closes or two routes meet.
+    odometer_mm : ndarray of int64, shape (K,), optional
+        Millimetres that the reference had driven at each place by its own odometry.
+    frame_period : Fraction, optional
+        Seconds a frame of counts, where the file of the reference did not say; taken for queries
+        that do not say either.
+
+    Raises
+    ------
+    MapError
+        If an array is of another dtype or shape, or does not fit the others.
+    """
+
+    settings: Settings
+    pixel_map: PixelMap
+    places: Descriptors
+    saliency: npt.NDArray[np.float32]
+    hot: npt.NDArray[np.bool_]
+    full_scale: npt.NDArray[np.uint16] | None = None
+    mean: npt.NDArray[np.int32] | None = None
+    confidence: Confidence | None = None
+    route: Route | None = None
+    jumps: npt.NDArray[np.int32] | None = None
+    odometer_mm: npt.NDArray[np.int64] | None = None
+    frame_period: Fraction | None = None
+
+    def __post_init__(self) -> None:
+        self.check()
+
+    @classmethod
+    def of(cls, record: MapRecord) -> Self:
+        """Return the same map as an instance of this class."""
+        if type(record) is cls:
+            return record
+        return cls(**{field.name: getattr(record, field.name) for field in fields(record)})
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({len(self)} places, {len(self.pixel_map)} pixels of "
+            f"{self.pixel_map.sensor}, {self.counter_bits} bits a counter)"
+        )
+
+    def check(self) -> None:
+        """Check that all parts fit each other, as they did when the map was made.
+
+        Raises
+        ------
+        MapError
+            If an array is of another dtype or shape than documented, or holds what cannot be.
+        """
+        settings, pixel_map, places = self.settings, self.pixel_map, self.places
+        expect(settings, Settings, "settings", "Settings, or build the map with ReferenceMap.build")
+        expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels")
+        expect(places, Descriptors, "places", "Descriptors, as of describe")
+        if settings.pixels != len(pixel_map):
+            raise MapError(
+                f"the settings say {settings.pixels} pixels and the pixel map has "
+                f"{len(pixel_map)}: expected the same number"
+            )
+        counters = len(pixel_map) * (2 if settings.polarity else 1)
+        check_descriptors(places, counters)
+        shape = (pixel_map.sensor.height, pixel_map.sensor.width)
+        check_array(self.saliency, "saliency", (np.float32, np.float64), shape)
+        if not np.isfinite(self.saliency).all():
+            raise MapError("saliency holds values that are not finite: expected variances or means")
+        check_array(self.hot, "hot", (np.bool_,), shape)
+        if self.full_scale is not None:
+            check_array(self.full_scale, "full_scale", (np.uint16,), (counters,))
+        if self.route is not None and len(self.route.along_m) != len(places):
+            raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
+        check_ways(len(places), self.jumps, self.odometer_mm)
+        own_mean = self.own_mean_code
+        if own_mean is None:
+            check_codes(settings, places.counts, self.full_scale)
+            return
+        if self.mean is None:
+            raise MapError("the map has own-mean codes and lacks mean: make the map again")
+        check_array(self.mean, "mean", (np.int32,), (counters,))
+        check_range(self.mean, "mean", 0, int(own_mean.levels[-1]))
+        check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
+
+    @property
+    def codes(self) -> PixelCodes | None:
+        """Counter codes of the places; None if the places hold event counts.
+
+        Also None with own-mean codes, which have no fixed table (see `own_mean_code`).
+        """
+        if self.own_mean_code is not None:
+            return None
+        return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
+
+    @property
+    def own_mean_code(self) -> OwnMeanCode | None:
+        """The own-mean code; None if the places hold counts or other codes."""
+        return self.settings.own_mean_code
+
+    @property
+    def is_coded(self) -> bool:
+        """Whether the places hold codes instead of counts."""
+        return self.settings.shared_code is not None
+
+    @property
+    def along_mm(self) -> npt.NDArray[np.int64] | None:
+        """Millimetres driven at each place, shape (K,), from odometry or else from the track.
+
+        At places that the track did not cover, the distance is interpolated. None if the map has
+        neither.
+        """
+        if self.odometer_mm is not None or self.route is None:
+            return self.odometer_mm
+        along_m = self.route.along_m
+        known = np.flatnonzero(np.isfinite(along_m))
+        along_m = np.interp(np.arange(len(along_m)), known, along_m[known])
+        return None if along_m[-1] * 1e3 > MOST_MM else np.rint(along_m * 1e3).astype(np.int64)
+
+    @property
+    def acceptance(self) -> Acceptance:
+        """The map's own table of probabilities; with the place filter, else the shipped one.
+
+        Raises
+        ------
+        UsageError
+            If the settings want a precision that the table cannot promise.
+        """
+        confidence = self.confidence
+        if confidence is None and self.settings.matching == "filter":
+            confidence = default_confidence(self.settings.smooth, self.settings.late)
+        return Acceptance(confidence, self.settings.precision)
+
+    def matched_with(self, settings: Settings) -> Self:
+        """Return the map with other settings for matching.
+
+        Its own table of probabilities is removed if the scale of the trust changes.
+        """
+        expect(settings, Settings, "settings", "Settings, as of map.settings.replaced")
+        kept = settings.of_trust == self.settings.of_trust
+        return replace(self, settings=settings, confidence=self.confidence if kept else None)
+
+    def coded(self, counted: Descriptors) -> Descriptors:
+        """Replace the counts of a query by the codes of this map."""
+        code = self.own_mean_code
+        if code is not None and self.mean is not None:
+            activity = activity_of_drive(self.places.activity)
+            if self.settings.query_mean == "running":
+                return encode_running(counted, code, self.mean, activity)
+            return encode_own(counted, code, activity)
+        if self.codes is None:
+            return counted
+        return replace(counted, counts=narrow(self.codes.encode(counted.counts)))
+
+    def decoded(self, descriptors: Descriptors) -> Descriptors:
+        """Replace codes by counts for plots, each by the middle of the counts with that code."""
+        code = self.own_mean_code
+        if code is not None and self.mean is not None:
+            return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
+        if self.codes is None:
+            return descriptors
+        return replace(descriptors, counts=narrow(self.codes.decode(descriptors.counts)))
+
+    @property
+    def bytes_per_place(self) -> int:
+        """Size of a descriptor as stored and compared here, in bytes."""
+        return self.places.counts.shape[1] * self.places.counts.itemsize
+
+    @property
+    def counter_bits(self) -> int:
+        """Number of bits of the code of a counter, or of its stored count."""
+        code = self.settings.shared_code
+        return 8 * self.places.counts.itemsize if code is None else code.bits
+
+    @property
+    def bytes_text(self) -> str:
+        """Size of a descriptor for messages: packed as on a device, and in memory if it differs."""
+        packed, stored = self.packed_bytes_per_place, self.bytes_per_place
+        if packed == stored:
+            return f"{stored} bytes a place"
+        return f"{packed} bytes a place packed at {self.counter_bits} bits ({stored} in memory)"
+
+    @property
+    def packed_bytes_per_place(self) -> int:
+        """Size of a descriptor with codes packed without gaps, in bytes."""
+        return packed_bytes(self.places.counts.shape[1], self.counter_bits)
+
+    def save(self, path: str | Path) -> None:
+        """Write as ``.npz``, atomically; `load` gives an equal map back."""
+        arrays = {
+            "pixel_x": self.pixel_map.x,
+            "pixel_y": self.pixel_map.y,
+            **self.places.to_arrays(),
+            "saliency": self.saliency,
+            "hot": self.hot,
+        }
+        arrays |= present(
+            full_scale=self.full_scale,
+            mean=self.mean,
+            jumps=self.jumps,
+            odometer_mm=self.odometer_mm,
+        )
+        if self.confidence is not None:
+            arrays |= self.confidence.to_arrays()
+        meta: dict[str, Any] = {
+            "settings": self.settings.to_dict(),
+            "sensor": list(self.pixel_map.sensor),
+        }
+        if self.route is not None:
+            arrays |= self.route.to_arrays()
+            meta["position_kind"] = self.route.kind
+        if self.frame_period is not None:
+            meta["frame_period"] = str(self.frame_period)
+        write_archive(path, KIND, arrays, meta)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a saved map.
+
+        Raises
+        ------
+        MapError
+            If the file is missing, unreadable, not a map, or from a newer version.
+        """
+        arrays, meta = read_archive(path, KIND)
+        with damaged(path, "make the map again"):
+            return cls(
+                settings=Settings.from_dict(meta["settings"]),
+                pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
+                places=Descriptors.from_arrays(arrays),
+                saliency=arrays["saliency"],
+                hot=arrays["hot"],
+                full_scale=arrays.get("full_scale"),
+                mean=arrays.get("mean"),
+                confidence=Confidence.from_arrays(arrays),
+                route=Route.from_arrays(arrays, meta),
+                jumps=arrays.get("jumps"),
+                odometer_mm=arrays.get("odometer_mm"),
+                frame_period=_period(meta.get("frame_period")),
+            )
+
+
+def _period(text: object) -> Fraction | None:
+    """Return the seconds a frame from the header of a file, which must be above 0."""
+    if text is None:
+        return None
+    known = isinstance(text, str) and re.fullmatch(r"[1-9]\d{0,9}(/[1-9]\d{0,17})?", text)
+    if not known:
+        raise MapError(f"frame_period is {text!r}: expected seconds such as '1/30'")
+    return Fraction(str(text))

@@ -1,0 +1,355 @@
+"""The public way in: a map is built, matches, follows and is saved in a few lines."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.publish import MatchRows
+from streams import Drive, random_events
+
+import edge_vpr as ev
+from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.live.session import LiveResult
+from edge_vpr.matching.matches import TABLE
+from edge_vpr.online.state import MATCH_DTYPE
+
+SENSOR = ev.Sensor(16, 12)
+SMALL = {"pixels": 5, "sigma": 1.0, "tau": "100ms"}
+
+
+def events_of(seed, seconds=2.0):
+    n = int(2_000 * seconds)
+    return random_events(np.random.default_rng(seed), n, SENSOR, int(1e6 * seconds))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two drives and their tracks."""
+    folder = tmp_path_factory.mktemp("drives")
+    for seed, name in enumerate(("monday", "tuesday")):
+        ev.write_recording(folder / f"{name}.npz", events_of(seed), sensor=SENSOR)
+        (folder / f"{name}.csv").write_text("time_s,position_m\n0,0\n2,20\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def route(folder):
+    return ev.ReferenceMap.build(folder / "monday.npz", track=folder / "monday.csv", **SMALL)
+
+
+def test_settings_are_a_preset_settings_a_file_or_keywords(folder, route):
+    (folder / "small.toml").write_text('pixels = 5\nsigma = 1.0\ntau = "100ms"\n')
+    recording = ev.open_recording(folder / "monday.npz")
+    settings = ev.resolve_settings("default", flags=SMALL)
+    for given in (settings, folder / "small.toml", str(folder / "small.toml")):
+        made = ev.ReferenceMap.build(recording, given, track=ev.load_track(folder / "monday.csv"))
+        assert made == route
+    plain = ev.ReferenceMap.build(recording, None, **SMALL)
+    assert plain == ev.ReferenceMap.build(recording, **SMALL) != route
+    paper = ev.ReferenceMap.build(recording, "paper", **SMALL)
+    assert (paper.settings.matching, paper.settings.pixels) == ("sequence", 5)
+
+
+def test_a_map_equals_itself_after_saving_and_no_other_map(folder, route, tmp_path):
+    odometry = ev.load_odometry(folder / "monday.csv")
+    full = ev.ReferenceMap.build(
+        folder / "monday.npz", track=folder / "monday.csv", odometry=odometry,
+        jumps=np.array([[0, 5]], dtype=np.int32), **SMALL,
+    )  # fmt: skip
+    for made in (route, full):
+        made.save(tmp_path / "map.npz")
+        assert ev.ReferenceMap.load(tmp_path / "map.npz") == made
+    assert full != route
+    saliency = full.saliency.copy()
+    saliency[3, 3] += 1
+    assert dataclasses.replace(full, saliency=saliency) != full
+    matches = route.match(folder / "tuesday.npz").matches
+    matches.save(tmp_path / "matches.npz")
+    assert ev.Matches.load(tmp_path / "matches.npz") == matches
+
+
+def test_a_map_of_own_pixels_counts_those(folder):
+    pixels = ev.PixelMap(SENSOR, np.array([3, 9, 1]), np.array([2, 11, 0]))
+    made = ev.ReferenceMap.build(
+        folder / "monday.npz", "paper", pixel_map=pixels, tau="100ms", bursts="keep"
+    )
+    assert made.pixel_map == pixels and made.settings.pixels == 3
+    events = events_of(0)
+    for j, (x, y) in enumerate(zip(pixels.x, pixels.y, strict=True)):
+        times = events["t"][(events["x"] == x) & (events["y"] == y)]
+        counts = np.bincount(times // 100_000, minlength=len(made))[: len(made)]
+        assert made.places.counts[:, j].tolist() == counts.tolist()
+    assert not made.hot[pixels.y, pixels.x].any()
+    with pytest.raises(EdgeVprError, match="of a 16x12 sensor and the map of a 9x9 one"):
+        ev.ReferenceMap.build(
+            folder / "monday.npz",
+            pixel_map=ev.PixelMap(ev.Sensor(9, 9), pixels.x[2:], pixels.y[2:]),
+        )
+
+
+def test_a_slice_of_time_is_the_recording_between_two_moments(folder):
+    events = events_of(0)
+    times = events["t"]
+    for start, end in ((0.5, 1.25), (None, 1), (1.5, None), ("1/3", "0.75")):
+        part = np.concatenate(list(ev.open_recording(folder / "monday.npz", start=start, end=end)))
+        first = 0 if start is None else round(1e6 * (1 / 3 if start == "1/3" else start))
+        last = 2_000_000 if end is None else round(1e6 * float(end))
+        kept = (times >= first) & (times < last)
+        assert part["t"].tolist() == (times[kept] - first).tolist()
+        assert np.array_equal(part["x"], events["x"][kept])
+
+
+def test_a_result_is_evaluated_by_tracks_or_by_a_truth(folder, route):
+    result = route.match(folder / "tuesday.npz")
+    tracks = [folder / "monday.csv", folder / "tuesday.csv"]
+    found = result.evaluate(tracks, tolerance_m=1.5)
+    loaded = [ev.load_track(track) for track in tracks]
+    truth = ev.from_tracks(
+        *loaded, route.places.centre_us, result.queries.centre_us, tolerance_m=1.5
+    )
+    for other in (
+        result.evaluate(loaded, 1.5),
+        result.evaluate(truth),
+        ev.evaluate(result.matches, truth),
+    ):
+        assert other.to_dict() == found.to_dict()
+    online = route.match(folder / "tuesday.npz", every="window")
+    assert online.queries is None
+    assert online.evaluate(tracks, 1.5).queries == len(online)
+
+
+def test_a_saved_result_is_read_by_the_commands(folder, route, tmp_path, capsys):
+    for name, every in (("windows", None), ("events", "20ms")):
+        result = route.match(folder / "tuesday.npz", every=every, precision=0.3)
+        result.save(tmp_path / name)
+        with pytest.raises(UsageError, match="exists: name another one"):
+            result.save(tmp_path / name)
+        result.save(tmp_path / name, overwrite=True)
+        again = ev.MatchResult.load(tmp_path / name)
+        assert (again.matches, again.queries) == (result.matches, result.queries)
+        assert again.reference == result.reference
+        truth = [str(folder / f"{day}.csv") for day in ("monday", "tuesday")]
+        words = ["evaluate", str(tmp_path / name), "--ground-truth", *truth, "--tolerance", "1.5"]
+        assert main(words) == 0
+        shown = f"P@100R {result.evaluate(truth, 1.5).precision_at_100_recall:.3f}"
+        assert shown in capsys.readouterr().out
+    assert main(["compare", str(tmp_path / "windows"), str(tmp_path / "events")]) == 0
+    assert capsys.readouterr().out.count("\n") == 4
+
+
+def test_matching_settings_are_keywords_and_others_are_refused(folder, route):
+    plain = route.match(folder / "tuesday.npz", smooth=False).matches
+    asked = dataclasses.replace(route.settings, smooth=False)
+    assert route.match(folder / "tuesday.npz", settings=asked).matches == plain
+    assert plain.settings == asked and route.settings.smooth
+    with pytest.raises(UsageError, match=r"match: setting pixels = 6, and the map was made with 5"):
+        route.match(folder / "tuesday.npz", pixels=6)
+
+
+def test_a_localiser_of_a_map_gives_what_online_matching_gives(folder, route):
+    localiser = route.localiser("20ms", delay=0)
+    recording = Drive(events_of(1), SENSOR)
+    rows = [localiser.update(events) for events in recording]
+    online = route.match(recording, every="20ms").matches
+    # without bursts, cleaning hands on the same events
+    assert np.concatenate(rows)["place"].tolist() == online.place.tolist()[: sum(map(len, rows))]
+
+
+def test_names_of_a_match_are_the_same_in_every_form(folder, route, tmp_path):
+    """As docs/commands.md lists them: arrays have whole microseconds, all else has seconds."""
+    pytest.importorskip("pandas", reason="pandas is an extra")
+    result = route.match(folder / "tuesday.npz", every="100ms", precision=0.2)
+    result.save(tmp_path / "results")
+    with (tmp_path / "results/matches.csv").open(newline="") as file:
+        in_csv = list(csv.DictReader(file))
+    frame = result.to_frame()
+    rows = route.localiser("100ms", precision=0.2).update(events_of(1))
+    lines = [
+        json.loads(line) for line in MatchRows(route).lines(LiveResult(np.empty(0), rows, False), 0)
+    ]
+    shared = [name for name in TABLE if name != "query"]
+    where = ["x_m", "along_m", "along_from_m", "along_to_m"]
+    assert list(in_csv[0]) == [*TABLE, *where]
+    assert {*TABLE, *where} <= set(frame.columns)
+    assert {*shared, *where} <= set(lines[0])
+    assert set(shared) <= {name.replace("_us", "_s") for name in MATCH_DTYPE.names}
+    for name in TABLE:
+        assert len(getattr(result.matches, name)) == len(result)
+    n = min(len(lines), len(in_csv))
+    assert n > 10
+    for name in ("place", "distance", "second", "second_distance", "trust"):
+        texts = ["-1" if name == "second" and not row[name] else row[name] for row in in_csv[:n]]
+        assert [float(text or "nan") for text in texts] == pytest.approx(
+            [np.nan if line[name] is None else line[name] for line in lines[:n]], nan_ok=True
+        )
+        assert frame[name][:n].tolist() == pytest.approx(
+            [np.nan if line[name] is None else line[name] for line in lines[:n]], nan_ok=True
+        )
+
+
+SPARSE = ev.Sensor(40, 30)
+
+
+def sparse_drive():
+    """Of a camera of which only few pixels fire, and those often."""
+    rng = np.random.default_rng(5)
+    n = 6_000
+    pixel = rng.integers(0, 60, n)
+    return ev.make_events(
+        np.sort(rng.integers(0, 3_000_000, n)), pixel % 10 * 4, pixel // 10 * 5, None
+    )
+
+
+def test_no_hot_pixels_are_searched_where_most_pixels_never_fire():
+    """Every pixel that fires would be above the mean and above its silent neighbours."""
+    events = sparse_drive()
+    totals = np.zeros((30, 40), dtype=np.int64)
+    np.add.at(totals, (events["y"], events["x"]), 1)
+    assert ev.find_hot_pixels(totals).sum() == np.count_nonzero(totals) == 60
+    made = ev.ReferenceMap.build(Drive(events, SPARSE), pixels=40, sigma=0.5, tau="100ms")
+    assert made.hot.sum() == 0 and len(made.pixel_map) == 40
+
+
+def test_too_few_pixels_after_the_hot_ones_names_the_cause(tmp_path, capsys):
+    events = sparse_drive()
+    hot = np.zeros((30, 40), dtype=np.bool_)
+    hot[events["y"], events["x"]] = True
+    hot[0, :20] = False
+    with pytest.raises(UsageError, match=r"left out as hot: keep them \(--hot-pixels keep"):
+        ev.ReferenceMap.build(Drive(events, SPARSE), hot=hot, pixels=40, tau="100ms")
+    with pytest.raises(UsageError, match="ask for fewer pixels or map a longer traverse"):
+        ev.ReferenceMap.build(Drive(events, SPARSE), pixels=400, tau="100ms")
+    ev.write_recording(tmp_path / "sparse.npz", events, sensor=SPARSE)
+    np.savetxt(tmp_path / "hot.csv", np.argwhere(hot)[:, ::-1], fmt="%d", delimiter=",")
+    words = [str(tmp_path / name) for name in ("sparse.npz", "map.npz", "hot.csv")]
+    flags = ["--pixels", "40", "--tau", "100ms", "--hot-pixels", words[2]]
+    assert main(["map", words[0], "-o", words[1], *flags]) == 2
+    assert "left out as hot: keep them (--hot-pixels keep" in capsys.readouterr().err
+
+
+def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, capsys):
+    (tmp_path / "jumps.csv").write_text("from,to\n0,5\n")
+    (tmp_path / "hot.csv").write_text("3,2\n")
+    (tmp_path / "small.toml").write_text("pixels = 5\nsigma = 1.0\n")
+    inputs = [folder / "monday.npz", folder / "monday.csv", tmp_path / "odometry.csv"]
+    inputs += [tmp_path / "jumps.csv", tmp_path / "hot.csv", tmp_path / "small.toml"]
+    inputs[2].write_text("time_s,speed_mps\n0,1\n2,1\n")
+    recording, track, odometry, jumps, hot, config = map(str, inputs)
+    words = ["map", recording, "-o", str(tmp_path / "map.npz"), "--track", track, "--tau", "100ms"]
+    words += ["--odometry", odometry, "--jumps", jumps, "--hot-pixels", hot, "--config", config]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    made = ev.ReferenceMap.load(tmp_path / "map.npz")
+    assert made.packed_bytes_per_place == 2 and made.bytes_per_place == 5
+    size = "2 bytes a place packed at 3 bits (5 in memory)"
+    assert f"{len(made)} places at 5 pixels of 16x12, {size}" in said
+    record = json.loads((tmp_path / "map.run.json").read_text())
+    assert {each["path"] for each in record["inputs"]} == set(map(str, inputs))
+    assert all(len(each["sha256"]) == 64 for each in record["inputs"])
+
+
+def test_odometry_is_read_from_the_tracks_that_simulate_writes(tmp_path):
+    words = ["simulate", "-o", str(tmp_path / "pair"), "--sensor", "tiny", "--length", "10"]
+    assert main(words) == 0
+    track = tmp_path / "pair/reference_track.csv"
+    recording = str(tmp_path / "pair/reference.npz")
+    small = ["--pixels", "10", "--sigma", "1", "--tau", "200ms"]
+    output = ["-o", str(tmp_path / "map.npz")]
+    assert main(["map", recording, *output, *small, "--odometry", str(track)]) == 0
+    made = ev.ReferenceMap.load(tmp_path / "map.npz")
+    expected = ev.load_track(track).at(made.places.centre_us)[:, 0]
+    assert np.abs(made.odometer_mm / 1e3 - (expected - expected[0])).max() < 0.002
+
+
+def test_the_period_of_frames_is_kept_in_the_map(tmp_path, capsys):
+    rng = np.random.default_rng(2)
+    for name in ("a", "b"):
+        frames = rng.integers(0, 4, (30, 12, 16)).astype(np.uint8)
+        np.savez(tmp_path / f"{name}.npz", frames=frames)
+    first, second, mapped = (str(tmp_path / f"{name}.npz") for name in ("a", "b", "map"))
+    small = ["--pixels", "5", "--sigma", "1", "--tau", "100ms"]
+    assert main(["map", first, "-o", mapped, *small]) == 2
+    assert "pass --frame-period" in capsys.readouterr().err
+    assert main(["map", first, "-o", mapped, *small, "--frame-period", "1/10"]) == 0
+    result = str(tmp_path / "result")
+    assert main(["match", mapped, second, "-o", result, "--no-figures"]) == 0
+    online = ["--online", "--every", "100ms", "-o", str(tmp_path / "live")]
+    assert main(["match", mapped, second, "--no-figures", *online]) == 0
+    matched = ev.ReferenceMap.load(mapped).match(second).matches
+    assert matched == ev.MatchResult.load(result).matches
+    (tmp_path / "truth.csv").write_text("query_frame,reference_frame\n0,0\n29,29\n")
+    evaluate = ["evaluate", result, "--ground-truth", str(tmp_path / "truth.csv")]
+    assert main([*evaluate, "--tolerance", "2"]) == 0
+    with pytest.raises(UsageError, match="pass --frame-period"):
+        ev.open_recording(first)
+    assert (
+        ev.open_recording(first, frame_period="1/10").frame_period
+        == ev.ReferenceMap.load(mapped).frame_period
+    )
+
+
+def wrong_uses():
+    """What a newcomer may give, by the words that the message must have."""
+    build, many = ev.ReferenceMap.build, {"pixels": 5}
+    return {
+        "pixls.*did you mean pixels": lambda drive, route: build(drive, pixls=5),
+        "did you mean precision": lambda drive, route: route.match(drive, precison=0.9),
+        "localiser has.*did you mean delay": lambda drive, route: route.localiser(dealy=1),
+        "preset 'defualt' is unknown": lambda drive, route: build(drive, "defualt"),
+        "settings is a dict: give Settings": lambda drive, route: build(drive, many),
+        "setting pixels = 'many'": lambda drive, route: build(drive, pixels="many"),
+        "tau_us = 0.5 .*or a time such as 1s": lambda drive, route: build(drive, tau=0.5),
+        "the recording is None: give a path": lambda drive, route: build(None),
+        "the recording is an array": lambda drive, route: build(events_of(0)),
+        "pixel_map is a list: give a PixelMap": lambda drive, route: build(
+            drive, pixel_map=[(1, 2)]
+        ),
+        "hot is a list: give an array of bool": lambda drive, route: build(drive, hot=[1]),
+        "array of float64: give one of bool": lambda drive, route: build(
+            drive, hot=np.zeros((12, 16))
+        ),
+        "path of a track is an int": lambda drive, route: build(drive, track=5),
+        "path of odometry is a list": lambda drive, route: build(drive, odometry=[1, 2]),
+        "every is an int .5.: give a text": lambda drive, route: route.match(drive, every=5),
+        "expected event, a number": lambda drive, route: route.match(drive, every="often"),
+        "settings is a str": lambda drive, route: route.match(drive, settings="default"),
+        "path of a reference map is None": lambda drive, route: ev.ReferenceMap.load(None),
+        "path of a reference map is an int": lambda drive, route: route.save(5),
+        "path of a folder of results is None": lambda drive, route: route.match(drive).save(None),
+        "truth is None: give a GroundTruth": lambda drive, route: route.match(drive).evaluate(None),
+        "give for example tolerance_m": lambda drive, route: route.match(drive).evaluate(
+            ("a.csv", "b.csv")
+        ),
+        "matches is a MatchResult: give": lambda drive, route: ev.evaluate(
+            route.match(drive), None
+        ),
+        "track of the reference is a str": lambda drive, route: ev.from_tracks(
+            "a", "b", [1], [1], 1
+        ),
+        "the path of a recording is None": lambda drive, route: ev.open_recording(None),
+        "window is a str": lambda drive, route: ev.DescriptorStream(route.pixel_map, "1s"),
+        "sensor is None": lambda drive, route: ev.BurstFilter(None),
+        "events are None": lambda drive, route: ev.BurstFilter(SENSOR).update(None),
+        "reference is a str": lambda drive, route: ev.Localiser("map.npz"),
+        "events are a list": lambda drive, route: route.localiser().update([1, 2]),
+        "without the fields t, x, y": lambda drive, route: route.localiser().update(np.zeros(3)),
+        "column t holds <U1": lambda drive, route: ev.make_events("a", "b", "c"),
+        "places is None": lambda drive, route: ev.match_descriptors(None, None, route.settings),
+        "saliency has shape": lambda drive, route: ev.select_pixels(None, 5, rng=None),
+        "rng is an int .0.: give numpy": lambda drive, route: ev.select_pixels(
+            np.ones((5, 5)), 5, rng=0
+        ),
+        "flags is a str": lambda drive, route: ev.resolve_settings(flags="pixels=4"),
+    }
+
+
+@pytest.mark.parametrize("words", wrong_uses())
+def test_wrong_use_is_one_sentence_with_the_remedy(words, route):
+    drive = Drive(events_of(0), SENSOR)
+    with pytest.raises(EdgeVprError, match=words):
+        wrong_uses()[words](drive, route)
