@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr import results
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
 from edge_vpr_tools.flags import add_truth_flags
@@ -36,6 +35,7 @@ FEW_MATCHES = 100
 
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
+    from edge_vpr import results
     from edge_vpr.files import check_output
     from edge_vpr_tools.inputs import load_evaluated
     from edge_vpr_tools.runs.mapping import calibrate

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr import results
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import FIGURES_HELP
 
@@ -45,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
+    from edge_vpr import results
     from edge_vpr_tools.report.style import read_formats
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of, write_comparison
 

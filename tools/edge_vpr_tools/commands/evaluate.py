@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_vpr import results
 from edge_vpr_tools.console import answer
 from edge_vpr_tools.flags import FIGURES_HELP, add_truth_flags
 
@@ -50,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Evaluate, print the figures, and add them to the folder."""
+    from edge_vpr import results
     from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.evaluation.tracks import with_positions
     from edge_vpr.results import read_json, run_record, write_json

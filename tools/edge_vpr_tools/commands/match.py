@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_vpr import results
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import detail_settings, summary
 from edge_vpr_tools.flags import (
@@ -92,6 +91,7 @@ def match_online(
     EdgeVprError
         If an argument is wrong or the recording cannot be matched.
     """
+    from edge_vpr import results
     from edge_vpr.reference_map import OnlineMetrics
     from edge_vpr_tools.inputs import describe_faults, open_from
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
@@ -132,6 +132,7 @@ def match_online(
 
 def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
+    from edge_vpr import results
     from edge_vpr.archive import kind_of, write_npy
     from edge_vpr.evaluation.tracks import load_odometry
     from edge_vpr.map_record import KIND as MAP_KIND
@@ -204,6 +205,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
     """Check that a matrix can be written, before any work is done."""
+    from edge_vpr import results
     from edge_vpr.files import check_output
 
     if args.online:

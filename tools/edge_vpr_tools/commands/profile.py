@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_vpr import results
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
 from edge_vpr_tools.flags import add_reading_arguments
@@ -133,6 +132,7 @@ def load_of(args: argparse.Namespace) -> Load:
 
 def run(args: argparse.Namespace) -> None:
     """Profile this machine."""
+    from edge_vpr import results
     from edge_vpr.results import write_json
     from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.measurement import Plan

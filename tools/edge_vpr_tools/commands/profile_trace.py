@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr import results
 from edge_vpr_tools.console import is_quiet, summary
 
 EXAMPLES = """\
@@ -38,6 +37,7 @@ def run(args: argparse.Namespace) -> None:
     UsageError
         If the profile took no turns for a meter, or the trace does not hold them.
     """
+    from edge_vpr import results
     from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.profiling import with_meter
     from edge_vpr_tools.profile.show import check_shown, show
