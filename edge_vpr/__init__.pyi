@@ -24,6 +24,7 @@ from .events import EVENT_DTYPE as EVENT_DTYPE
 from .events import Sensor as Sensor
 from .events import crop as crop
 from .events import make_events as make_events
+from .live.session import LiveSession as LiveSession
 from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors

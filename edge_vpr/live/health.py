@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"
 # counts that are no faults, or are included in other counts
 _NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
-_NO_FAULTS |= {"events", "held", "wraps"}
+_NO_FAULTS |= {"events", "held", "wraps", "lag_us", "longest_lag_us"}
 
 
 @dataclass
@@ -78,6 +78,10 @@ class Health:
         Silences of more than a second.
     retries : int
         How often an answer of the device did not come, so that it was asked anew.
+    lag_us, longest_lag_us : int
+        How much later than the quickest events the newest ones were matched, and the latest ones,
+        by the clocks of camera and host. It includes bytes that waited in the system for a host
+        that was busy.
     """
 
     accounting: str = UNKNOWN
@@ -110,6 +114,8 @@ class Health:
     reopened: int = 0
     stalls: int = 0
     retries: int = 0
+    lag_us: int = 0
+    longest_lag_us: int = 0
 
     @property
     def rejected(self) -> int:

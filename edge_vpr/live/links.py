@@ -36,6 +36,10 @@ class LinkClosed(LinkError):  # noqa: N818, an end is no error of its own
     """The other side has closed the link, or the file has ended."""
 
 
+class LinkAbsent(LinkError):  # noqa: N818, a camera that is not there yet is no error of its own
+    """There is nothing at the address now, but there may be later."""
+
+
 class Link(ABC):
     """A link to a device (or, for a bridge, to a host).
 
@@ -84,6 +88,25 @@ class Link(ABC):
 
     def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
         """Wait until the other side has received what was sent."""
+
+
+class AbsentLink(Link):
+    """Stands for a link that could not be opened yet."""
+
+    def __init__(self, address: str, why: str) -> None:
+        super().__init__(address)
+        self._why = why
+
+    def read(self, timeout: float) -> bytes:
+        """Raise `LinkClosed`."""
+        raise LinkClosed(self._why)
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Raise `LinkClosed`."""
+        raise LinkClosed(self._why)
+
+    def close(self) -> None:
+        """See `Link.close`."""
 
 
 class DescriptorLink(Link):
@@ -293,7 +316,12 @@ def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
             exclusive=True,  # exclusive, because two readers would each get a part of the bytes
         )
     except (serial.SerialException, OSError, ValueError, termios.error) as error:
-        raise LinkError(f"cannot open {address or 'no port'}: {_why(error)}") from error
+        text = f"cannot open {address or 'no port'}: {_why(error)}"
+        # a port may be plugged in later; a name with a suffix is that of a file
+        absent = getattr(error, "errno", None) == errno.ENOENT and address
+        if absent and not Path(address).suffix:
+            raise LinkAbsent(text) from error
+        raise LinkError(text) from error
     try:
         port.fileno()
     except (AttributeError, io.UnsupportedOperation, OSError):
@@ -517,8 +545,13 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
     if address == "-":
         return DescriptorLink("standard input", os.dup(sys.stdin.fileno()), live=False)
     if address.startswith("tcp://"):
-        with as_link_error(address):
-            return TcpLink(address, socket.create_connection(_host_port(address), timeout=5))
+        host, port = _host_port(address)
+        try:
+            return TcpLink(address, socket.create_connection((host, port), timeout=5))
+        except (ConnectionError, TimeoutError) as error:
+            raise LinkAbsent(f"{address}: {error}: check that the other side is there") from error
+        except OSError as error:
+            raise link_error(address, error) from error
     if address.startswith("udp://"):
         return UdpHostLink(*_host_port(address))
     path = Path(address)
@@ -608,10 +641,13 @@ class LinkReader:
     ----------
     open_link : callable
         Opens the link, at first and again.
+    address : str
+        Of the link, where it is absent at first.
     setup, teardown : bytes
         What to send when it opens and before it closes.
     retry : bool
-        Open a live link again when it is lost; else, and for files and pipes, that is the end.
+        Open a live link again when it is lost, and wait for one that is absent at first; else, and
+        for files and pipes, that is the end.
     drop : bool or None
         When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
         that no bytes are missing within what follows; else let the link wait. None: drop if live.
@@ -632,6 +668,7 @@ class LinkReader:
         self,
         open_link: Callable[[], Link],
         *,
+        address: str = "",
         setup: bytes = b"",
         teardown: bytes = b"",
         retry: bool = False,
@@ -658,7 +695,16 @@ class LinkReader:
         self._failure: Exception | None = None  # error while reading
         self._reopened = False  # whether the link was reopened before the next bytes
         self._awake = threading.Event()  # set to end a pause of the thread
-        self._link = open_link()  # an error of the first opening is raised to the caller
+        self._errors_before = 0  # line errors of the links before this one
+        self._lost_s = math.inf  # time at which the link was lost, while it is
+        self._dead_s = 0.0
+        try:
+            self._link = open_link()  # an error of the first opening is raised to the caller
+        except LinkAbsent as error:
+            if not retry:
+                raise
+            self._link = AbsentLink(address, str(error))
+            self.lost_link, self._lost_s = str(error), time.monotonic()
         self.address = self._link.address
         self._thread = threading.Thread(target=self._run, name="edge-vpr reader", daemon=True)
         self._thread.start()
@@ -714,11 +760,24 @@ class LinkReader:
             self._changed.notify_all()
             return first._replace(data=data)
 
-    def send(self, data: bytes) -> None:
-        """Send to the device from any thread, if the link is open; other bytes are lost."""
+    def send(self, data: bytes, timeout: float = 1.0) -> None:
+        """Send to the device from any thread, if the link is open; other bytes are lost.
+
+        Parameters
+        ----------
+        data : bytes
+        timeout : float
+            Seconds to wait for a line that takes no more bytes.
+        """
         if data:
             with self._sending, contextlib.suppress(LinkError):
-                self._send(self._link, data)
+                self._send(self._link, data, timeout)
+
+    @property
+    def dead_s(self) -> float:
+        """Seconds for which the link was lost, in all so far."""
+        lost_s = self._lost_s
+        return self._dead_s + max(0.0, time.monotonic() - lost_s)
 
     @property
     def remark(self) -> str:
@@ -753,16 +812,20 @@ class LinkReader:
                         self.error = None if isinstance(error, LinkClosed) else error
                         return
                     self.lost_link = str(error)
+                    self._lost_s = min(self._lost_s, time.monotonic())
                 again = self._reopen()
                 if again is None:
                     return
                 with self._sending:
                     self._link = again
-                link, self._reopened, self.lost_link = again, True, ""
+                self._reopened = not isinstance(link, AbsentLink)
+                self._dead_s, self._lost_s = self.dead_s, math.inf
+                link, self.lost_link = again, ""
         except Exception as error:
             # an error in the thread would go unnoticed: pass it to the caller
             self.error = error
         finally:
+            self._dead_s, self._lost_s = self.dead_s, math.inf
             with self._reading:  # the caller is not reading the closed link
                 self._lent = False
             with contextlib.suppress(LinkError):
@@ -774,11 +837,11 @@ class LinkReader:
 
     def _read(self, link: Link) -> None:
         drop = link.live if self._drop is None else self._drop
-        errors_before, look = self.line_errors, 0.0
+        self._errors_before, look = self.line_errors, 0.0
         while not self._stopping.is_set():
             if time.monotonic() >= look:
                 look = time.monotonic() + _LOOK_S
-                self.line_errors = errors_before + link.line_errors()
+                self._look_at_errors(link)
             if self._lent:
                 self._watch_caller()
                 continue
@@ -835,17 +898,24 @@ class LinkReader:
                 wait = min(2 * wait, _LAST_RETRY_S)
         return None
 
+    def _look_at_errors(self, link: Link) -> None:
+        # a port that was disconnected counts none
+        self.line_errors = max(self.line_errors, self._errors_before + link.line_errors())
+
     def _close(self, link: Link) -> None:
+        self._look_at_errors(link)
         with self._sending:
             link.close()
 
     @staticmethod
-    def _send(link: Link, data: bytes) -> None:
-        end = time.monotonic() + 1
-        while data and time.monotonic() < end:
+    def _send(link: Link, data: bytes, timeout: float = 1.0) -> None:
+        end = time.monotonic() + timeout
+        while data:
             try:
-                data = data[link.write(data, 0.1) :]
+                data = data[link.write(data, min(0.1, timeout)) :]
             except LinkClosed:
                 raise
             except LinkError:
                 return  # a link that cannot be written to, such as a file
+            if time.monotonic() >= end:
+                return

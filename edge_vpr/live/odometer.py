@@ -1,9 +1,12 @@
-"""Decoding of odometer readings from the bytes of a line, one line of text for each reading."""
+"""The robot's odometer on a line: one line of text for each reading."""
 
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 
+from edge_vpr.live.links import LinkReader, open_link
 from edge_vpr.route import MOST_MM
 
 #: Largest length of a reading, in bytes.
@@ -12,6 +15,11 @@ MOST_BYTES = 64
 MOST_MPS = 100.0
 #: Readings may come in a bunch after a pause of the line.
 _LEAST_GAP_S = 0.1
+#: Interval of readings, which gives some ten of them in a window.
+_LOOK_S = 0.01
+#: Silence of the odometer that is reported, because windows pass without a reading.
+ODOMETER_SILENT_S = 2.0
+_BAUD = 115_200
 
 
 class OdometerLine:
@@ -80,3 +88,68 @@ class OdometerLine:
             else:
                 self.leaps += 1
         self._value, self._at_s = value, at_s
+
+
+class OdometerReader:
+    """Reads the line of an odometer, and reports its silence.
+
+    Parameters
+    ----------
+    address : str
+        See `open_link`.
+    say : callable
+        Takes the kind and the text of a message, and `over`.
+    retry : bool
+        Open the line again when it is lost.
+
+    Raises
+    ------
+    LinkError
+        If it cannot be opened.
+    """
+
+    def __init__(self, address: str, say: Callable[..., None], *, retry: bool) -> None:
+        self._say = say
+        self._reader = LinkReader(lambda: open_link(address, baud=_BAUD), retry=retry, drop=True)
+        self._line = OdometerLine()
+        self._look_s = self._heard_s = time.monotonic()
+        self._silent = False
+        self._refused = 0
+
+    def look(self) -> float | None:
+        """Return the newest reading in metres, if there is one."""
+        now = time.monotonic()
+        if now < self._look_s:
+            return None
+        self._look_s = now + _LOOK_S
+        line = self._line
+        while (chunk := self._reader.take(0)) is not None:
+            anew = bool(chunk.lost) or chunk.reopened
+            if line.feed(chunk.data, chunk.at_s, anew=anew):
+                self._heard_s = now
+        self._report(now)
+        return line.metres if self._heard_s == now else None
+
+    def stop(self) -> None:
+        """Close the line."""
+        self._reader.stop()
+
+    def _report(self, now: float) -> None:
+        if self._line.refused > self._refused == 0:
+            self._say(
+                "odometer",
+                f"{self._reader.address} brings lines that are no readings of an odometer: send "
+                "metres, such as 12.345, one reading a line",
+            )
+        self._refused = self._line.refused
+        silent = now - self._heard_s > ODOMETER_SILENT_S
+        if silent != self._silent:
+            self._silent = silent
+            why = f" ({self._reader.lost_link})" if self._reader.lost_link else ""
+            self._say(
+                "odometer",
+                f"no reading of the odometer for {ODOMETER_SILENT_S:g} s{why}: going on without"
+                if silent
+                else "the odometer is read again",
+                over=not silent,
+            )

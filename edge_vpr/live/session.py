@@ -1,20 +1,49 @@
-"""Live matching: decoder, burst filter and localiser in one, from bytes to matches."""
+"""A live session: from the bytes of a camera to matches."""
 
 from __future__ import annotations
 
+import contextlib
 import copy
-from typing import NamedTuple
+import logging
+import math
+import os
+import queue
+import socket
+import stat
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from io import FileIO
+from itertools import count
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.compile_report import compiling_reported
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
-from edge_vpr.errors import MapError
+from edge_vpr.errors import MapError, RecordingError, UsageError, printable
+from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events, make_events
+from edge_vpr.files import work_folder
+from edge_vpr.live.health import Health
+from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
+from edge_vpr.live.odometer import OdometerReader
+from edge_vpr.live.protocols import open_decoder
 from edge_vpr.live.protocols.protocol import Decoder, synthetic_events
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
 from edge_vpr.online.state import CHUNK_EVENTS, MATCH_DTYPE, MatchSchedule
+from edge_vpr.pipeline import Removed
+from edge_vpr.recordings import write_recording
+from edge_vpr.recordings.registry import FORMATS
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Odometry
+from edge_vpr.settings import Settings, duration_us, resolve_settings
+
+# Live matching: decoder, burst filter and localiser in one, from bytes to matches.
+
 
 _NEVER_US = 1 << 62
 _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
@@ -287,3 +316,879 @@ def _warm_up(
         last_us += settings.tau_us
         localiser.advance(last_us)
     localiser.finish()
+
+
+# A live session with a camera: from a port, a file or a socket to matches with names.
+
+
+#: Length of a silence that is reported.
+SILENT_S = 1.0
+#: Silence after which a device is greeted again, and interval of greetings.
+GREET_S = 0.5
+#: Bytes and events before a warning: more than the start of a protocol, or chance on a bad line,
+#: can make undecodable.
+SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
+#: Largest number of pieces of bytes that one `LiveSession.poll` matches, and of pieces of events
+#: that wait for a file.
+_MOST_PIECES, _MOST_WAITING = 16, 256
+
+#: Time after which the clocks of camera and host are compared anew, as they drift apart.
+_LAG_S = 300.0
+
+#: Suffixes of recordings that are never bytes of a camera, as .raw and .bin can be.
+_OF_RECORDINGS = {suffix for each in FORMATS.values() for suffix in each.suffixes} - {".raw"}
+
+_LOG = logging.getLogger("edge_vpr.live")
+
+
+class LiveMatch(NamedTuple):
+    """One match of a live session, or a heartbeat.
+
+    A heartbeat says that no match came for the time that `heartbeat` names. Its `place` is -1, its
+    `probability` 0, its `along_m` None, and it is `lost`: a program that checks any of them slows
+    down without a branch of its own.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the match by the camera's clock, in seconds; NaN in a heartbeat.
+    query : int
+        Matches of this session before this one.
+    place : int
+        Best place of the map.
+    distance : float
+        Distance to it, per window.
+    second : int
+        Best place outside the exclusion zone of `place`; -1: there is none.
+    second_distance : float
+        Distance to that; NaN if there is none.
+    ratio : float
+        `distance` / `second_distance`; NaN if it is not known.
+    trust : int
+        The higher, the surer.
+    probability : float
+        Of being correct; NaN if the map does not know it.
+    lost : bool
+        Whether the match is below the precision that the settings ask for.
+    along_m : float or None
+        Metres along the route; None where the map has no position.
+    host_us : int
+        Time at which the last bytes for this match arrived, by this machine's clock, in
+        microseconds since 1970.
+    incomplete : bool
+        Whether events are known to be missing from its windows.
+    """
+
+    time_s: float
+    query: int
+    place: int
+    distance: float
+    second: int
+    second_distance: float
+    ratio: float
+    trust: int
+    probability: float
+    lost: bool
+    along_m: float | None
+    host_us: int
+    incomplete: bool
+
+
+class Message(NamedTuple):
+    """Something that happened to a session.
+
+    Attributes
+    ----------
+    kind : str
+        ``link`` (lost or opened), ``stalled`` (silence), ``lag`` (the host is too slow),
+        ``device`` and ``sender`` (remarks on the camera and on a second one), ``senseless`` (bytes
+        that do not decode), ``odometer``, ``compiling``, ``file`` (given up), or ``drive`` (kept).
+    text : str
+        One sentence, which may quote a device or the system: pass it through `errors.printable`
+        before it reaches a terminal.
+    over : bool
+        Whether it reports the end of a problem.
+    """
+
+    kind: str
+    text: str
+    over: bool = False
+
+
+class LiveStep(NamedTuple):
+    """What one piece of bytes gave, for views that show more than matches.
+
+    Attributes
+    ----------
+    result : LiveResult or None
+        Events and matches; None if nothing came.
+    at_s : float
+        When the bytes came, on the clock of `time.monotonic`.
+    host_us : int
+        The same in microseconds since 1970.
+    odometry : tuple of (int, float)
+        Readings of the odometer since the step before: time in microseconds of the camera's clock,
+        and metres.
+    """
+
+    result: LiveResult | None
+    at_s: float
+    host_us: int
+    odometry: tuple[tuple[int, float], ...] = ()
+
+
+class LiveStatus(NamedTuple):
+    """State of a session now.
+
+    Attributes
+    ----------
+    health : Health
+    filled : float
+        Share of the first sequence that is complete; there are matches from 1 on.
+    lost_link : str
+        Why the link is closed; empty while it is open.
+    dead_s : float
+        Seconds for which the link was lost, in all so far.
+    """
+
+    health: Health
+    filled: float = 0.0
+    lost_link: str = ""
+    dead_s: float = 0.0
+
+
+class LiveSession:
+    """Matches what a camera sends, from the opening of its line to the last file.
+
+    >>> import socket
+    >>> from edge_vpr.simulation import simulate_pair
+    >>> from edge_vpr.live.protocols import open_encoder
+    >>> import edge_vpr as ev
+    >>> drive, _ = simulate_pair(seed=0, length_m=20.0)
+    >>> route = ev.ReferenceMap.build(drive, tau="250ms")
+    >>> encoder = open_encoder("evpr", drive.sensor)
+    >>> camera, port = socket.socketpair()
+    >>> with ev.LiveSession(port, protocol="evpr", reference=route) as session:
+    ...     camera.sendall(encoder.start() + encoder.encode(next(iter(drive))))
+    ...     camera.close()
+    ...     places = [match.place for match in session]
+    >>> len(places) > 5, str(session.health)
+    (True, 'no faults')
+
+    The session owns the link, the decoder and its requests to the camera, the localiser, the clock,
+    the counts of what was lost, reconnection, recordings and the robot's odometer. All kernels are
+    compiled before the link is opened, so that a camera never waits for a compiler.
+
+    Parameters
+    ----------
+    link : str, Path or object
+        A serial port, ``tcp://HOST:PORT``, ``udp://:PORT``, ``-`` or a file of bytes, see
+        `open_link`; or what is open already: a `Link`, a socket, a file, a descriptor, a port of
+        pyserial. Open objects cannot be opened again when they are lost.
+    protocol : str
+        Of the camera: ``evpr``, ``edvs``, ``evt3``, ``openmv``, ..., with options after a colon.
+    reference : ReferenceMap or path, optional
+        Without one, events are decoded and recorded, and nothing is matched.
+    every : str or MatchSchedule, optional
+        When to give a match: ``50ms`` (the default), ``event``, ``window``, ``change``, or a number
+        of events. Maps with a delay give one at the end of each window.
+    sensor : Sensor or str, optional
+        Such as ``128x128``; by default the map's.
+    baud : int, optional
+        Of a serial port; by default the protocol's.
+    flow_control : bool
+        Use the RTS and CTS wires.
+    reconnect : bool
+        Open a live link again when it is lost; else its end is the session's.
+    heartbeat : str, optional
+        Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``.
+    odometry : str, optional
+        Where the robot sends its odometer, see `open_link`.
+    burst_filter : {"exact", "causal"}
+        See `LiveLocaliser`.
+    record : path or sequence of paths
+        Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
+    learn : path, optional
+        Without `reference`: make a map of this drive when the session is closed, and write it here.
+    settings : Settings or str, optional
+        Of that map, or the name of a preset.
+    overwrite : bool
+        Whether files that exist may be replaced.
+    on_overload : {"drop", "wait"}, optional
+        See `LinkReader`; by default files and pipes wait.
+    max_lag : str
+        Bytes that have waited longer than this for a host that is too slow are dropped.
+    on_message : callable, optional
+        Called with each `Message`; by default problems go to the logger ``edge_vpr.live``.
+
+    Raises
+    ------
+    UsageError
+        If arguments contradict each other.
+    MapError
+        If the map cannot be read, or is of another sensor.
+
+    Attributes
+    ----------
+    ended : bool
+        Whether the link has ended for good, or `stop` was called, and all matches were given.
+    stopping : threading.Event
+        Ends the session when it is set, as `stop` does.
+    unwritten : str
+        Which recording was given up and why, if one was.
+    learnt : ReferenceMap or None
+        The map of the drive, after `close`.
+    removed : Removed
+        Counts of what was removed as bursts for that map.
+    """
+
+    def __init__(
+        self,
+        link: Any,
+        *,
+        protocol: str,
+        reference: ReferenceMap | str | Path | None = None,
+        every: str | MatchSchedule | None = None,
+        sensor: Sensor | str | None = None,
+        baud: int | None = None,
+        flow_control: bool = False,
+        reconnect: bool = True,
+        heartbeat: str | None = None,
+        odometry: str | None = None,
+        burst_filter: Literal["exact", "causal"] = "exact",
+        record: str | Path | Iterable[str | Path] = (),
+        learn: str | Path | None = None,
+        settings: Settings | str | None = None,
+        overwrite: bool = False,
+        on_overload: Literal["drop", "wait"] | None = None,
+        max_lag: str = "500ms",
+        on_message: Callable[[Message], object] | None = None,
+    ) -> None:
+        if learn is not None and reference is not None:
+            raise UsageError("learn= makes a map and reference= uses one: give one of them")
+        if isinstance(reference, str | Path):
+            reference = ReferenceMap.load(reference)
+        self.reference = reference
+        self.sensor = _sensor_of(sensor, reference)
+        self.decoder = open_decoder(protocol, self.sensor)
+        self._every = None
+        if reference is not None:
+            self._every = MatchSchedule.parse(every, reference.settings)
+        self._causal = burst_filter == "causal"
+        if burst_filter not in ("exact", "causal"):
+            raise UsageError(f"burst_filter={burst_filter!r}: expected 'exact' or 'causal'")
+        if on_overload not in (None, "drop", "wait"):
+            raise UsageError(f"on_overload={on_overload!r}: expected 'drop', 'wait' or None")
+        self._drop = None if on_overload is None else on_overload == "drop"
+        self._open_link, reopens = _opener(link, baud or self.decoder.baud, flow_control)
+        self._address = str(link)
+        self._reconnect = reconnect and reopens
+        self._odometry = odometry
+        self._heartbeat_s = math.inf if heartbeat is None else duration_us(heartbeat) / 1e6
+        self._max_lag_s = duration_us(max_lag) / 1e6
+        paths = [record] if isinstance(record, str | Path) else list(record)
+        self._record, self._overwrite = [Path(path) for path in paths], overwrite
+        for path in self._record:
+            if path.exists() and not overwrite:
+                raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
+        self._learn = None if learn is None else Path(learn)
+        if not isinstance(settings, Settings):
+            settings = resolve_settings("default" if settings is None else settings)
+        self._settings = settings
+        self.on_message = on_message
+        self.stopping = threading.Event()
+        self.ended, self.unwritten = False, ""
+        self.learnt: ReferenceMap | None = None
+        self.removed = Removed()
+        self._along: list[float] | None = None
+        if reference is not None and reference.route is not None:
+            self._along = reference.route.along_m.tolist()
+        self._live: LiveLocaliser | None = None
+        self._given = 0
+        self._files = contextlib.ExitStack()
+        self._opened = self._closed = self._raised = False
+        self._readings: dict[int, int] = {}
+        self._fresh: list[tuple[int, float]] = []
+
+    # -- opening and closing
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def warm_up(self) -> None:
+        """Compile all kernels of this session; `open` does it before it opens the link."""
+        if self._live is not None:
+            return
+        with compiling_reported(lambda text: self._say("compiling", text)):
+            self._live = LiveLocaliser(
+                self.decoder, self.reference, self._every,
+                causal_bursts=self._causal, odometry=self._odometry is not None,
+            )  # fmt: skip
+            self.decoder.warm_up()
+
+    def open(self) -> None:
+        """Compile the kernels, open the link, then the files; again is harmless.
+
+        Raises
+        ------
+        LinkError
+            If the link or the odometer cannot be opened.
+        OSError
+            If a file of bytes cannot be written.
+        """
+        if self._opened:
+            return
+        self.warm_up()
+        decoder = self.decoder
+        with contextlib.ExitStack() as stack:
+            self._reader = LinkReader(
+                self._open_link, address=self._address,
+                setup=decoder.setup(), teardown=decoder.teardown(),
+                retry=self._reconnect, drop=self._drop, max_lag_s=self._max_lag_s,
+            )  # fmt: skip
+            stack.callback(self._reader.stop)
+            self._odometer: OdometerReader | None = None
+            if self._odometry is not None:
+                self._odometer = OdometerReader(self._odometry, self._say, retry=self._reconnect)
+                stack.callback(self._odometer.stop)
+            # last, so that a missing camera does not overwrite the run before
+            self._raw = [
+                stack.enter_context(path.open("wb", buffering=0))
+                for path in self._record
+                if path.suffix == ".bin"
+            ]
+            targets = [path for path in self._record if path.suffix != ".bin"]
+            self._drive: Path | None = None
+            if self._learn is not None:
+                folder = self._files.enter_context(work_folder(self._learn))
+                self._drive = folder / "drive.npz"
+                targets.append(self._drive)
+            self._writers = [_EventWriter(path, self.sensor, self._overwrite) for path in targets]
+            for writer in self._writers:
+                stack.callback(writer.close)
+            self._stack = stack.pop_all()
+        self._watch = _LineWatch(self._reader, self.decoder, self._say)
+        window_us = SILENT_S * 1e6
+        if self.reference is not None and self.reference.settings.window == "time":
+            window_us = self.reference.settings.tau_us
+        self._lag = _LagWatch(self.health, window_us, self._say)
+        self._begin_s = self._beat_s = time.monotonic()
+        self._opened = True
+
+    def stop(self) -> None:
+        """End the session from a signal handler or another thread; iteration then ends."""
+        self.stopping.set()
+
+    def close(self) -> None:
+        """Close the link, complete the files, and make the map of `learn`; again is harmless.
+
+        Raises
+        ------
+        EdgeVprError
+            If the drive makes no map; the drive is kept, and a message names its file.
+        """
+        if self._closed or not self._opened:
+            return
+        self._closed = True
+        with self._files:
+            self._end()
+            if self._drive is not None and self._learn is not None:
+                self._make_map(self._drive, self._learn)
+
+    # -- matches
+
+    def __iter__(self) -> Iterator[LiveMatch]:
+        """Yield matches, and heartbeats if they were asked for, until the link ends."""
+        for step in self.steps():
+            yield from self.named(step)
+            if (now := time.monotonic()) - self._beat_s >= self._heartbeat_s:
+                self._beat_s = now
+                yield _heartbeat(self._given)
+
+    def poll(self) -> list[LiveMatch]:
+        """Return the matches that are ready, without waiting.
+
+        Call it at least every 20 ms, or a thread of the session has to read in between.
+
+        Raises
+        ------
+        LinkError
+            If the link has failed, once its last matches were returned.
+        """
+        self.open()
+        found: list[LiveMatch] = []
+        for _ in range(_MOST_PIECES):
+            if self.ended:
+                if not found:
+                    self._raise_once()
+                break
+            step = self._take(0.0)
+            self._look(step)
+            found += self.named(step)
+            if step.result is None:
+                break
+        now = time.monotonic()
+        if not found and now - self._beat_s >= self._heartbeat_s:
+            self._beat_s = now
+            found.append(_heartbeat(self._given))
+        return found
+
+    def steps(self) -> Iterator[LiveStep]:
+        """Yield what each piece of bytes gave, or that nothing came, for views.
+
+        Raises
+        ------
+        LinkError
+            If the link has failed, after its last matches.
+        RecordingError
+            If the drive to learn from cannot be recorded.
+        """
+        self.open()
+        while not self.ended:
+            wait_s = self._beat_s + self._heartbeat_s - time.monotonic()
+            step = self._take(min(self.decoder.tick_s, max(wait_s, 0.0)))
+            # a match comes first: what else there is to do can wait
+            yield step
+            if not self.ended:
+                self._look(step)
+        self._raise_once()
+
+    @property
+    def health(self) -> Health:
+        """Counts of what was received and lost so far."""
+        return self.decoder.health
+
+    @property
+    def status(self) -> LiveStatus:
+        """State of the session now."""
+        live, reader = self._live_or_raise(), self._reader
+        return LiveStatus(self.health, live.filled, reader.lost_link, reader.dead_s)
+
+    @property
+    def bursts_removed(self) -> int:
+        """Events removed as bursts."""
+        return 0 if self._live is None else self._live.bursts_removed
+
+    @property
+    def address(self) -> str:
+        """Address of the link."""
+        return self._reader.address
+
+    def named(self, step: LiveStep) -> list[LiveMatch]:
+        """Return the matches of a step."""
+        result = step.result
+        if result is None or not result.matches.size or self.reference is None:
+            return []
+        self._beat_s = time.monotonic()
+        along, late = self._along, self.reference.settings.late > 0
+        found = []
+        for row in result.matches.tolist():
+            t, place, best, second, after, ratio, _, _, trust, probability, lost = row
+            found.append(
+                LiveMatch(
+                    t / 1e6, self._given, place, best, second, after, ratio, trust, probability,
+                    lost, None if along is None else _known(along[place]),
+                    step.host_us - (result.reached_us - t) * late, result.incomplete,
+                )
+            )  # fmt: skip
+            self._given += 1
+        return found
+
+    # -- one step
+
+    def _take(self, timeout: float) -> LiveStep:
+        """Take what comes within `timeout` seconds, and match it."""
+        reader = self._reader
+        if self.stopping.is_set() or reader.ended:
+            return self._end()
+        chunk = reader.take(timeout)
+        now = time.monotonic()
+        if chunk is None:
+            return LiveStep(None, now, int(1e6 * time.time()), self._new_readings())
+        for file in list(self._raw):  # first, so that errors can be reproduced
+            self._write_raw(file, chunk.data)
+        result = self._live_or_raise().feed(
+            chunk.data, int((chunk.at_s - self._begin_s) * 1e6),
+            lost=chunk.lost, reopened=chunk.reopened,
+        )  # fmt: skip
+        # before the match is used: a program that fails then has a whole file
+        self._write_events(result.events)
+        self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
+        host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
+        return LiveStep(result, chunk.at_s, host_us, self._new_readings())
+
+    def _look(self, step: LiveStep) -> None:
+        """Do what remains after a step: odometer, requests to the camera, and messages."""
+        reader, decoder = self._reader, self.decoder
+        decoder.health.line_errors = reader.line_errors
+        if step.result is not None:
+            self._watch.heard(step.at_s)
+        if self._odometer is not None and (metres := self._odometer.look()) is not None:
+            # whole millimetres, for the localiser and the log
+            distance_mm = round(1e3 * metres)
+            time_us = self._live_or_raise().read_odometer(distance_mm / 1e3)
+            self._fresh.append((time_us, distance_mm / 1e3))
+            if self._learn is not None:
+                self._readings[time_us] = distance_mm
+        self._watch.look(nothing_came=step.result is None)
+        reader.send(decoder.to_send(time.monotonic()))
+
+    def _end(self) -> LiveStep:
+        """Take the last matches, close the link and complete the recordings."""
+        now = time.monotonic()
+        nothing = LiveStep(None, now, int(1e6 * time.time()), self._new_readings())
+        if self.ended:
+            return nothing
+        self.ended = True
+        result = self._live_or_raise().finish()
+        self._write_events(result.events)
+        self._stack.close()
+        self.decoder.health.line_errors = self._reader.line_errors
+        for writer in self._writers:
+            self._look_at(writer)
+        return nothing._replace(result=result)
+
+    def _raise_once(self) -> None:
+        if self._raised or not self.ended:
+            return
+        self._raised = True
+        if self._reader.error is not None:
+            raise self._reader.error
+        for writer in self._writers:
+            if writer.error is not None and (self.health.events == 0 or writer.path == self._drive):
+                raise self._no_events(writer.error)
+
+    def _live_or_raise(self) -> LiveLocaliser:
+        assert self._live is not None
+        return self._live
+
+    def _new_readings(self) -> tuple[tuple[int, float], ...]:
+        if not self._fresh:
+            return ()
+        fresh, self._fresh = tuple(self._fresh), []
+        return fresh
+
+    def _say(self, kind: str, text: str, *, over: bool = False) -> None:
+        message = Message(kind, text, over)
+        if self.on_message is not None:
+            self.on_message(message)
+        elif not over:
+            _LOG.warning("%s", printable(text))
+
+    # -- files
+
+    def _write_raw(self, file: FileIO, data: bytes) -> None:
+        """Write bytes; give up a file that cannot be written."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except OSError as error:
+            self._raw.remove(file)
+            self._give_up(ends_early(str(file.name), error))
+
+    def _write_events(self, events: Events) -> None:
+        for writer in self._writers:
+            if events.size:
+                writer.write(events)
+            self._look_at(writer)
+
+    def _look_at(self, writer: _EventWriter) -> None:
+        """Report an error of a writer once; without its drive, learning ends."""
+        if writer.error is None or writer.told:
+            return
+        writer.told = True
+        if writer.path == self._drive:
+            self.stop()
+        elif self.health.events:
+            self._give_up(str(writer.error))
+
+    def _give_up(self, text: str) -> None:
+        self.unwritten = text
+        self._say("file", f"{text}; going on without it")
+
+    def _no_events(self, error: Exception) -> Exception:
+        if self.health.events or not isinstance(error, RecordingError):
+            return error
+        return RecordingError(f"no events came from {self.address}: check --protocol and --baud")
+
+    # -- learning
+
+    def _make_map(self, drive: Path, target: Path) -> None:
+        """Make the map of the drive; keep the drive if it makes none."""
+        odometry = None
+        if self._readings:
+            odometry = Odometry(
+                np.array(list(self._readings), dtype=np.int64),
+                np.array(list(self._readings.values()), dtype=np.int64),
+            )
+        if not drive.exists():
+            return
+        try:
+            self.learnt = ReferenceMap.build(
+                drive, self._settings, odometry=odometry, removed=self.removed
+            )
+            self.learnt.save(target)
+            drive.unlink()
+        finally:
+            if drive.exists():
+                self._keep(drive, target, odometry)
+
+    def _keep(self, drive: Path, target: Path, odometry: Odometry | None) -> None:
+        """Keep a drive that gave no map, and say how to continue with it."""
+        stems = (target.with_name(f"{target.stem}_drive{n or ''}") for n in count())
+        kept = next(
+            stem.with_suffix(".npz") for stem in stems if not stem.with_suffix(".npz").exists()
+        )
+        drive.replace(kept)
+        words = ["edge-vpr", "map", printable(kept), "-o", printable(target)]
+        if odometry is not None:
+            table = kept.with_suffix(".csv")
+            save_odometry(table, odometry)
+            words += ["--odometry", printable(table)]
+        self._say("drive", f"the drive is kept: {' '.join(words)}")
+
+
+class _EventWriter:
+    """Writes events to a recording in a thread, as formats pull what they write."""
+
+    def __init__(self, path: Path, sensor: Sensor, overwrite: bool) -> None:
+        self.path, self.told = path, False
+        self.error: Exception | None = None
+        self._waiting: queue.Queue[Events | None] = queue.Queue(_MOST_WAITING)
+        self._thread = threading.Thread(
+            target=self._run, args=(sensor, overwrite), name="edge-vpr recording", daemon=True
+        )
+        self._thread.start()
+
+    def write(self, events: Events) -> None:
+        """Append events; waits for a disk that is slower than the camera."""
+        self._put(events)
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._put(None)
+        self._thread.join()
+
+    def _put(self, events: Events | None) -> None:
+        while self._thread.is_alive():
+            with contextlib.suppress(queue.Full):
+                self._waiting.put(events, timeout=0.1)
+                return
+
+    def _run(self, sensor: Sensor, overwrite: bool) -> None:
+        try:
+            write_recording(self.path, self._pieces(), sensor=sensor, overwrite=overwrite)
+        except Exception as error:  # an error in the thread would go unnoticed
+            self.error = error
+
+    def _pieces(self) -> Iterator[Events]:
+        while (events := self._waiting.get()) is not None:
+            yield events
+
+
+class _LineWatch:
+    """Greets a silent device, and reports once when a line is silent, lost or undecodable.
+
+    Parameters
+    ----------
+    reader : LinkReader
+    decoder : Decoder
+    say : callable
+        Takes the kind and the text of a message, and `over`.
+    """
+
+    def __init__(self, reader: LinkReader, decoder: Decoder, say: Callable[..., None]) -> None:
+        self._reader, self._decoder, self._say = reader, decoder, say
+        self._heard_s = self._greeted_s = time.monotonic()
+        self._silent = self._closed = False
+        self._remark = self._senseless = self._stranger = ""
+
+    def heard(self, at_s: float) -> None:
+        """Note that bytes have arrived."""
+        self._heard_s = at_s
+        if self._silent:
+            self._silent = False
+            self._say("stalled", f"bytes come again from {self._reader.address}", over=True)
+
+    def look(self, *, nothing_came: bool) -> None:
+        """Report what has changed since the last call."""
+        if nothing_came:
+            self._look_at_silence()
+        decoder, reader, say = self._decoder, self._reader, self._say
+        if not self._senseless and (senseless := senseless_bytes(decoder.health)):
+            self._senseless = senseless
+            say("senseless", senseless)
+        if decoder.remark != self._remark:
+            self._remark = decoder.remark
+            say("device", self._remark or "the device answers", over=not self._remark)
+        if reader.remark != self._stranger:
+            self._stranger = reader.remark
+            say("sender", self._stranger or "another sender is heard", over=not self._stranger)
+
+    def _look_at_silence(self) -> None:
+        reader = self._reader
+        now = time.monotonic()
+        if bool(reader.lost_link) != self._closed:
+            self._closed = not self._closed
+            said = f"{reader.lost_link}; trying again" if self._closed else "open again"
+            self._say("link", said, over=not self._closed)
+            self._heard_s = now
+        elif not self._closed and now - max(self._heard_s, self._greeted_s) > GREET_S:
+            # the device may have started after the link was opened, or again; what it does not
+            # read now is not waited for
+            self._greeted_s = now
+            reader.send(self._decoder.greeting(), timeout=0.0)
+        if not (self._silent or self._closed or reader.ended) and (now - self._heard_s > SILENT_S):
+            self._silent = True
+            self._decoder.health.stalls += 1
+            self._say("stalled", f"no bytes for {SILENT_S:g} s from {reader.address}")
+
+
+class _LagWatch:
+    """Compares the clocks of camera and host, and reports when the host falls behind.
+
+    Parameters
+    ----------
+    health : Health
+        Gets the lag.
+    limit_us : float
+        Lag that is reported.
+    say : callable
+        Takes the kind and the text of a message, and `over`.
+    """
+
+    def __init__(self, health: Health, limit_us: float, say: Callable[..., None]) -> None:
+        self._health, self._limit_us, self._say = health, limit_us, say
+        self._behind = False
+        self._newest_us, self._restarts = 0, -1
+        self._since_s = 0.0
+        # smallest differences of the clocks, of this stretch of time and of the one before
+        self._least_us = self._before_us = math.inf
+
+    def look(self, events: Events, reached_us: int, now_s: float) -> None:
+        """Compare the time at which events were matched with that of the oldest of them."""
+        health = self._health
+        t_us = int(events["t"][0]) if events.size else reached_us
+        restarts = health.clock_resets + health.clock_jumps + health.device_resets
+        if restarts != self._restarts or now_s - self._since_s > _LAG_S:
+            before = self._least_us if restarts == self._restarts else math.inf
+            self._restarts, self._since_s = restarts, now_s
+            self._before_us, self._least_us = before, math.inf
+        if t_us <= self._newest_us:
+            return
+        self._newest_us = t_us
+        apart_us = 1e6 * now_s - t_us
+        self._least_us = min(self._least_us, apart_us)
+        lag_us = int(apart_us - min(self._least_us, self._before_us))
+        health.lag_us = lag_us
+        health.longest_lag_us = max(health.longest_lag_us, lag_us)
+        if not self._behind and lag_us > self._limit_us:
+            self._behind = True
+            self._say(
+                "lag",
+                f"events are matched {lag_us / 1e6:.1f} s late: this machine is busy with "
+                "something else, or the line is slower than the camera",
+            )
+        elif self._behind and lag_us < self._limit_us / 2:
+            self._behind = False
+            self._say("lag", "events are matched in time again", over=True)
+
+
+def ends_early(path: str, error: OSError) -> str:
+    """Report that no more can be written to a file."""
+    return (
+        f"{printable(path)} ends early: {error.strerror}: check its permissions and the free space"
+    )
+
+
+def nothing_valid(health: Health) -> str:
+    """Return what to check if bytes came and hardly any of them were valid; else empty text."""
+    if health.bytes and not health.decoded_bytes:
+        return f"none of {health.bytes:,} bytes are of this protocol: check --protocol and --baud"
+    return senseless_bytes(health)
+
+
+def senseless_bytes(health: Health) -> str:
+    """Return a warning if most bytes do not decode, or most events are off the sensor."""
+    if health.skipped_bytes > SENSELESS_BYTES and (
+        health.decoded == 0 or health.skipped_bytes > 9 * health.decoded_bytes
+    ):
+        return (
+            f"{health.skipped_bytes:,} of {health.bytes:,} bytes are not of this protocol: check "
+            "--protocol and --baud"
+        )
+    if health.off_sensor > max(SENSELESS_EVENTS, health.events):
+        return (
+            f"{health.off_sensor:,} of {health.decoded:,} events are not on this sensor: check "
+            "--sensor, or the map"
+        )
+    return ""
+
+
+def _heartbeat(given: int) -> LiveMatch:
+    return LiveMatch(
+        time_s=math.nan, query=given, place=-1, distance=math.nan, second=-1,
+        second_distance=math.nan, ratio=math.nan, trust=0, probability=0.0, lost=True,
+        along_m=None, host_us=int(1e6 * time.time()), incomplete=True,
+    )  # fmt: skip
+
+
+def _known(value: float) -> float | None:
+    return value if value == value else None
+
+
+def _sensor_of(sensor: Sensor | str | None, reference: ReferenceMap | None) -> Sensor:
+    if isinstance(sensor, str):
+        sensor = Sensor.parse(sensor)
+    if sensor is None:
+        if reference is None:
+            raise UsageError("the size of the sensor is not known: pass sensor= or reference=")
+        sensor = reference.pixel_map.sensor
+    return sensor
+
+
+def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link], bool]:
+    """Return what opens a link, and whether it can be opened again."""
+    if isinstance(link, str | os.PathLike):
+        address = os.fspath(link)
+        if not isinstance(address, str):
+            raise UsageError(f"link {address!r}: expected text, not bytes")
+        if Path(address).is_file() and Path(address).suffix in _OF_RECORDINGS:
+            raise UsageError(
+                f"{address} is a recording, and a live session reads the bytes of a camera: match "
+                "it with edge-vpr match --online, or play it with edge-vpr bridge"
+            )
+        return lambda: open_link(address, baud=baud, flow_control=flow_control), True
+    if isinstance(link, Link):
+        return lambda: link, False
+    if isinstance(link, socket.socket):
+        return lambda: SocketLink(f"socket {link.fileno()}", link.dup()), False
+    descriptor = link if type(link) is int else _descriptor_of(link)
+    name = str(getattr(link, "name", f"descriptor {descriptor}"))
+    if descriptor is not None:
+        kind = os.fstat(descriptor).st_mode
+        live = stat.S_ISCHR(kind) or stat.S_ISSOCK(kind)
+        return lambda: DescriptorLink(name, os.dup(descriptor), live=live), False
+    if hasattr(link, "read") and hasattr(link, "timeout"):
+        return lambda: UrlLink(name, link), False
+    raise UsageError(
+        f"link {link!r}: expected a port such as '/dev/ttyACM0', tcp://HOST:PORT, a file, or an "
+        "open file, socket or serial port"
+    )
+
+
+def _descriptor_of(link: Any) -> int | None:
+    try:
+        return int(link.fileno())
+    except (AttributeError, OSError, ValueError):
+        return None

@@ -33,6 +33,7 @@ static volatile uint32_t missed;
 
 static evpr_t evpr;
 static uint8_t ring[4096];
+static volatile bool host_listens;
 static volatile uint32_t sending; /* bytes that the DMA is at; 0: it rests */
 
 /* The camera's interrupt: it has an event. */
@@ -66,6 +67,17 @@ static void uart_done(void)
     send_more();
 }
 
+/* The UART's interrupt: the host has sent a byte. It sends 00 when it opens the line, and twice a
+ * second while it hears nothing, so that neither side has to start first: a device that starts
+ * later, or again after a dip of its supply, waits half a second at most. Without a wire from the
+ * host, leave out the wait in main. */
+static void uart_byte(uint8_t byte)
+{
+    if (byte == 0U) {
+        host_listens = true;
+    }
+}
+
 /* Frame what the camera's interrupt has queued, and count what it could not queue. */
 static void take_events(void)
 {
@@ -93,6 +105,9 @@ int main(void)
         .x_bits = 9U,
         .y_bits = 9U,
     };
+    while (!host_listens) {
+        (void)running(); /* the camera is still off: nobody would get its events */
+    }
     if (!evpr_init(&evpr, &config, micros())) {
         return 1;
     }
@@ -140,6 +155,10 @@ static void uart_start(const uint8_t *first, uint32_t bytes)
  * 6 bytes in 5 us. */
 static bool running(void)
 {
+    if (!host_listens) {
+        uart_byte(0U);
+        return true;
+    }
     for (uint32_t i = 0U; i < 5U; i++) {
         now_us++;
         const uint32_t t = now_us;

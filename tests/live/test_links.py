@@ -361,6 +361,22 @@ def test_damage_counted_by_the_system_is_added_up_over_links():
     reader.stop()
 
 
+def test_damage_in_the_last_moment_is_counted(monkeypatch):
+    """The count is read from time to time, and once more when the link ends."""
+
+    class Damaged(Pipe):
+        def line_errors(self):
+            return 3 if self.ending else 0
+
+    pipe = Damaged()
+    pipe.ending = False
+    reader = LinkReader(lambda: pipe)
+    reader.take(0.05)
+    pipe.ending = True
+    reader.stop()
+    assert reader.line_errors == 3
+
+
 def test_a_bridge_that_nobody_greets_waits_until_its_terminal_has_been_set_up():
     device = open_device_link("virtual")
     assert not device.opened()

@@ -20,6 +20,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from edge_vpr_tools import live_view
 from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
@@ -28,7 +29,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults
 from edge_vpr.live.links import open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import LiveLocaliser, LiveResult
+from edge_vpr.live.session import LiveLocaliser, LiveResult, LiveStatus
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.state import MATCH_DTYPE, MatchSchedule
@@ -723,6 +724,7 @@ def test_a_camera_that_is_not_there_costs_no_file_of_the_run_before(drive, tmp_p
     for file in files:
         file.write_bytes(b"of the run before")
     words = ["--record", files[0], "--log", files[1], "--record", files[2], "--overwrite"]
+    words += ["--once"]
     assert streamed("--port", tmp_path / "ttyNone", "--map", drive / "map.npz", *words) == 1
     assert {file.read_bytes() for file in files} == {b"of the run before"}
 
@@ -786,7 +788,7 @@ def test_events_that_cannot_be_recorded_are_matched_all_the_same(
         next(events)
         raise RecordingError(f"{path} cannot be written: No space left on device")
 
-    monkeypatch.setattr("edge_vpr_tools.runs.live.write_recording", write_recording)
+    monkeypatch.setattr("edge_vpr.live.session.write_recording", write_recording)
     words = ["--port", sent, "--map", drive / "map.npz", "--record", tmp_path / "e.npz"]
     assert streamed(*words) == 1
     told = capsys.readouterr()
@@ -903,12 +905,19 @@ def test_bytes_of_another_protocol_are_told_at_once(protocol, drive, tmp_path, c
     noise = tmp_path / "noise.bin"
     noise.write_bytes(np.random.default_rng(0).bytes(30_000))
     words = ["--port", noise, "--sensor", "64x48", "--protocol", protocol]
-    assert main(["stream", *map(str, words)]) == 0
-    assert "are not of this protocol: check --protocol" in capsys.readouterr().out
+    assert main(["stream", *map(str, words)]) == 1
+    told = capsys.readouterr()
+    for text in told:
+        assert "of this protocol: check --protocol" in text
+
+
+def test_a_recording_is_no_port(drive, capsys):
+    assert streamed("--port", drive / "query.npz", "--sensor", "64x48") == 2
+    assert "match it with edge-vpr match --online" in capsys.readouterr().err
 
 
 def test_events_of_another_sensor_are_told_at_once(sent, capsys):
-    assert streamed("--port", sent, "--sensor", "8x48") == 0
+    assert streamed("--port", sent, "--sensor", "8x48") == 1
     assert " events are not on this sensor: check --sensor" in capsys.readouterr().out
 
 
@@ -1005,7 +1014,6 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, capsys):
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
-    from edge_vpr_tools import live_view
     from edge_vpr_tools.live_view import Panel
     from rich.console import Console
 
@@ -1026,8 +1034,8 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
     data = sent.read_bytes()
     for part in (data[:10_000], data[10_000:80_000], data[90_000:]):
         step = live.feed(part, 0)
-        view.matches(step, 0.0123)
-        view.tick(live)
+        view.matches(step, time.monotonic() - 0.0123, 0)
+        view.tick(LiveStatus(live.decoder.health, live.filled))
     assert "first sequence" in shown[0]
     last = step.matches[-1]
     assert (
@@ -1038,6 +1046,31 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
     assert "no faults" in shown[1]
     assert "1 sequence gap" in shown[2]
     assert f"{live.decoder.health.lost:,} lost" in shown[2]
+
+
+def test_a_line_of_status_comes_in_time_and_at_each_change(drive, sent, capsys, monkeypatch):
+    """A journal gets a line a minute; that the link or the place is lost waits for none."""
+    monkeypatch.setattr(live_view, "_LINE_S", 0.0)
+    reference = ReferenceMap.load(drive / "map.npz")
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    view = live_view.View(False, None, reference, None, line_s=60.0)
+    health = live.decoder.health
+
+    def lines_after(lost_link="", data=b""):
+        view.matches(live.feed(data, 0), time.monotonic(), 0)
+        for _ in range(3):
+            view.tick(LiveStatus(health, live.filled, lost_link))
+        return capsys.readouterr().out.splitlines()
+
+    assert len(lines_after()) == 1
+    assert lines_after() == []
+    (line,) = lines_after(data=sent.read_bytes())
+    assert "place " in line
+    assert lines_after() == []
+    (line,) = lines_after("the cable is gone")
+    assert "link lost" in line
+    assert "place " not in line
+    assert len(lines_after()) == 1
 
 
 def test_ports_are_listed(capsys, monkeypatch):

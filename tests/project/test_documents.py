@@ -14,10 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import find_verb, main, parser_of
-from streams import random_events
+from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
+from edge_vpr.live.protocols import open_encoder
+from edge_vpr.pipeline import map_traverse
 from edge_vpr.recordings import write_recording
+from edge_vpr.settings import Settings
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -59,6 +62,13 @@ def names_for(page: str) -> dict[str, Any]:
             "places": codes,
             "codes": codes[0],
         }
+    if page == "docs/stream.md":
+        events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
+        settings = Settings(pixels=20, sigma=1.0, tau_us=100_000)
+        encoder = open_encoder("evpr", Sensor(32, 24))
+        Path("sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+        map_traverse(Drive(events, Sensor(32, 24)), settings).save("map.npz")
+        return {"port": "sent.bin"}
     return {}
 
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import math
 import os
+import re
+import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -22,68 +27,128 @@ from edge_vpr.online.state import MATCH_DTYPE
 ADAPTER = Path(__file__).parents[2] / "tools/adapters/ros2"
 
 
-def load(name):
-    """Import a file of the adapter, which is no package."""
-    spec = importlib.util.spec_from_file_location(f"ros2_{name}", ADAPTER / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture(scope="module", autouse=True)
+def package():
+    """The adapter as a package, as colcon installs it."""
+    sys.path.insert(0, str(ADAPTER))
+    yield
+    sys.path.remove(str(ADAPTER))
 
 
 @pytest.fixture(scope="module")
-def messages():
-    return load("messages")
+def messages(package):
+    return importlib.import_module("edge_vpr_ros.messages")
 
 
 @pytest.fixture(scope="module")
-def dds_types():
+def dds_types(package):
     pytest.importorskip("cyclonedds", reason="cyclonedds has no wheel for every machine")
-    return load("dds_types")
+    return importlib.import_module("edge_vpr_ros.dds_types")
 
 
 def row(**more):
     matches = np.zeros(1, dtype=MATCH_DTYPE)
     matches["probability"], matches["place"] = 0.875, 7
-    (line,) = MatchRows().lines(LiveResult(np.empty(0), matches, False), 1_700_000_000_250_001)
+    (line,) = MatchRows().lines(LiveResult(np.empty(0), matches, False), STAMP_US)
     return {**json.loads(line), **more}
 
 
-METRIC = {"x_m": 1.5, "y_m": -2.0, "along_m": 4.0}
-ON_EARTH = {"latitude": -27.5, "longitude": 153.0, "along_m": 4.0}
+ALONG = {"along_m": 40.0, "along_from_m": 37.0, "along_to_m": 43.0, "route_m": 170.0}
+METRIC = {"x_m": 1.5, "y_m": -2.0, **ALONG}
+ON_EARTH = {"latitude": -27.5, "longitude": 153.0, **ALONG}
+STAMP_US = 1_700_000_000_250_001
 
 
-def by_topic(messages, found):
-    return {message.topic: message for message in messages.messages_of(found, "street")}
+def by_topic(messages, found, **frames):
+    translator = messages.Translator(messages.Frames(map="street", **frames))
+    return {each.topic: each.fields for each in translator.messages_of(found, STAMP_US)}
 
 
-def test_a_match_is_a_position_stamped_with_the_hosts_time(messages):
+def test_a_match_is_a_pose_stamped_with_the_hosts_time_and_a_covariance(messages):
     found = by_topic(messages, row(**METRIC))
-    assert set(found) == {"match", "position", "along_m", "probability"}
-    assert found["position"].fields["header"] == {
+    assert set(found) == {"match", "certainty", "pose", "odometry"}
+    assert found["pose"]["header"] == {
         "stamp": {"sec": 1_700_000_000, "nanosec": 250_001_000}, "frame_id": "street",
     }  # fmt: skip
-    assert found["position"].fields["point"] == {"x": 1.5, "y": -2.0, "z": 0.0}
-    assert json.loads(found["match"].fields["data"])["place"] == 7
-    assert found["probability"].fields == {"data": 0.875}
+    assert found["pose"]["pose"]["pose"]["position"] == {"x": 1.5, "y": -2.0, "z": 0.0}
+    assert json.loads(found["match"]["data"])["place"] == 7
+    assert found["certainty"]["vector"] == {"x": 0.875, "y": 0.0, "z": 0.0}
+    assert found["certainty"]["header"]["stamp"] == found["pose"]["header"]["stamp"]
+    assert found["odometry"]["pose"]["pose"]["position"] == {"x": 40.0}
+    assert found["odometry"]["header"]["frame_id"] == "route"
+    assert found["odometry"]["child_frame_id"] == "base_link"
+    covariance = np.reshape(found["pose"]["pose"]["covariance"], (6, 6))
+    assert np.array_equal(covariance, np.diag(np.diag(covariance)))
+    # height and direction are not known
+    assert (np.diag(covariance)[2:] == messages.UNKNOWN).all()
+    assert set(by_topic(messages, row(**METRIC), tf=True)) == {*found, "/tf"}
+
+
+def test_the_variance_is_that_of_where_the_robot_can_be(messages):
+    """Within the interval with the match's probability, anywhere on the route otherwise."""
+    rng = np.random.default_rng(0)
+    for probability in (1.0, 0.875, 0.36, 0.0):
+        n = 400_000
+        near, far = rng.uniform(37, 43, n), rng.uniform(0, 170, n)
+        true = np.where(rng.random(n) < probability, near, far)
+        variance = messages.variance_m2(row(**{**METRIC, "probability": probability}))
+        assert variance == pytest.approx(np.mean((true - 40.0) ** 2), rel=0.02)
+    sure = by_topic(messages, row(**{**METRIC, "probability": 0.99}))
+    unsure = by_topic(messages, row(**{**METRIC, "probability": 0.36}))
+    spread = [math.sqrt(each["pose"]["pose"]["covariance"][0]) for each in (sure, unsure)]
+    page = " ".join((ADAPTER.parents[2] / "docs/interfaces.md").read_text().split())
+    low, high = spread
+    assert f"{low:.0f} m (standard deviation) at probability 0.99 and {high:.0f} m at 0.36" in page
 
 
 def test_a_lost_match_has_no_position_and_what_is_unknown_is_not_published(messages):
-    assert set(by_topic(messages, row(lost=True, **METRIC))) == {"match", "probability"}
+    assert set(by_topic(messages, row(lost=True, **METRIC))) == {"match", "certainty"}
     unknown = dict.fromkeys(METRIC)
-    assert set(by_topic(messages, row(probability=None, **unknown))) == {"match"}
-    assert set(by_topic(messages, row(**ON_EARTH))) == {
-        "match", "fix", "along_m", "probability",
-    }  # fmt: skip
-    assert not by_topic(messages, {"kind": "link", "text": "gone"})
+    assert set(by_topic(messages, row(**{**METRIC, "probability": None}))) == {"match"}
+    assert set(by_topic(messages, row(**unknown))) == {"match", "certainty"}
+    found = by_topic(messages, row(**ON_EARTH))
+    assert set(found) == {"match", "fix", "odometry", "certainty"}
+    assert found["fix"]["header"]["frame_id"] == "camera"
+    assert found["fix"]["position_covariance"][0] == found["odometry"]["pose"]["covariance"][0]
+    assert not by_topic(messages, {"kind": "device", "text": "gone"})
+
+
+def test_health_is_a_diagnosis_of_what_is_new(messages):
+    translator = messages.Translator(messages.Frames())
+
+    def diagnosed(**counts):
+        given = {"kind": "health", "resyncs": 3, "silent_s": 0.0, "lag_us": 5, **counts}
+        (message,) = translator.messages_of(given, STAMP_US)
+        (status,) = message.fields["status"]
+        assert {"key": "lag_us", "value": "5"} in status["values"]
+        return status["level"], status["message"]
+
+    assert diagnosed() == (messages.WARN, "more resyncs")
+    assert diagnosed() == (messages.OK, "no new faults")
+    assert diagnosed(resyncs=4, crc_errors=1) == (messages.WARN, "more resyncs, crc errors")
+    assert diagnosed(resyncs=4, crc_errors=1, silent_s=3.2)[0] == messages.ERROR
+    assert not list(translator.messages_of({"kind": "link", "text": "lost; trying again"}, 0))
+    assert diagnosed(resyncs=4, crc_errors=1) == (messages.ERROR, "lost; trying again")
+    list(translator.messages_of({"kind": "link", "text": "open again"}, 0))
+    assert diagnosed(resyncs=4, crc_errors=1)[0] == messages.OK
+
+
+HEALTH = {"kind": "health", "resyncs": 3, "silent_s": 0.5, "bytes": 7}
 
 
 def test_every_type_has_the_bytes_that_ros_2_gives_it(messages, dds_types):
     typesys = pytest.importorskip("rosbags.typesys", reason="it knows the types of ROS 2")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    # of tf2_msgs, which are no common types
+    tf = typesys.get_types_from_msg(
+        "geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"
+    )
+    if "tf2_msgs/msg/TFMessage" not in store.fielddefs:
+        store.register(tf)
     seen = set()
-    for found in (row(**METRIC), row(**ON_EARTH)):
-        for message in messages.messages_of(found, "street"):
+    translator = messages.Translator(messages.Frames(tf=True))
+    for found in (row(**METRIC), row(**ON_EARTH), HEALTH):
+        for message in translator.messages_of(found, STAMP_US):
             seen.add(message.kind)
             kind = dds_types.TYPES[message.kind]
             name = kind.__idl_typename__.replace(".", "::")
@@ -102,13 +167,19 @@ def assert_same(given, theirs):
     for name, value in given.items():
         if isinstance(value, dict):
             assert_same(value, getattr(theirs, name))
+        elif isinstance(value, list) and isinstance(value[0], dict):
+            for one, other in zip(value, getattr(theirs, name), strict=True):
+                assert_same(one, other)
+        elif isinstance(value, list):
+            assert list(getattr(theirs, name)) == value
         elif isinstance(value, float) and math.isnan(value):
             assert math.isnan(getattr(theirs, name))
         else:
             assert getattr(theirs, name) == value
 
 
-def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types, tmp_path):
+def participant_of(messages, dds_types, *topics):
+    """Another participant of DDS with a reader for each topic, and its domain."""
     from cyclonedds.core import Policy, Qos
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.sub import DataReader
@@ -117,28 +188,43 @@ def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types, tmp
 
     domain = 77 + os.getpid() % 100
     participant = DomainParticipant(domain)
-    kind = dds_types.TYPES["geometry_msgs/msg/PointStamped"]
     reliable = Qos(Policy.Reliability.Reliable(duration(seconds=1)))
-    reader = DataReader(participant, Topic(participant, "rt/rover/position", kind), qos=reliable)
+    readers = {}
+    for topic in topics:
+        name = f"rt{topic}" if topic.startswith("/") else f"rt/rover/{topic}"
+        kind = dds_types.TYPES[messages.TOPICS[topic]]
+        readers[topic] = DataReader(participant, Topic(participant, name, kind), qos=reliable)
+    return readers, domain
+
+
+def started(domain, *words):
+    return subprocess.Popen(
+        [sys.executable, str(ADAPTER / "edge_vpr_node.py"), "--dds", "--name", "rover", *words],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain)}, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
+    topics = ("pose", "odometry", "certainty", "fix", "/diagnostics", "/tf")
+    readers, domain = participant_of(messages, dds_types, *topics)
     stop = threading.Event()
 
     def serve(server):
         while not stop.wait(0.05):
-            server.send("match", json.dumps(row(**METRIC)))
+            for each in (row(**METRIC), row(**ON_EARTH), HEALTH):
+                server.send(each["kind"], json.dumps(each))
 
     with LineServer("0") as server:
         thread = threading.Thread(target=serve, args=(server,))
         thread.start()
         try:
-            with subprocess.Popen(
-                [sys.executable, str(ADAPTER / "edge_vpr_node.py"), "--dds", "--name", "rover",
-                 "--connect", server.address.removeprefix("tcp://"), "--once"],
-                env={**os.environ, "ROS_DOMAIN_ID": str(domain)}, stderr=subprocess.PIPE,
-            ) as node:  # fmt: skip
-                samples = []
+            with started(
+                domain, "--connect", server.address.removeprefix("tcp://"), "--once", "--tf"
+            ) as node:
+                samples = dict.fromkeys(topics, ())
                 end = time.monotonic() + 60
-                while not samples and time.monotonic() < end and node.poll() is None:
-                    samples = reader.take(1)
+                while not all(samples.values()) and time.monotonic() < end and node.poll() is None:
+                    samples = {t: samples[t] or readers[t].take(1) for t in topics}
                     time.sleep(0.02)
                 stop.set()
                 thread.join()
@@ -146,8 +232,37 @@ def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types, tmp
                 assert node.wait(20) == 0, node.stderr.read()
         finally:
             stop.set()
-    assert samples[0].point.x == 1.5
-    assert samples[0].header.frame_id == "map"
+    pose, odometry = samples["pose"][0], samples["odometry"][0]
+    assert pose.pose.pose.position.x == 1.5
+    assert pose.header.frame_id == "map"
+    assert pose.pose.covariance[0] == odometry.pose.covariance[0] > 1
+    assert odometry.pose.pose.position.x == 40.0
+    assert samples["certainty"][0].vector.x == 0.875
+    assert samples["fix"][0].latitude == -27.5
+    assert samples["/diagnostics"][0].status[0].name == "edge_vpr: camera"
+    assert samples["/tf"][0].transforms[0].child_frame_id == "base_link"
+
+
+def test_a_node_without_a_server_says_so_and_ends_on_sigterm(messages, dds_types):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with started(77, "--connect", f"127.0.0.1:{port}") as node:
+        assert "start edge-vpr stream --serve; trying again" in node.stderr.readline()
+        node.send_signal(signal.SIGTERM)
+        assert node.wait(10) == 0
+
+
+def test_the_package_names_the_files_that_it_installs():
+    """`colcon build` is not tried: no package index has ROS 2."""
+    for path in re.findall(
+        r'"((?:resource|launch|config)/[^"]+)"', (ADAPTER / "setup.py").read_text()
+    ):
+        assert (ADAPTER / path).is_file()
+    package = ElementTree.parse(ADAPTER / "package.xml").getroot()
+    needed = {each.text for each in package.findall("exec_depend")}
+    used = re.findall(r'"(\w+)/msg/', (ADAPTER / "edge_vpr_ros/messages.py").read_text())
+    assert set(used) <= needed
+    assert package.findtext("name") == "edge_vpr_ros"
 
 
 def refused(*words):

@@ -285,7 +285,7 @@ def test_compilation_that_takes_long_is_announced(capsys, monkeypatch):
         assert kernel(2) == 7
         assert kernel(2.5) == 8.5
     time.sleep(0.05)
-    assert capsys.readouterr().err.count("compiling kernels") == 1
+    assert capsys.readouterr().err.count("compiling the kernels") == 1
     monkeypatch.setattr(compiling, "SILENT_S", 60.0)
     with compiling.compiling_noted():
         nb.njit(lambda x: x * 5 + 1)(2)

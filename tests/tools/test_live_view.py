@@ -120,12 +120,20 @@ def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_fil
     # the cable is pulled
     camera.link.close()
     port.unlink()
-    run.wait_for(lambda text: "trying again" in text)
-    assert run.colour_of("of 29 (") == "brightblack"
+    shown = run.wait_for(lambda text: "trying again" in text and "the link is lost for" in text)
     assert run.colour_of("trying again") == "brown"
+    # neither a place of before nor that all is well
+    assert not any("of 29 (" in line or "no faults" in line for line in shown)
     code, left = run.end(signal.SIGTERM)
     assert code == 1  # a file was given up
-    for said in ("trying again", "no bytes for 1 s", "ends early", "events in", "health: "):
+    for said in (
+        "trying again",
+        "the link was lost for",
+        "no bytes for 1 s",
+        "ends early",
+        "events in",
+        "health: ",
+    ):
         assert said in left
 
 
@@ -136,7 +144,7 @@ def test_bytes_of_another_protocol_are_told_on_a_terminal(map_file, tmp_path):
     camera.write(np.random.default_rng(0).bytes(30_000))
     run.wait_for(lambda text: "are not of this protocol" in text)
     assert run.colour_of("are not of this") == "brown"
-    assert run.end(signal.SIGINT)[0] == 0
+    assert run.end(signal.SIGINT)[0] == 1
 
 
 def test_a_terminal_that_is_closed_ends_a_run_with_its_files_whole(map_file, tmp_path):

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
+import os
 import shutil
 import socket
 import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,6 +39,7 @@ from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 SENSOR = Sensor(16, 12)
+ROOT = Path(__file__).parents[2]
 
 
 def connect(server: LineServer) -> socket.socket:
@@ -214,7 +219,8 @@ def test_a_port_that_is_taken_is_told_with_its_remedy(drive, capsys):
 
 @pytest.mark.parametrize(
     "wrong", ["localhost/x", "mqtt://host", "mqtt://host/", "mqtt://h:0/x", "mqtt://h:99999/x",
-              "mqtt://h/a/+", "mqtt://h/a%23", "mqtt://u:secret@h/x"],
+              "mqtt://h/a/+", "mqtt://h/a%23", "mqtt://u:secret@h/x", "mqtt://h/x?qos=2",
+              "mqtt://h/x?ca=a.pem", "mqtts://h/x?colour=1"],
 )  # fmt: skip
 def test_an_address_of_a_broker_that_is_none_is_refused(wrong):
     with pytest.raises(UsageError, match="--mqtt"):
@@ -222,7 +228,10 @@ def test_an_address_of_a_broker_that_is_none_is_refused(wrong):
 
 
 def test_parts_of_a_brokers_address_are_found():
-    assert parse_url("mqtt://rover@[::1]:99/a/b%20c") == ("::1", 99, "a/b c", "rover")
+    plain = ("::1", 99, "a/b c", "rover", False, None, 0)
+    assert parse_url("mqtt://rover@[::1]:99/a/b%20c") == plain
+    secret = ("h", 8883, "x", None, True, "/a b.pem", 1)
+    assert parse_url("mqtts://h/x?ca=/a%20b.pem&qos=1") == secret
 
 
 @pytest.fixture
@@ -235,15 +244,15 @@ def free_port() -> int:
         return sock.getsockname()[1]
 
 
-@pytest.fixture
-def mosquitto(paho, tmp_path):
+@contextlib.contextmanager
+def running_broker(paho, folder, more=""):
     """A broker's port, and what is published there under `rover`."""
     program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin")
     if program is None:
         pytest.skip("mosquitto is not installed")
     port = free_port()
-    settings = tmp_path / "broker.conf"
-    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    settings = folder / "broker.conf"
+    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n{more}")
     broker = subprocess.Popen([program, "-c", str(settings)], stderr=subprocess.DEVNULL)
     try:
         listener = paho.Client(paho.CallbackAPIVersion.VERSION2)
@@ -265,6 +274,12 @@ def mosquitto(paho, tmp_path):
         broker.wait(10)
 
 
+@pytest.fixture
+def mosquitto(paho, tmp_path):
+    with running_broker(paho, tmp_path) as found:
+        yield found
+
+
 def test_a_broker_of_mqtt_gets_the_rows_that_json_prints(drive, mosquitto, capsys):
     port, came = mosquitto
     assert main(stream(drive, "--mqtt", f"mqtt://127.0.0.1:{port}/rover")) == 0
@@ -272,9 +287,71 @@ def test_a_broker_of_mqtt_gets_the_rows_that_json_prints(drive, mosquitto, capsy
     end = time.monotonic() + 10
     while len(came) < len(printed) and time.monotonic() < end:
         time.sleep(0.01)
-    assert [row for _, row in came] == printed
+    rows = [row for _, row in came]
+    assert [row["status"] for row in rows if row["kind"] == "status"] == ["online", "ended"]
+    assert [row for row in rows if row["kind"] != "status"] == printed
     assert {topic for topic, row in came if row["kind"] == "match"} == {"rover"}
-    assert came[-1][0] == "rover/summary"
+    assert [topic for topic, _ in came[-2:]] == ["rover/summary", "rover/status"]
+
+
+def wait_for_status(came, status):
+    end = time.monotonic() + 30
+    while ("rover/status", {"kind": "status", "status": status}) not in came:
+        assert time.monotonic() < end, came[-3:]
+        time.sleep(0.02)
+
+
+def test_a_dead_stream_is_told_from_a_lost_robot(drive, paho, mosquitto):
+    """The broker itself says so, also to who comes later."""
+    port, came = mosquitto
+    words = stream(drive, "--mqtt", f"mqtt://127.0.0.1:{port}/rover?qos=1")
+    words[words.index("--port") + 1] = "-"
+    with subprocess.Popen(
+        [sys.executable, "-m", "edge_vpr_tools.cli", *words],
+        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
+    ) as run:  # fmt: skip
+        wait_for_status(came, "online")
+        run.kill()
+    wait_for_status(came, "lost")
+    late, seen = paho.Client(paho.CallbackAPIVersion.VERSION2), []
+    late.on_connect = lambda client, *rest: client.subscribe("rover/status")
+    late.on_message = lambda client, data, message: seen.append(
+        (message.retain, json.loads(message.payload)["status"])
+    )
+    late.connect("127.0.0.1", port)
+    end = time.monotonic() + 20
+    while not seen and time.monotonic() < end:
+        late.loop(0.1)
+    late.disconnect()
+    assert seen == [(True, "lost")]
+
+
+# paho does not close the socket of a broker whose certificate it refuses
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_broker_is_reached_by_tls_and_its_certificate_is_checked(drive, paho, tmp_path, capsys):
+    openssl, files = shutil.which("openssl"), [tmp_path / "broker.pem", tmp_path / "broker.key"]
+    if openssl is None:
+        pytest.skip("openssl, which makes the certificate, is not installed")
+    command = [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj"]
+    command += ["/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1", "-out", str(files[0])]
+    subprocess.run([*command, "-keyout", str(files[1])], check=True, capture_output=True)
+    for file in files:
+        file.chmod(0o644)
+    tls_port = free_port()
+    more = f"listener {tls_port} 127.0.0.1\ncertfile {files[0]}\nkeyfile {files[1]}\n"
+    with running_broker(paho, tmp_path, f"{more}user root\n") as (_, came):
+        url = f"mqtts://127.0.0.1:{tls_port}/rover?qos=1"
+        assert main(stream(drive, "--mqtt", f"{url}&ca={files[0]}")) == 0
+        wait_for_status(came, "ended")
+        assert any(row["kind"] == "match" for _, row in came)
+        before = len(came)
+        capsys.readouterr()
+        assert main(stream(drive, "--mqtt", url)) == 0
+        assert "none whose certificate is valid" in capsys.readouterr().out
+        assert len(came) == before
+        assert main(stream(drive, "--mqtt", f"{url}&ca={files[0]}x")) == 2
+        assert "certificate cannot be read" in capsys.readouterr().err
 
 
 def test_a_broker_that_is_not_there_costs_the_run_nothing_but_a_notice(drive, paho, capsys):

@@ -23,8 +23,7 @@ from rich.text import Text
 
 from edge_vpr.errors import MissingExtraError, printable
 from edge_vpr.events import Sensor
-from edge_vpr.live.health import Health
-from edge_vpr.live.session import LiveLocaliser, LiveResult
+from edge_vpr.live.session import SILENT_S, LiveResult, LiveStatus, Message, ends_early
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.console import is_quiet, warning
 from edge_vpr_tools.publish import MatchRows, Publisher
@@ -148,8 +147,8 @@ def open_panel() -> Iterator[Panel]:
 
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
-#: Length of a silence that is reported.
-SILENT_S = 1.0
+#: Lag that is shown; less is the scheduling of any machine.
+_LAG_US = 100_000
 
 
 class Lags:
@@ -184,6 +183,8 @@ class View:
         On a terminal.
     publishers : sequence of Publisher
         Get every row.
+    line_s : float, optional
+        Interval of status lines where there is neither a panel nor JSON.
 
     Attributes
     ----------
@@ -200,6 +201,7 @@ class View:
         reference: ReferenceMap | None,
         panel: Panel | None,
         publishers: Sequence[Publisher] = (),
+        line_s: float | None = None,
     ) -> None:
         self._json, self._log, self._panel = as_json, log, panel
         self._rows, self._publishers = MatchRows(reference), publishers
@@ -209,7 +211,8 @@ class View:
         self.unread = False
         self.unwritten = ""
         self._begin = self._shown = self._logged = self._heard = time.monotonic()
-        self._closed = False
+        self._line_s, self._printed = line_s, self._begin
+        self._state: tuple[bool, ...] = ()
         self._events_then = 0
         self._rate = 0.0
         self._lag_s = 0.0
@@ -217,16 +220,23 @@ class View:
         self._last: str | None = None  # match, as JSON
         self.matched = 0
 
-    def matches(self, result: LiveResult, lag_s: float) -> None:
-        """Count and write the matches of a chunk, `lag_s` after it came."""
+    def matches(self, result: LiveResult, at_s: float, host_us: int) -> None:
+        """Count and write the matches of a piece of bytes.
+
+        Parameters
+        ----------
+        result : LiveResult
+        at_s : float
+            When the bytes came, on the clock of `time.monotonic`.
+        host_us : int
+            The same in microseconds since 1970.
+        """
         self._heard = time.monotonic()
-        if self._panel is not None:
-            self._panel.settle("stalled")
+        lag_s = self._heard - at_s
         if result.events.size:
             self._lag_s = lag_s
             self._lags.add(lag_s)
         if result.matches.size:
-            host_us = time.time_ns() // 1_000 - int(1e6 * lag_s)
             lines = list(self._rows.lines(result, host_us))
             if self._json:  # first: a program may wait at the other end of a pipe
                 self._print(*lines)
@@ -234,11 +244,13 @@ class View:
             for line in lines:
                 self._hand_on("match", line)
 
+    def message(self, message: Message) -> None:
+        """Show a message of the session."""
+        self.say(message.kind, message.text, over=message.over)
+
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
         """Report that something happened, or that it is over."""
         self._write({"kind": kind, "text": text})
-        if kind == "link":
-            self._closed = not over
         # texts of a device or of the system can contain anything
         text = printable(text)
         if self._panel is not None:
@@ -257,7 +269,7 @@ class View:
         self.unwritten = text
         self.say("file", f"{text}; going on without it")
 
-    def tick(self, live: LiveLocaliser) -> None:
+    def tick(self, status: LiveStatus) -> None:
         """Update the view, if it is time to."""
         for publisher in self._publishers:
             for text, good in publisher.notices():
@@ -266,23 +278,33 @@ class View:
         since = now - self._shown
         if since < (_LINE_S if self._panel is None else _REFRESH_S):
             return
-        health = live.decoder.health
+        health, filled = status.health, status.filled
         self._rate = (health.events - self._events_then) / since
         self._events_then, self._shown = health.events, now
         if now - self._logged >= _LINE_S:
             self._logged = now
-            self._write(self._health(health))
+            self._write(self._health(status))
         if self._panel is not None:
-            said = self._said(health, live.filled)
-            share = self._position(live.filled) if self._places else None
-            self._panel.show(said, share, stale=self._closed or self._silent_s() > SILENT_S)
+            said = self._said(status)
+            share = self._position(filled) if self._places else None
+            self._panel.show(said, share, stale=self._silent_s() > SILENT_S)
             self.unread |= self._panel.lost
         elif not self._quiet:
-            self._print(" | ".join(self._said(health, live.filled).values()))
+            self._print_status(status, now)
 
-    def summary(self, health: Health, bursts_removed: int) -> None:
+    def _print_status(self, status: LiveStatus, now: float) -> None:
+        """Print a line of the status if it is time to, or if what it says is new in kind."""
+        last = json.loads(self._last) if self._last is not None else {}
+        state = bool(status.lost_link), bool(last), bool(last.get("lost"))
+        due = now - self._printed >= (_LINE_S if self._line_s is None else self._line_s)
+        if due or state != self._state:
+            self._state, self._printed = state, now
+            self._print(" | ".join(self._said(status).values()))
+
+    def summary(self, status: LiveStatus, bursts_removed: int) -> None:
         """Write the summary of the run."""
-        self._write({**self._health(health), "kind": "summary", "matches": self.matched})
+        health = status.health
+        self._write({**self._health(status), "kind": "summary", "matches": self.matched})
         if self._quiet:
             return
         if self._panel is not None:
@@ -296,12 +318,19 @@ class View:
         half, most = (self._lags.percentile_ms(share) for share in (0.5, 0.99))
         if half is not None:
             text += f"\nfrom byte to {self._goal}: {half:.1f} ms median, {most:.1f} ms for 99 %"
-        self._print(f"{text}\nhealth: {health}\nlosses: {health.describe_losses()}")
+        if health.longest_lag_us >= _LAG_US:
+            text += f"; events were matched up to {health.longest_lag_us / 1e3:,.0f} ms late"
+        faults = str(health)
+        if status.dead_s:
+            dead = f"the link was lost for {status.dead_s:,.1f} s"
+            faults = dead if faults == "no faults" else f"{faults}; {dead}"
+        self._print(f"{text}\nhealth: {faults}\nlosses: {health.describe_losses()}")
 
-    def _health(self, health: Health) -> dict[str, Any]:
+    def _health(self, status: LiveStatus) -> dict[str, Any]:
         return {
             "kind": "health",
-            **asdict(health),
+            **asdict(status.health),
+            "dead_s": status.dead_s,
             "rate": self._rate,
             "silent_s": self._silent_s(),
             "lag_ms": 1e3 * self._lag_s,
@@ -309,11 +338,17 @@ class View:
             "lag_p99_ms": self._lags.percentile_ms(0.99),
         }
 
-    def _said(self, health: Health, filled: float) -> dict[str, str]:
+    def _said(self, status: LiveStatus) -> dict[str, str]:
         """Return the parts of a line, or of the panel, by name."""
+        health, filled = status.health, status.filled
         said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
         if (silent_s := self._silent_s()) > SILENT_S:
             said["silent"] = f"nothing came for {silent_s:.0f} s"
+        if status.lost_link:
+            # a place of before would be taken for the present one
+            said["silent"] = f"the link is lost for {silent_s:.0f} s"
+            said["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
+            return said
         if self._last is not None:
             last = json.loads(self._last)
             said["place"] = (
@@ -334,6 +369,8 @@ class View:
             said["place"] = f"first sequence {100 * filled:.0f} % full"
         if health.events:
             said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
+            if health.lag_us >= _LAG_US:
+                said["latency"] += f", {health.lag_us / 1e3:,.0f} ms late"
         said["health"] = str(health)
         return said
 
@@ -382,26 +419,20 @@ class View:
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
-def ends_early(path: str, error: OSError) -> str:
-    """Report that no more can be written to a file."""
-    return (
-        f"{printable(path)} ends early: {error.strerror}: check its permissions and the free space"
-    )
-
-
 @contextmanager
 def open_view(
     as_json: bool,
     log: str | None,
     reference: ReferenceMap | None,
     publishers: Sequence[Publisher] = (),
+    line_s: float | None = None,
 ) -> Iterator[View]:
     """Open a view, and its log until the block ends."""
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
     try:
         plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
         if plain or not sys.stdout.isatty():
-            yield View(as_json, file, reference, None, publishers)
+            yield View(as_json, file, reference, None, publishers, line_s)
         else:
             with open_panel() as panel:
                 yield View(as_json, file, reference, panel, publishers)

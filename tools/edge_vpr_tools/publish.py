@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, NamedTuple, Protocol, Self
-from urllib.parse import unquote
+from urllib.parse import parse_qsl, unquote
 
 import numpy as np
 
@@ -253,8 +253,8 @@ WAITING_MESSAGES = 1_000
 PASSWORD = "EDGE_VPR_MQTT_PASSWORD"
 _KEEP_ALIVE_S = 10
 _URL = re.compile(
-    r"mqtt://(?:(?P<user>[^@/:]+)@)?(?P<host>\[[^\]/]+\]|[^@:/\[\]]+)(?::(?P<port>\d{1,5}))?"
-    r"/(?P<topic>.+)"
+    r"mqtt(?P<tls>s?)://(?:(?P<user>[^@/:]+)@)?(?P<host>\[[^\]/]+\]|[^@:/\[\]]+)"
+    r"(?::(?P<port>\d{1,5}))?/(?P<topic>[^?]+)(?:\?(?P<options>.*))?"
 )
 
 
@@ -266,18 +266,27 @@ class Broker(NamedTuple):
     host : str
     port : int
     topic : str
-        Of matches; other rows go to ``TOPIC/KIND``.
+        Of matches; other rows go to ``TOPIC/KIND``, and ``TOPIC/status`` is retained.
     user : str or None
+    tls : bool
+        Encrypt the connection, and check the certificate of the broker.
+    authority : str or None
+        File with the certificate that the broker's is checked with; None: those of the system.
+    qos : int
+        0, or 1: messages are sent again until the broker has acknowledged them.
     """
 
     host: str
     port: int
     topic: str
     user: str | None = None
+    tls: bool = False
+    authority: str | None = None
+    qos: int = 0
 
 
 def parse_url(url: str) -> Broker:
-    """Parse ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
+    """Parse ``mqtt://[USER@]HOST[:PORT]/TOPIC[?qos=1]``, or ``mqtts://...[?ca=FILE]`` for TLS.
 
     Raises
     ------
@@ -286,11 +295,11 @@ def parse_url(url: str) -> Broker:
 
     Examples
     --------
-    >>> parse_url("mqtt://localhost/rover/match")
-    Broker(host='localhost', port=1883, topic='rover/match', user=None)
+    >>> parse_url("mqtt://localhost/rover/match")[:4]
+    ('localhost', 1883, 'rover/match', None)
     """
     found = _URL.fullmatch(url)
-    port = int((found and found["port"]) or 1883)
+    port = int((found and found["port"]) or (8883 if found and found["tls"] else 1883))
     if found is None or not 0 < port < 65_536:
         raise UsageError(
             f"--mqtt {url}: expected mqtt://HOST/TOPIC, as mqtt://localhost/rover/match; a "
@@ -300,13 +309,19 @@ def parse_url(url: str) -> Broker:
     if set("+#\0") & set(topic) or len(topic.encode()) > 60_000:
         raise UsageError(f"--mqtt {url}: a topic has no +, # or NUL and at most 60,000 bytes")
     user = unquote(found["user"]) if found["user"] else None
-    return Broker(found["host"].strip("[]"), port, topic, user)
+    options = dict(parse_qsl(found["options"] or "", keep_blank_values=True))
+    qos, authority = options.pop("qos", "0"), options.pop("ca", None)
+    if qos not in ("0", "1") or options or (authority is not None and not found["tls"]):
+        raise UsageError(f"--mqtt {url}: expected ?qos=0 or 1, and ?ca=FILE with mqtts:// only")
+    tls = bool(found["tls"])
+    return Broker(found["host"].strip("[]"), port, topic, user, tls, authority, int(qos))
 
 
 class MqttPublisher:
     """Passes rows to a client of paho-mqtt, which reconnects by itself.
 
-    Messages are sent with QoS 0. While there is no broker, they are not stored.
+    While there is no broker, messages are not stored. ``TOPIC/status`` is retained, and is
+    ``online``, ``ended`` or, by the will that the broker has, ``lost``.
     """
 
     name = "mqtt"
@@ -318,6 +333,7 @@ class MqttPublisher:
         self._there, self._tried = threading.Event(), threading.Event()
         self._notices: deque[tuple[str, bool]] = deque(maxlen=100)
         self._said = ""
+        client.will_set(f"{broker.topic}/status", _status("lost"), qos=1, retain=True)
         client.on_connect = self._connected
         client.on_disconnect = self._lost
         client.on_connect_fail = self._failed
@@ -332,7 +348,7 @@ class MqttPublisher:
                 return
             self._waiting += 1
         topic = self._broker.topic if kind == "match" else f"{self._broker.topic}/{kind}"
-        self._client.publish(topic, line.encode())
+        self._client.publish(topic, line.encode(), qos=self._broker.qos)
 
     def notices(self) -> Iterator[tuple[str, bool]]:
         """See `Publisher.notices`."""
@@ -346,6 +362,8 @@ class MqttPublisher:
     def close(self) -> None:
         """Give the broker a second to receive waiting messages, then disconnect."""
         end = time.monotonic() + _LAST_S
+        if self._there.is_set():
+            self._publish_status("ended")
         while self._there.is_set() and self._waiting and time.monotonic() < end:
             time.sleep(0.01)
         self._client.on_disconnect = None
@@ -355,6 +373,12 @@ class MqttPublisher:
             with suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
+
+    def _publish_status(self, status: str) -> None:
+        with self._lock:
+            self._waiting += 1
+        topic = f"{self._broker.topic}/status"
+        self._client.publish(topic, _status(status), qos=1, retain=True)
 
     def _say(self, text: str, good: bool) -> None:
         if text != self._said:  # each attempt fails in the same way
@@ -370,6 +394,7 @@ class MqttPublisher:
             self._say(f"the broker at {self._where()} refuses: {reason}", False)
             return
         self._waiting = 0
+        self._publish_status("online")
         self._there.set()
         self._say(f"matches go to {self._where()}, topic {self._broker.topic}", True)
 
@@ -379,11 +404,17 @@ class MqttPublisher:
             self._say(f"the broker at {self._where()} is lost; trying again", False)
 
     def _failed(self, client: Any, data: Any) -> None:
-        self._say(f"no broker at {self._where()}; trying again", False)
+        other = ", or none whose certificate is valid" if self._broker.tls else ""
+        self._say(f"no broker at {self._where()}{other}; trying again", False)
 
     def _published(self, client: Any, data: Any, number: int, reason: Any, more: Any) -> None:
         with self._lock:
             self._waiting -= 1
+
+
+def _status(status: str) -> str:
+    """Return what a subscriber reads of the stream itself."""
+    return json.dumps({"kind": "status", "status": status})
 
 
 @contextmanager
@@ -393,12 +424,12 @@ def open_mqtt(url: str) -> Iterator[MqttPublisher]:
     Parameters
     ----------
     url : str
-        ``mqtt://[USER@]HOST[:PORT]/TOPIC``. There is no encryption.
+        See `parse_url`.
 
     Raises
     ------
     UsageError
-        If it is no such address.
+        If it is no such address, or the file of the certificate cannot be read.
     MissingExtraError
         If the library is not installed.
     """
@@ -412,6 +443,13 @@ def open_mqtt(url: str) -> Iterator[MqttPublisher]:
     client.reconnect_delay_set(1, 10)
     if broker.user is not None:
         client.username_pw_set(broker.user, os.environ.get(PASSWORD))
+    if broker.tls:
+        try:
+            client.tls_set(ca_certs=broker.authority)
+        except (OSError, ValueError) as error:
+            raise UsageError(
+                f"--mqtt {url}: the certificate cannot be read: {error}: name a file in PEM"
+            ) from error
     publisher = MqttPublisher(client, broker)
     client.connect_async(broker.host, broker.port, keepalive=_KEEP_ALIVE_S)
     client.loop_start()
@@ -487,8 +525,8 @@ class MatchRows:
     Parameters
     ----------
     reference : ReferenceMap, optional
-        With positions, each row has that of its place. With a delay, each row has the host time
-        of its own window.
+        With positions, each row has that of its place, and the length of the route. With a delay,
+        each row has the host time of its own window.
     """
 
     def __init__(self, reference: ReferenceMap | None = None) -> None:
@@ -499,6 +537,7 @@ class MatchRows:
         if reference is not None and reference.route is not None:
             route = reference.route
             columns = route.columns(np.arange(len(reference)), reference.settings.exclusion)
+            columns["route_m"] = np.full(len(reference), np.nanmax(route.along_m))
             self._names = tuple(columns)
             self._where = [
                 [_or_none(value) for value in place]

@@ -109,10 +109,13 @@ STAGES = {
         "Links to cameras and bridges, and the protocols that they speak.",
         packages=("edge_vpr.live.protocols",),
         names=(
+            "edge_vpr.live.session.LiveMatch",
+            "edge_vpr.live.session.Message",
             "edge_vpr.live.links.open_link",
             "edge_vpr.live.links.LinkReader",
             "edge_vpr.live.session.LiveLocaliser",
         ),
+        exported=("stream",),
     ),
     "evaluation": Stage(
         "Ground truth and evaluation",

@@ -302,6 +302,10 @@ class EdvsDecoder(Decoder):
         """Return commands: stop events, echo off, set the format, clock to zero, start events."""
         return f"E-\n!U0\n!{self._command}\n!ET0\nE+\n".encode("ascii")
 
+    def greeting(self) -> bytes:
+        """Return the commands that leave a running device as it is, and start another one."""
+        return f"!U0\n!{self._command}\nE+\n".encode("ascii")
+
     def teardown(self) -> bytes:
         """Return the command that stops events."""
         return b"E-\n"

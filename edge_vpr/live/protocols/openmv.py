@@ -496,6 +496,7 @@ class PacketDecoder(Decoder):
         if whole > skip:
             # a copy is aligned for arrays of words
             aligned = raw[:whole] if skip == 0 else raw[skip:whole].copy()
+            aligned.flags.writeable = False  # as bytes are, or another kernel would be compiled
             parts.append(self._records.decode(aligned, self.health, self._host_us))
         return (whole - skip) // self._records.size
 
@@ -602,6 +603,10 @@ class AskingDecoder(PacketDecoder):
     def setup(self) -> bytes:
         """See `Decoder.setup`."""
         return self._session.opening()
+
+    def greeting(self) -> bytes:
+        """Return nothing: `to_send` asks a silent camera again."""
+        return b""
 
     def to_send(self, now_s: float) -> bytes:
         """See `Decoder.to_send`."""

@@ -89,6 +89,13 @@ class Decoder:
         """Return the commands to send when the link opens."""
         return b""
 
+    def greeting(self) -> bytes:
+        """Return what to send again and again while nothing comes.
+
+        A device that starts, or restarts, after the link was opened has not seen `setup`.
+        """
+        return self.setup()
+
     def teardown(self) -> bytes:
         """Return the commands to send before the link closes."""
         return b""

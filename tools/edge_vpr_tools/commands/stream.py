@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import add_map_flags, given_map_flags, map_settings, with_match_flags
-
-if TYPE_CHECKING:
-    from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.runs.live import Line, LiveOutput
-
 
 EXAMPLES = """\
   edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
@@ -44,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     line.add_argument(
         "--once", action="store_true",
-        help="stop when the connection ends, instead of opening it again",
+        help="stop when the connection ends or is not there, instead of opening it again",
     )  # fmt: skip
     line.add_argument(
         "--on-overload", choices=("drop", "wait"),
@@ -88,12 +82,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json", action="store_true", help="print matches and health as JSON lines"
     )
     output.add_argument(
+        "--status-every", metavar="TIME",
+        help="without --json and a terminal, print a line of status this often, and when the link "
+        "or the place is lost or found again (default: 1s)",
+    )  # fmt: skip
+    output.add_argument(
         "--serve", metavar="[HOST:]PORT",
         help="send the same lines to every program that connects to this TCP port; without HOST, "
         "only programs on this machine can connect (default: none)",
     )  # fmt: skip
     output.add_argument(
-        "--mqtt", metavar="mqtt://HOST/TOPIC", help="send the same lines to an MQTT broker"
+        "--mqtt",
+        metavar="mqtt://HOST/TOPIC",
+        help="send the same lines to an MQTT broker; mqtts:// for TLS, ?qos=1 to have them "
+        "acknowledged",
     )
     output.add_argument("--overwrite", action="store_true", help="replace files that exist")
     learning = parser.add_argument_group("learning")
@@ -189,57 +191,31 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If an argument is wrong, the link cannot be opened, or a file cannot be written.
     """
-    from edge_vpr.online.state import MatchSchedule
+    from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.runs.live import LiveOutput, follow_line
+    from edge_vpr_tools.progress import warn_if_much
+    from edge_vpr_tools.runs.live import LiveOutput, show_session
 
     check_arguments(args)
+    reference = None
+    if args.map is not None:
+        reference = ReferenceMap.load(args.map)
+        flags = with_match_flags(args, reference.settings, online=True)
+        reference = reference.matched_with(flags)
+    session = LiveSession(
+        args.port, protocol=args.protocol, reference=reference, every=args.every,
+        sensor=args.sensor, baud=args.baud, flow_control=args.flow_control,
+        reconnect=not args.once, odometry=args.odometry, burst_filter=args.burst_filter,
+        record=args.record, learn=args.output, settings=map_settings(args) if args.learn else None,
+        overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
+    )  # fmt: skip
     output = LiveOutput(
-        as_json=args.json, log=args.log, record=tuple(args.record), rerun=args.rerun,
-        serve=args.serve, mqtt=args.mqtt, overwrite=args.overwrite,
+        as_json=args.json, log=args.log, rerun=args.rerun, serve=args.serve, mqtt=args.mqtt,
+        line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
     )  # fmt: skip
-    if args.learn:
-        _learn(args, output)
-        return
-    reference = None if args.map is None else _with_flags(args, ReferenceMap.load(args.map))
-    every = None
-    if reference is not None:
-        every = MatchSchedule.parse(args.every, reference.settings)
-    causal = args.burst_filter == "causal"
-    follow_line(
-        _line(args, reference), output, reference, every,
-        causal_bursts=causal, odometry=args.odometry,
-    )  # fmt: skip
-
-
-def _learn(args: argparse.Namespace, output: LiveOutput) -> None:
-    from edge_vpr_tools.progress import warn_if_much
-    from edge_vpr_tools.runs.live import learn_map
-
-    settings, target = map_settings(args), Path(args.output)
-    reference, removed = learn_map(_line(args, None), output, settings, target, args.odometry)
-    warn_if_much(removed, args.port, "keep them with --bursts keep")
-    if not args.json:
-        summary(
-            f"{printable(target)}: {len(reference)} places at {len(reference.pixel_map)} pixels"
-        )
-
-
-def _line(args: argparse.Namespace, reference: ReferenceMap | None) -> Line:
-    from edge_vpr.events import Sensor
-    from edge_vpr_tools.runs.live import Line
-
-    sensor = Sensor.parse(args.sensor) if args.sensor else None
-    if sensor is None:
-        assert reference is not None
-        sensor = reference.pixel_map.sensor
-    return Line(
-        port=args.port, protocol=args.protocol, sensor=sensor, baud=args.baud,
-        flow_control=args.flow_control, once=args.once,
-        drop=None if args.on_overload is None else args.on_overload == "drop",
-        max_lag_s=duration_us(args.max_lag) / 1e6,
-    )  # fmt: skip
-
-
-def _with_flags(args: argparse.Namespace, reference: ReferenceMap) -> ReferenceMap:
-    return reference.matched_with(with_match_flags(args, reference.settings, online=True))
+    show_session(session, output)
+    if session.learnt is not None:
+        warn_if_much(session.removed, args.port, "keep them with --bursts keep")
+        if not args.json:
+            places, pixels = len(session.learnt), len(session.learnt.pixel_map)
+            summary(f"{printable(args.output)}: {places} places at {pixels} pixels")

@@ -1,0 +1,91 @@
+"""Program: print what a live session compiles after it has opened its link, which must be nothing.
+
+It has to run in a process of its own, in which nothing else has compiled a kernel.
+"""
+
+from __future__ import annotations
+
+import gc
+import socket
+import sys
+import time
+
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from streams import Drive, random_events
+
+from edge_vpr import LiveSession
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.live.protocols import open_encoder
+from edge_vpr.pipeline import map_traverse
+from edge_vpr.settings import Settings
+
+SENSOR = Sensor(64, 48)
+
+
+def compiled():
+    """Every kernel of this process, with the types that it is compiled for."""
+    kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {(k.py_func.__module__, k.__name__, str(s)) for k in kernels for s in k.signatures}
+
+
+class Camera:
+    """The other end of a socket, which answers as well."""
+
+    def __init__(self, protocol, session, line):
+        self.encoder, self._session, self._line = open_encoder(protocol, SENSOR), session, line
+        line.setblocking(False)
+
+    def send(self, data):
+        """Send in pieces, each of which is matched at once."""
+        for at in range(0, len(data), 4_000):
+            self._line.setblocking(True)
+            self._line.sendall(data[at : at + 4_000])
+            self._line.setblocking(False)
+            self._session.poll()
+
+    def play(self, events, lost=0):
+        """Send events, some bytes of which are lost, and wait until they were asked for."""
+        data = self.encoder.encode(events)
+        self.send(data[: len(data) // 2] + data[len(data) // 2 + lost :])
+        end = time.monotonic() + 5
+        while self.encoder.held and time.monotonic() < end:
+            self._session.poll()
+            try:
+                self.send(self.encoder.respond(self._line.recv(4_096)))
+            except BlockingIOError:
+                self.send(self.encoder.to_send(time.monotonic()))
+
+
+def main():
+    """Run a session of each kind of matching, burst filter and protocol."""
+    rng = np.random.default_rng(0)
+    drive = random_events(rng, 60_000, SENSOR, 3_000_000)
+    for matching in ("sequence", "filter"):
+        settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, matching=matching)
+        reference = map_traverse(Drive(drive, SENSOR), settings)
+        for burst_filter in ("exact", "causal"):
+            for protocol in sys.argv[1:]:
+                near, far = socket.socketpair()
+                session = LiveSession(
+                    far, protocol=protocol, reference=reference, burst_filter=burst_filter
+                )
+                with near, far, session:
+                    before = compiled()
+                    camera = Camera(protocol, session, near)
+                    camera.send(camera.encoder.start())
+                    for i in range(20):
+                        part = random_events(rng, 500, SENSOR, 25_000)
+                        part["t"] += i * 25_000
+                        camera.play(part, lost=int(i % 4 == 3))
+                    for i in range(20):  # events that come one by one are arrays of another kind
+                        camera.play(make_events([600_000 + i], [1], [1]))
+                    near.close()
+                    assert all(match.place >= 0 for match in session)
+                late = compiled() - before
+                assert session.health.events > 5_000, (protocol, session.health)
+                assert not late, (matching, burst_filter, protocol, late)
+
+
+if __name__ == "__main__":
+    main()

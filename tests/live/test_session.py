@@ -1,0 +1,473 @@
+"""A live session: every protocol, links of all kinds, and a rover that has to stop in time."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tty
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from streams import Drive, random_events
+
+from edge_vpr import LiveSession
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.live.bridge import Bridge
+from edge_vpr.live.links import LinkError, open_device_link
+from edge_vpr.live.protocols import open_encoder
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.state import MatchSchedule
+from edge_vpr.pipeline import cleaned
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Route
+from edge_vpr.settings import Settings, resolve_settings
+from edge_vpr.simulation import simulate_pair
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    """A street, its map with positions, and another drive in another light."""
+    folder = tmp_path_factory.mktemp("street")
+    first, second = simulate_pair(seed=0, length_m=200.0)
+    settings = resolve_settings("default", flags={"tau_us": 500_000})
+    ReferenceMap.build(first, settings, track=first.track).save(folder / "map.npz")
+    write_recording(folder / "query.npz", second)
+    return folder, second.track
+
+
+#: The rover's program, which says when it stops.
+ROVER = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import rover
+speeds = []
+def drive(speed):
+    speeds.append(speed)
+    if speed == 0.0:
+        print("stop", flush=True)
+rover.follow(sys.argv[2], "evpr", sys.argv[3], float(sys.argv[4]), drive)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+@pytest.mark.parametrize(("caches", "speed"), [("warm", 1.0), ("warm", 2.0), ("cold", 2.0)])
+def test_a_rover_stops_within_two_places_of_its_goal(caches, speed, street, tmp_path):
+    """Also where all kernels have to be compiled: the camera then starts after the compiler."""
+    folder, track = street
+    link = open_device_link("virtual")
+    recording = open_recording(folder / "query.npz", chunk_events=1_000)
+    bridge = Bridge(link, open_encoder("evpr", recording.sensor), speed=speed)
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}
+    if caches == "cold":
+        environment["NUMBA_CACHE_DIR"] = str(tmp_path)
+    words = [str(ROOT / "examples"), link.address, str(folder / "map.npz"), "60"]
+    with subprocess.Popen(
+        [sys.executable, "-c", ROVER, *words], env=environment, stdout=subprocess.PIPE, text=True
+    ) as run:
+        playing = threading.Thread(target=bridge.run, args=(recording,), daemon=True)
+        playing.start()
+        assert run.stdout.readline() == "stop\n"
+        sent = bridge.sent_events
+        bridge.stopping.set()
+        playing.join(timeout=10)
+    link.close()
+    events = np.concatenate(list(open_recording(folder / "query.npz")))
+    stopped_m = track.at(events["t"][sent - 1 : sent])[0, 0]
+    along_m = ReferenceMap.load(folder / "map.npz").route.along_m
+    assert abs(stopped_m - 60.0) <= 2 * np.diff(along_m).max()
+
+
+#: a protocol of the host, and what its device sends
+PROTOCOLS = [
+    ("evpr", "evpr"),
+    ("edvs", "edvs:format=E3"),
+    ("evt2", "evt2"),
+    ("evt21", "evt21"),
+    ("evt3", "evt3"),
+    ("aer:layout=jaer8", "aer:layout=jaer8"),
+    ("openmv", "openmv"),
+    ("openmv:channel=4", "openmv:channel=4"),
+]
+SENSOR = Sensor(64, 48)
+
+
+@pytest.fixture(scope="module")
+def route():
+    """A map of 29 places 3 m apart; those of the end have no position."""
+    events = random_events(np.random.default_rng(0), 60_000, SENSOR, 3_000_000)
+    settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, sequence_length=2)
+    reference = ReferenceMap.build(Drive(events, SENSOR), settings)
+    along = np.where(np.arange(len(reference)) < 25, 3.0 * np.arange(len(reference)), np.nan)
+    return replace(reference, route=Route(along[:, None], along, "metric"))
+
+
+@pytest.fixture(scope="module")
+def query():
+    return random_events(np.random.default_rng(1), 40_000, SENSOR, 2_000_000)
+
+
+def camera(protocol, events, port="tcp://127.0.0.1:0", speed=0.0):
+    """A camera that sends these events once, and the address that a host opens."""
+    link = open_device_link(port)
+    bridge = Bridge(link, open_encoder(protocol, SENSOR), speed=speed)
+
+    def play():
+        bridge.run([events[i : i + 1_000] for i in range(0, events.size, 1_000)])
+        link.close()
+
+    thread = threading.Thread(target=play, daemon=True)
+    thread.start()
+    return link.address, thread
+
+
+def offline(reference, events, every="50ms"):
+    """The matches of a recording."""
+    localiser = Localiser(reference, every=MatchSchedule.parse(every, reference.settings))
+    parts = cleaned(Drive(events, SENSOR), reference.settings)
+    return np.concatenate([localiser.update(part) for part in parts])
+
+
+@pytest.mark.parametrize("taken", ["iterated", "polled"])
+@pytest.mark.parametrize(("host", "device"), PROTOCOLS)
+def test_the_matches_of_every_protocol_are_those_of_the_recording(
+    host, device, taken, route, query
+):
+    events = query.copy()
+    if not device.startswith("evpr"):
+        events["t"] -= events["t"][0]  # time 0 is then that of the first event
+    address, thread = camera(device, events)
+    found = []
+    with LiveSession(
+        address, protocol=host, reference=route, reconnect=False, on_overload="wait"
+    ) as session:
+        if taken == "iterated":
+            found = list(session)
+        end = time.monotonic() + 30
+        while not session.ended:
+            found += session.poll()
+            assert time.monotonic() < end
+            time.sleep(0.001)
+    thread.join(timeout=5)
+    expected = offline(route, events)
+    assert expected.size > 30
+    assert [round(1e6 * match.time_s) for match in found] == expected["time_us"].tolist()
+    assert [match.place for match in found] == expected["place"].tolist()
+    assert [match.query for match in found] == list(range(len(found)))
+    assert [match.distance for match in found] == expected["distance"].tolist()
+    seconds = [match.second_distance for match in found]
+    assert np.array_equal(seconds, expected["second_distance"], equal_nan=True)
+    for name in ("second", "ratio", "trust", "lost"):
+        assert [getattr(match, name) for match in found] == expected[name].tolist(), name
+    along = [3.0 * place if place < 25 else None for place in expected["place"].tolist()]
+    assert [match.along_m for match in found] == along
+    assert not any(match.incomplete for match in found)
+    assert all(abs(match.host_us / 1e6 - time.time()) < 60 for match in found)
+    assert session.health.events == 40_000
+    assert session.health.losses == 0
+
+
+class Line:
+    """An open link in two halves: what a camera writes, a host reads."""
+
+    def __init__(self, kind):
+        self.kind = kind
+        if kind == "pty":
+            self.master, self.host = pty.openpty()
+            tty.setraw(self.host)
+        elif kind == "pipe":
+            read, self.master = os.pipe()
+            self.host = os.fdopen(read, "rb", buffering=0)
+        else:
+            near, self.host = socket.socketpair()
+            self.master = near.detach()
+
+    def write(self, data):
+        while data:
+            data = data[os.write(self.master, data) :]
+
+    def close(self):
+        os.close(self.master)
+
+
+@pytest.mark.parametrize("kind", ["pty", "pipe", "socket"])
+def test_a_link_that_is_open_already_is_taken(kind, route, query):
+    line, encoder = Line(kind), open_encoder("evpr", SENSOR)
+    sent = encoder.start() + b"".join(
+        encoder.encode(query[i : i + 1_000]) for i in range(0, query.size, 1_000)
+    )
+    expected = offline(route, query)["place"].tolist()
+    found = []
+    with LiveSession(line.host, protocol="evpr", reference=route, on_overload="wait") as session:
+        writing = threading.Thread(target=line.write, args=(sent,), daemon=True)
+        writing.start()
+        for match in session:
+            found.append(match.place)
+            if len(found) == len(expected) - 1:
+                session.stop()
+    writing.join(timeout=5)
+    assert found == expected[: len(found)]
+    assert len(found) > 30
+    assert session.health.decoded >= 38_000
+    line.close()
+    if kind != "pty":
+        line.host.close()  # was not closed by the session
+
+
+def test_a_heartbeat_comes_when_nothing_else_does(route):
+    """It is no match by any of its fields, so that a rover needs no branch for it."""
+    line = Line("pty")
+    begin = time.monotonic()
+    with LiveSession(line.host, protocol="evpr", reference=route, heartbeat="50ms") as session:
+        begin = time.monotonic()
+        beats = [beat for beat, _ in zip(session, range(4), strict=False)]
+        took = time.monotonic() - begin
+        while not (polled := session.poll()):
+            assert time.monotonic() - begin < 5
+    assert 0.15 < took < 2.0
+    for beat in (*beats, *polled):
+        assert (beat.place, beat.probability, beat.lost) == (-1, 0.0, True)
+        assert beat.along_m is None
+        assert beat.incomplete
+        assert beat.query == 0
+    line.close()
+
+
+def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(route, query):
+    before, meanwhile, after = np.split(query, [15_000, 25_000])
+    encoder, said = open_encoder("evpr", SENSOR), []
+    device = open_device_link("tcp://127.0.0.1:0")
+    session = LiveSession(device.address, protocol="evpr", reference=route, heartbeat="20ms")
+    session.on_message = said.append
+
+    def send(data):
+        while data:
+            data = data[device.write(data, 1.0) :]
+
+    def matches_until(condition):
+        end, found = time.monotonic() + 30, []
+        while not condition():
+            assert time.monotonic() < end
+            found += session.poll()
+            time.sleep(0.001)
+        return found
+
+    with session:
+        device.accepted(5)
+        send(encoder.start() + encoder.encode(before))
+        assert len(matches_until(lambda: session.health.decoded == 15_000)) > 5
+        device.close()
+        encoder.encode(meanwhile)
+        assert all(match.lost for match in matches_until(lambda: said))
+        assert session.status.lost_link
+        device = open_device_link(device.address)
+        matches_until(lambda: len(said) > 1)
+        send(encoder.encode(after))
+        found = matches_until(lambda: session.health.decoded == 30_000)
+    device.close()
+    assert [(each.kind, each.over) for each in said[:2]] == [("link", False), ("link", True)]
+    assert "trying again" in said[0].text
+    health = session.health
+    assert (health.decoded, health.lost, health.reopened) == (30_000, 10_000, 1)
+    assert any(match.incomplete for match in found if match.place >= 0)
+
+
+def wait_until(condition, session, seconds=30):
+    """Poll a session until something holds; return its matches."""
+    end, found = time.monotonic() + seconds, []
+    while not condition():
+        assert time.monotonic() < end
+        found += session.poll()
+        time.sleep(0.001)
+    return found
+
+
+class Board:
+    """A camera on a line that never disconnects, whose power comes and goes."""
+
+    def __init__(self, protocol):
+        self.link, self._protocol = open_device_link("virtual"), protocol
+        self._boots = 0
+
+    def power_on(self, events):
+        """Start; what the host sent before this is gone."""
+        while self.link.read(0.01):
+            pass
+        self._boots += 1
+        boot = f":boot={self._boots}" if self._protocol == "evpr" else ""
+        self.bridge = Bridge(self.link, open_encoder(self._protocol + boot, SENSOR), speed=0)
+        parts = [events[i : i + 500] for i in range(0, events.size, 500)]
+        self._thread = threading.Thread(target=self.bridge.run, args=(parts,), daemon=True)
+        self._thread.start()
+
+    def power_off(self):
+        self.bridge.stopping.set()
+        self._thread.join(timeout=10)
+
+
+@pytest.mark.parametrize("order", ["camera first", "host first", "reset in mid-run"])
+@pytest.mark.parametrize(("host", "device"), PROTOCOLS)
+def test_a_camera_that_starts_whenever_it_likes_is_heard(order, host, device, query, any_baud):
+    """Also on a line that is open all the time, on which the opening was sent to nobody."""
+    board, events = Board(device), query[:5_000]
+    session = LiveSession(board.link.address, protocol=host, sensor=SENSOR, on_overload="wait")
+    if order == "camera first":
+        board.power_on(events)
+    with session:
+        if order != "camera first":
+            session.poll()
+            time.sleep(0.1)
+            board.power_on(events)
+        wait_until(lambda: session.health.events >= 4_900, session)
+        if order == "reset in mid-run":
+            board.power_off()
+            board.power_on(events)
+            wait_until(lambda: session.health.events >= 9_700, session)
+        board.power_off()
+    assert session.status.dead_s == 0
+    board.link.close()
+
+
+def test_a_port_that_is_absent_at_first_is_waited_for_unless_told_otherwise(
+    query, tmp_path, any_baud
+):
+    said, port = [], tmp_path / "event-camera"
+    with pytest.raises(LinkError, match="there is no such file or port"):
+        LiveSession(port, protocol="evpr", sensor=SENSOR, reconnect=False).open()
+    with pytest.raises(LinkError, match="there is no such file"):  # a file will not be plugged in
+        LiveSession(tmp_path / "raw.bin", protocol="evpr", sensor=SENSOR).open()
+    session = LiveSession(port, protocol="evpr", sensor=SENSOR, on_message=said.append)
+    with session:
+        wait_until(lambda: said, session)
+        assert "there is no such file or port" in said[0].text
+        assert 0 < session.status.dead_s < 30
+        board = Board("evpr")
+        port.symlink_to(board.link.address)
+        board.power_on(query[:5_000])
+        wait_until(lambda: session.health.events == 5_000, session)
+        assert session.health.reopened == 0
+        assert session.status.lost_link == ""
+        board.power_off()
+    assert [message.over for message in said[:2]] == [False, True]
+    board.link.close()
+
+
+def test_a_host_that_is_starved_says_how_late_it_is(route):
+    """By the camera's clock: bytes wait at the system, where no time from `read` on shows it."""
+    line, encoder, said = Line("pty"), open_encoder("evpr", SENSOR), []
+    session = LiveSession(
+        line.host, protocol="evpr", reference=route, on_message=said.append, max_lag="60s"
+    )
+    stop = threading.Event()
+
+    def send():
+        line.write(encoder.start())
+        begin = time.monotonic()
+        while not stop.wait(0.01):
+            now_us = int(1e6 * (time.monotonic() - begin))
+            line.write(encoder.encode(make_events([now_us], [1], [1])))
+
+    with session:
+        sending = threading.Thread(target=send, daemon=True)
+        sending.start()
+        wait_until(lambda: session.health.events > 20, session)
+        assert session.health.longest_lag_us < 100_000
+        time.sleep(0.5)
+        wait_until(lambda: session.health.longest_lag_us > 400_000, session)
+        wait_until(lambda: session.health.lag_us < 50_000, session)
+        stop.set()
+        sending.join()
+    lags = [message for message in said if message.kind == "lag"]
+    assert [message.over for message in lags[:2]] == [False, True]
+    assert "this machine is busy" in lags[0].text
+    line.close()
+
+
+def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, query, tmp_path):
+    address, thread = camera("evpr", query)
+    raw, events = tmp_path / "raw.bin", tmp_path / "events.npz"
+    with LiveSession(
+        address, protocol="evpr", sensor=SENSOR, reconnect=False, on_overload="wait",
+        record=[raw, events], learn=tmp_path / "map.npz", settings=route.settings,
+    ) as session:  # fmt: skip
+        assert list(session) == []
+    thread.join(timeout=5)
+    assert np.array_equal(np.concatenate(list(open_recording(events))), query)
+    assert len(ReferenceMap.load(tmp_path / "map.npz")) == len(session.learnt) == 19
+    with LiveSession(raw, protocol="evpr", reference=route) as again:
+        assert [match.place for match in again] == offline(route, query)["place"].tolist()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["events.npz", "map.npz", "raw.bin"]
+
+
+def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
+    address, thread = camera("evpr", query)
+    events = tmp_path / "events.npz"
+    with (
+        pytest.raises(ZeroDivisionError),
+        LiveSession(address, protocol="evpr", reference=route, record=events) as session,
+    ):
+        for match in session:
+            if match.query == 5:
+                raise ZeroDivisionError
+    thread.join(timeout=20)
+    recorded = np.concatenate(list(open_recording(events)))
+    assert 0 < recorded.size == session.health.events
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"sensor": None}, "pass sensor= or reference="),
+        ({"protocol": "x"}, "choose one of evpr"),
+        ({"link": 3.5}, "expected a port such as"),
+        ({"link": b"/dev/ttyACM0"}, "expected a port such as"),
+        ({"burst_filter": "none"}, "expected 'exact' or 'causal'"),
+        ({"on_overload": "cry"}, "expected 'drop', 'wait' or None"),
+        ({"heartbeat": "often"}, "expected a time such as"),
+        ({"learn": "m.npz", "reference": "m.npz"}, "give one of them"),
+    ],
+)
+def test_wrong_arguments_are_one_sentence(given, says):
+    arguments = {"link": "/dev/null0", "protocol": "evpr", "sensor": SENSOR, **given}
+    with pytest.raises(UsageError, match=re.escape(says)):
+        LiveSession(arguments.pop("link"), **arguments)
+
+
+def test_without_a_listener_problems_go_to_the_log(caplog, route):
+    line = Line("pty")
+    with LiveSession(line.host, protocol="evpr", reference=route, heartbeat="100ms") as session:
+        line.write(np.random.default_rng(0).bytes(30_000))
+        end = time.monotonic() + 10
+        for _ in session:
+            if "are not of this protocol" in caplog.text:
+                break
+            assert time.monotonic() < end
+    line.close()
+
+
+@pytest.mark.slow
+def test_nothing_is_compiled_once_the_link_is_open():
+    """With any protocol, in a process that has compiled nothing before."""
+    if numba.config.DISABLE_JIT:
+        pytest.skip("nothing is compiled")
+    protocols = [device for _, device in PROTOCOLS]
+    protocols += ["openmv:channel=raw_events", "openmv:channel=4,format=evt3", "edvs:format=E1"]
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tests/live/left_to_compile.py"), *protocols],
+        env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

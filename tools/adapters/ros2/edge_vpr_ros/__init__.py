@@ -1,0 +1,1 @@
+"""Matches of `edge-vpr stream --serve` as messages of ROS 2."""

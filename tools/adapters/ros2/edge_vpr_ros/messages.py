@@ -1,0 +1,239 @@
+"""Which messages of ROS 2 a row of `edge-vpr stream --serve` is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message by the names of ROS 2.
+
+    Attributes
+    ----------
+    topic : str
+        Below the node's own name, unless it begins with a slash.
+    kind : str
+        Type, as ``nav_msgs/msg/Odometry``.
+    fields : mapping
+        By name; messages within it are mappings. What is left out is zero.
+    """
+
+    topic: str
+    kind: str
+    fields: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Names of frames.
+
+    Attributes
+    ----------
+    map : str
+        Of positions in metres.
+    route : str
+        Of metres along the route, on its x axis.
+    child : str
+        Of the robot.
+    sensor : str
+        Of the camera, for GPS positions.
+    tf : bool
+        Publish the transform from `map` to `child` as well.
+    """
+
+    map: str = "map"
+    route: str = "route"
+    child: str = "base_link"
+    sensor: str = "camera"
+    tf: bool = False
+
+
+#: Topics and their types, which are announced before the first row.
+TOPICS = {
+    "match": "std_msgs/msg/String",
+    "certainty": "geometry_msgs/msg/Vector3Stamped",
+    "pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "odometry": "nav_msgs/msg/Odometry",
+    "fix": "sensor_msgs/msg/NavSatFix",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/tf": "tf2_msgs/msg/TFMessage",
+}
+#: Variance of what a match does not measure, in square metres or radians: filters ignore it.
+UNKNOWN = 1e6
+#: Standard deviation across the route in metres, and the least one along it.
+_ACROSS_M = 1.0
+#: Of `sensor_msgs/msg/NavSatFix`: a fix without augmentation, by no known satellite system, and a
+#: covariance that is approximated.
+_STATUS, _APPROXIMATED = {"status": 0, "service": 0}, 1
+#: Of `diagnostic_msgs/msg/DiagnosticStatus`.
+OK, WARN, ERROR = 0, 1, 2
+#: Silence in seconds that is an error.
+_SILENT_S = 2.0
+#: Counts of a health row that tell of no fault.
+_NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
+_NO_FAULTS |= {"events", "held", "wraps", "rate", "silent_s", "dead_s", "kind", "matches"}
+
+
+def variance_m2(row: Mapping[str, Any]) -> float | None:
+    """Return the variance of a match along the route, in square metres; None if it is not known.
+
+    The true place lies in the interval of the exclusion zone with the match's probability, and
+    anywhere on the route otherwise; within both, no place is more likely than another.
+
+    Parameters
+    ----------
+    row : mapping
+        Of a match on a map with positions.
+    """
+    needed = ("along_m", "along_from_m", "along_to_m", "route_m", "probability")
+    values = [row.get(name) for name in needed]
+    if any(value is None for value in values):
+        return None
+    along_m, from_m, to_m, route_m, probability = map(float, values)  # type: ignore[arg-type]
+    near = _around(along_m, from_m, to_m)
+    return max(probability * near + (1 - probability) * _around(along_m, 0, route_m), _ACROSS_M**2)
+
+
+def _around(middle: float, low: float, high: float) -> float:
+    """Return the mean square distance from `middle` of a point anywhere between two others."""
+    if high <= low:
+        return 0.0
+    return float(((high - middle) ** 3 - (low - middle) ** 3) / (3 * (high - low)))
+
+
+class Translator:
+    """Makes messages of rows; compares each row of health with the one before.
+
+    Parameters
+    ----------
+    frames : Frames
+    """
+
+    def __init__(self, frames: Frames) -> None:
+        self._frames = frames
+        self._before: dict[str, Any] = {}
+        self._link_error = ""
+
+    def messages_of(self, row: Mapping[str, Any], stamp_us: int) -> Iterator[Message]:
+        """Yield the messages of a row.
+
+        A match that is lost, or whose probability is not known, has no position: a node that
+        steers by it would take it for one.
+
+        Parameters
+        ----------
+        row : mapping
+            As read.
+        stamp_us : int
+            Time of the messages, in microseconds.
+
+        Yields
+        ------
+        Message
+        """
+        kind = row.get("kind")
+        if kind == "match":
+            yield Message("match", TOPICS["match"], {"data": json.dumps(row)})
+            yield from self._of_match(row, stamp_us)
+        elif kind == "link":
+            text = str(row.get("text", ""))
+            self._link_error = "" if text == "open again" else text
+        elif kind == "health":
+            yield self._diagnostics(row, stamp_us)
+
+    def _of_match(self, row: Mapping[str, Any], stamp_us: int) -> Iterator[Message]:
+        frames, probability = self._frames, row.get("probability")
+        if probability is not None:
+            flags = {"y": float(row["lost"]), "z": float(row["incomplete"])}
+            yield Message(
+                "certainty", TOPICS["certainty"],
+                {"header": _header(stamp_us, frames.map), "vector": {"x": probability, **flags}},
+            )  # fmt: skip
+        variance = variance_m2(row)
+        if row["lost"] or variance is None:
+            return
+        along = {"x": float(row["along_m"])}
+        yield Message(
+            "odometry", TOPICS["odometry"],
+            {
+                "header": _header(stamp_us, frames.route), "child_frame_id": frames.child,
+                "pose": _pose(along, (variance, _ACROSS_M**2, UNKNOWN)),
+                # a match says nothing of the speed
+                "twist": {"covariance": _diagonal((UNKNOWN,) * 6)},
+            },
+        )  # fmt: skip
+        if row.get("x_m") is not None:
+            yield from self._pose(row, variance, stamp_us)
+        if row.get("latitude") is not None:
+            fix = {name: float(row[name]) for name in ("latitude", "longitude")}
+            yield Message(
+                "fix", TOPICS["fix"],
+                {
+                    "header": _header(stamp_us, frames.sensor), "status": _STATUS, **fix,
+                    "altitude": float("nan"),  # no height is known
+                    "position_covariance": _diagonal((variance, variance, UNKNOWN)),
+                    "position_covariance_type": _APPROXIMATED,
+                },
+            )  # fmt: skip
+
+    def _pose(self, row: Mapping[str, Any], variance: float, stamp_us: int) -> Iterator[Message]:
+        # the direction of the route is not in the row, so that all of the plane has its variance
+        header, frames = _header(stamp_us, self._frames.map), self._frames
+        point = {axis: float(row.get(f"{axis}_m") or 0.0) for axis in "xyz"}
+        height = UNKNOWN if row.get("z_m") is None else variance
+        yield Message(
+            "pose", TOPICS["pose"],
+            {"header": header, "pose": _pose(point, (variance, variance, height))},
+        )  # fmt: skip
+        if frames.tf:
+            transform = {"translation": point, "rotation": {"w": 1.0}}
+            stamped = {"header": header, "child_frame_id": frames.child, "transform": transform}
+            yield Message("/tf", TOPICS["/tf"], {"transforms": [stamped]})
+
+    def _diagnostics(self, row: Mapping[str, Any], stamp_us: int) -> Message:
+        counts = {name: value for name, value in row.items() if name not in _NO_FAULTS}
+        grown = [
+            name.replace("_", " ")
+            for name, value in counts.items()
+            if type(value) is int and not name.endswith("_us") and value > self._before.get(name, 0)
+        ]
+        self._before = counts
+        level, text = OK, "no new faults"
+        if grown:
+            level, text = WARN, f"more {', '.join(grown)}"
+        if float(row.get("silent_s", 0.0)) > _SILENT_S:
+            level, text = ERROR, f"nothing came for {row['silent_s']:.0f} s"
+        if self._link_error:
+            level, text = ERROR, self._link_error
+        values = [{"key": name, "value": str(value)} for name, value in row.items()]
+        status = {
+            "level": level, "name": "edge_vpr: camera", "message": text, "values": values,
+            "hardware_id": "event camera",
+        }  # fmt: skip
+        header = _header(stamp_us, "")
+        return Message(
+            "/diagnostics", TOPICS["/diagnostics"], {"header": header, "status": [status]}
+        )
+
+
+def _header(stamp_us: int, frame: str) -> dict[str, Any]:
+    seconds, rest_us = divmod(stamp_us, 1_000_000)
+    return {"stamp": {"sec": seconds, "nanosec": 1_000 * rest_us}, "frame_id": frame}
+
+
+def _pose(point: dict[str, float], variances: tuple[float, float, float]) -> dict[str, Any]:
+    """Return a pose with covariance, whose direction is not known."""
+    return {
+        "pose": {"position": point, "orientation": {"w": 1.0}},
+        "covariance": _diagonal((*variances, UNKNOWN, UNKNOWN, UNKNOWN)),
+    }
+
+
+def _diagonal(variances: tuple[float, ...]) -> list[float]:
+    """Return a diagonal matrix, row by row."""
+    n = len(variances)
+    return [variances[i] if i == j else 0.0 for i in range(n) for j in range(n)]
