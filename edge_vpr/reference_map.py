@@ -579,11 +579,7 @@ class MatchResult:
         inputs : sequence of path
             Files that were read, for `run.json`.
         """
-        self.reference.save(folder / MAP)
-        self.matches.save(folder / MATCHES)
-        write_csv(folder / MATCHES_CSV, self.matches, self.reference.route)
-        if self.queries is not None:
-            write_archive(folder / QUERIES, QUERIES_KIND, self.queries.to_arrays(), {})
+        write_matched(folder, self.reference, self.matches, self.queries)
         left_out = removed_record(self.removed, int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
         write_json(folder / RUN, run_record(settings, inputs, left_out))
@@ -602,6 +598,17 @@ class MatchResult:
         if not path.is_dir():
             raise MapError(f"{path} is not a folder of results: run edge-vpr match first")
         return cls(ReferenceMap.load(path / MAP), Matches.load(path / MATCHES), read_queries(path))
+
+
+def write_matched(
+    folder: Path, reference: MapRecord, matches: Matches, queries: Descriptors | None = None
+) -> None:
+    """Write map, matches and queries into a folder of results."""
+    reference.save(folder / MAP)
+    matches.save(folder / MATCHES)
+    write_csv(folder / MATCHES_CSV, matches, reference.route)
+    if queries is not None:
+        write_archive(folder / QUERIES, QUERIES_KIND, queries.to_arrays(), {})
 
 
 def read_queries(folder: Path) -> Descriptors | None:

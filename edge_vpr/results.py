@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import platform
-import sys
 import tempfile
 import types
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,6 +20,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 from edge_vpr.archive import damaged
 from edge_vpr.errors import EdgeVprError, MapError, UsageError, as_path
 from edge_vpr.files import check_output, clear_dead_runs, replacing, replacing_folder
+from edge_vpr.run_log import command_line, warnings_so_far
 
 # Folders of results, which are written whole or not at all.
 
@@ -83,6 +83,27 @@ def check_parent(path: Path) -> None:
         raise UsageError(f"{parent} is not a folder: make it first")
     if not os.access(parent, os.W_OK) or not _can_create(parent):
         raise UsageError(f"cannot write {path}: {parent} is not writable: name another folder")
+
+
+def check_new_file(path: Path, inputs: Iterable[str | Path | None], overwrite: bool) -> None:
+    """Check that a file can be written, before any work is done.
+
+    Parameters
+    ----------
+    path : path
+    inputs : iterable of path or None
+        What the run reads, see `check_output`.
+    overwrite : bool
+
+    Raises
+    ------
+    UsageError
+        If it exists and may not be replaced, its folder does not, or an input would be lost.
+    """
+    check_output(path, inputs)
+    check_parent(path)
+    if path.exists() and not overwrite:
+        raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
 
 
 def _can_create(folder: Path) -> bool:
@@ -342,6 +363,8 @@ class RunRecord:
     inputs : tuple of InputFile
     removed : RemovedEvents or None
         None where the run cleaned no recording.
+    warnings : tuple of str or None
+        Printed before the record was written; None if there were none.
     """
 
     schema: int
@@ -352,6 +375,7 @@ class RunRecord:
     machine: Machine
     inputs: tuple[InputFile, ...]
     removed: RemovedEvents | None = field(default=None, metadata=LEFT_OUT)
+    warnings: tuple[str, ...] | None = field(default=None, metadata=LEFT_OUT)
 
 
 def run_record(
@@ -371,13 +395,14 @@ def run_record(
     versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
     return RunRecord(
         schema=1,
-        command=tuple(sys.argv),
+        command=command_line(),
         finished_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         settings=dict(settings),
         versions=versions,
         machine=Machine(platform.platform(), processor_name()),
-        inputs=tuple(_input_file(file) for path in inputs for file in _files(Path(path))),
+        inputs=tuple(hash_input(file) for path in inputs for file in _files(Path(path))),
         removed=removed,
+        warnings=warnings_so_far() or None,
     )
 
 
@@ -419,7 +444,8 @@ def _files(path: Path) -> list[Path]:
     return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
 
 
-def _input_file(path: Path) -> InputFile:
+def hash_input(path: Path) -> InputFile:
+    """Return the size and hash of a file."""
     size = path.stat().st_size
     with path.open("rb") as file:
         digest = hashlib.sha256(file.read(_HASHED_BYTES)).hexdigest()

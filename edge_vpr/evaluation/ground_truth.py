@@ -15,13 +15,38 @@ import numpy.typing as npt
 
 from edge_vpr.archive import EqualByValue, read_members, read_npy
 from edge_vpr.errors import GroundTruthError, expect, printable
-from edge_vpr.evaluation.tracks import Floats, Track, distances, interpolate, read_table
+from edge_vpr.evaluation.tracks import Floats, Kind, Track, distances, interpolate, read_table
 
 # Ground truth: which places are right for which query.
 
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class TruePositions:
+    """Positions of the places, and the true position of each query.
+
+    Attributes
+    ----------
+    place : ndarray of float64, shape (K, d)
+        NaN where it is not known.
+    query : ndarray of float64, shape (Q, d)
+        In the same coordinates; NaN where it is not known.
+    kind : {"metric", "geographic"}
+        Latitude and longitude in degrees, or coordinates in `unit`.
+    unit : str
+        Of distances between positions: metres ("m"), or the unit of an alignment.
+    tolerance : float
+        Largest error of a correct match, in this unit.
+    """
+
+    place: Floats
+    query: Floats
+    kind: Kind
+    unit: str
+    tolerance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +66,8 @@ class GroundTruth(EqualByValue):
         Source, tolerance and coverage, for reports.
     notes : tuple of str
         What makes it doubtful that this is the truth of these drives.
+    positions : TruePositions or None
+        None of a matrix.
 
     Raises
     ------
@@ -52,6 +79,7 @@ class GroundTruth(EqualByValue):
     known: npt.NDArray[np.bool_]
     description: str
     notes: tuple[str, ...] = ()
+    positions: TruePositions | None = None
 
     def __repr__(self) -> str:
         places, queries = self.correct.shape
@@ -80,12 +108,42 @@ class GroundTruth(EqualByValue):
         """Whether the map holds a right place for each query, shape (Q,)."""
         return np.asarray(self.correct.any(axis=0))
 
+    @property
+    def error_unit(self) -> str:
+        """Unit of `errors`."""
+        return "places" if self.positions is None else self.positions.unit
+
+    def errors(self, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]) -> Floats:
+        """Return how far each matched place is from the true position of its query.
+
+        Parameters
+        ----------
+        place, query : ndarray of int, shape (n,)
+            Indices of the matched places and of their queries.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            In `error_unit`; without positions, the number of places to the nearest correct one. NaN
+            where it is not known.
+        """
+        if self.positions is not None:
+            known = self.positions
+            return distances(known.kind, known.place[place], known.query[query])
+        found = np.full(len(place), np.nan)
+        for i, (k, j) in enumerate(zip(place, query, strict=True)):
+            correct = np.flatnonzero(self.correct[:, j])
+            if correct.size:
+                found[i] = np.abs(correct - k).min()
+        return found
+
 
 def described_truth(
     correct: npt.NDArray[np.bool_],
     known: npt.NDArray[np.bool_],
     source: str,
     doubts: tuple[str, ...] = (),
+    positions: TruePositions | None = None,
 ) -> GroundTruth:
     """Return a ground truth with a description that contains the number of known queries.
 
@@ -96,6 +154,7 @@ def described_truth(
     source : str
         Where it is from, and the tolerance.
     doubts : tuple of str, optional
+    positions : TruePositions, optional
     """
     with_place = int(correct.any(axis=0).sum())
     return GroundTruth(
@@ -103,6 +162,7 @@ def described_truth(
         known,
         f"{source}; {int(known.sum())} of {known.size} queries known, {with_place} with a place",
         doubts,
+        positions,
     )
 
 
@@ -322,6 +382,7 @@ def from_tracks(
         f"{placed} of {len(places)} places with a position, "
         f"{100 * ways.share:.0f} % of the query's track along the reference's",
         doubts,
+        TruePositions(places, queries, reference.kind, "m", tolerance_m),
     )
     if not truth.has_place.any():
         if ways.share == 0:
@@ -484,7 +545,16 @@ def from_alignment(
         )
     correct = within(places, expected, lambda a, b: np.abs(a - b), tolerance)
     truth = described_truth(
-        correct, known, f"alignment of {len(points)} points at {tolerance:g} {unit}".rstrip()
+        correct,
+        known,
+        f"alignment of {len(points)} points at {tolerance:g} {unit}".rstrip(),
+        positions=TruePositions(
+            places[:, None],
+            expected[:, None],
+            "metric",
+            "frames" if unit == "frame" else unit,
+            tolerance,
+        ),
     )
     if not truth.has_place.any():
         raise GroundTruthError(

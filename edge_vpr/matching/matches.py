@@ -225,12 +225,15 @@ class Matches(EqualByValue):
             lost=rows["lost"],
         )
 
+    def take(self, rows: npt.NDArray[np.integer] | slice) -> Matches:
+        """Return some matches, by a slice or by their indices."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
+
     def every(self, stride: int) -> Matches:
         """Return every `stride`-th match, each as a query."""
         expect(stride, int, "stride", "a whole number from 1")
-        columns = {name: getattr(self, name)[::stride] for name in _COLUMNS}
-        columns["query"] = np.arange(len(columns["query"]), dtype=np.int64)
-        return replace(self, **columns)
+        found = self.take(slice(None, None, stride))
+        return replace(found, query=np.arange(len(found), dtype=np.int64))
 
     def save(self, path: str | Path) -> None:
         """Write as ``.npz``, atomically."""

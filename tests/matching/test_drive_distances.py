@@ -136,6 +136,8 @@ def test_matches_become_a_table_of_pandas(monkeypatch):
 
 def test_figures_are_functions_that_return_figures(drives):
     from edge_vpr_tools.report import figures
+    from edge_vpr_tools.report.figures import over_time
+    from edge_vpr_tools.report.verdict import outcome_of
     from matplotlib.figure import Figure
 
     reference = ReferenceMap.load(drives / "map.npz")
@@ -143,49 +145,28 @@ def test_figures_are_functions_that_return_figures(drives):
     matches, queries = result.matches, result.queries
     for drawing in (
         figures.selected_pixels(reference),
-        figures.online_places(matches),
+        over_time(outcome_of(reference, matches)),
         figures.event_rate([("query", queries)]),
     ):
         assert isinstance(drawing, Figure)
 
 
-def axes_of(drawing):
-    """Return the labels of a figure's second axes."""
-    return {
-        label
-        for axes in drawing.axes
-        for second in axes.child_axes
-        for label in (second.get_xlabel(), second.get_ylabel())
-        if label
-    }
-
-
 @pytest.mark.slow
-def test_figures_have_second_axes_in_seconds_and_metres(drives, tmp_path, monkeypatch, capsys):
-    """Metres come from the tracks of an evaluation, seconds from the windows themselves."""
-    from edge_vpr_tools.report import figures
-
-    out = tmp_path / "out"
-    drawn = {}
-
-    def watched(name, own):
-        def draw(*given):
-            drawn[name] = own(*given)
-            return drawn[name]
-
-        return draw
-
-    for name in ("distance_matrix", "online_places"):
-        monkeypatch.setattr(figures, name, watched(name, getattr(figures, name)))
-    assert cli.main(f"match {drives}/map.npz {drives}/query.npz -o {out}".split()) == 0
-    seconds = {"time of the query drive (s)", "time of the reference drive (s)"}
-    assert axes_of(drawn["distance_matrix"]) == seconds
+def test_a_report_has_metres_after_an_evaluation_and_seconds_before(drives, tmp_path, capsys):
+    """Metres come from the tracks, seconds from the windows themselves."""
+    out, online = tmp_path / "out", tmp_path / "online"
+    match = f"match {drives}/map.npz {drives}/query.npz"
+    assert cli.main(f"{match} -o {out}".split()) == 0
+    assert cli.main(f"{match} --online --every window -o {online}".split()) == 0
+    for folder in (out, online):
+        page = (folder / "report.html").read_text()
+        assert "time of the reference drive (s)" in page
+        assert "way along the route (m)" not in page
+    assert "time of the query drive (s)" in (out / "report.html").read_text()
     (tmp_path / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     tracks = f"{tmp_path}/track.csv {tmp_path}/track.csv --tolerance 5"
     assert cli.main(f"evaluate {out} --ground-truth {tracks}".split()) == 0
-    metres = "way along the route (m)"
-    assert axes_of(drawn["distance_matrix"]) == {"time of the query drive (s)", metres}
-    online = f"match {drives}/map.npz {drives}/query.npz --online --every window -o {out}2"
-    assert cli.main(online.split()) == 0
-    assert axes_of(drawn["online_places"]) == {"time of the reference drive (s)"}
+    page = (out / "report.html").read_text()
+    assert "way along the route (m)" in page
+    assert "time of the reference drive (s)" not in page
     capsys.readouterr()

@@ -180,7 +180,7 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
     page = (ROOT / "docs/tutorial.md").read_text()
     steps = re.findall(r"^```console\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     commands = [step for block in steps for step in block.split("$ ") if step]
-    assert len(commands) == 8
+    assert len(commands) == 9
     for command in commands:
         line, _, told = command.partition("\n")
         program, *words = shlex.split(line)

@@ -113,7 +113,8 @@ def test_what_the_command_needs_is_what_the_wheel_asks_for(environment):
         cwd=environment,
     ).splitlines()  # fmt: skip
     needed = {each.name for each in map(Requirement, names) if each.marker is None}
-    allowed = {"serial" if name == "pyserial" else name.replace("-", "_") for name in needed}
+    modules = {"pyserial": "serial", "pillow": "PIL"}
+    allowed = {modules.get(name, name.replace("-", "_")) for name in needed}
     ours = {*PACKAGES.values(), "fixedpoint"}
     code = (
         "import sys, importlib, edge_vpr_tools.cli as cli\n"

@@ -81,6 +81,13 @@ class Terminal:
                     return self._screen.buffer[row][line.index(text)].fg
         raise AssertionError((text, self.lines()))
 
+    def coloured(self):
+        """Return each line as letters with their colour and whether they are bold."""
+        with self._lock:
+            columns = range(self._screen.columns)
+            rows = [self._screen.buffer[row] for row in range(self._screen.lines)]
+            return [[(row[x].data, row[x].fg, row[x].bold) for x in columns] for row in rows]
+
     def wait_for(self, said, seconds=30):
         """Wait until the lines on the screen are as asked for; return them."""
         end = time.monotonic() + seconds

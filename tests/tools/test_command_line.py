@@ -233,7 +233,7 @@ def test_logs_in_the_wrong_order_are_noticed_by_the_matches(drive, tmp_path, cap
     assert cli.main([*evaluate, str(query), str(reference)]) == 0
     out, err = capsys.readouterr()
     assert "P@100R 0.000" in out
-    assert "in the other order, 100% of the matches would be right instead of 0%" in err
+    assert "in the other order, 100% of the matches would be correct instead of 0%" in err
 
 
 def test_one_track_is_no_ground_truth(drive, tmp_path, capsys):

@@ -81,7 +81,10 @@ RUNS = [
     ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
     (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
-     "--odometry {f}/odometry.csv", 0),
+     "--odometry {f}/odometry.csv --export {f}/matched.tum", 0),
+    ("replay {f}/results -o {f}/match.gif --frames 3 --fps 5 --start 0.5 --end 1.5", 0),
+    ("replay {f}/filtered -o {f}/match.html --frames 2 --all-events", 0),
+    ("replay {f}/filtered -o {f}/match.html --frames 2 --overwrite", 0),
     ("map {f}/reference.npz -o {f}/wide_map.npz --pixels 60 --sigma 0 --tau 100ms", 0),
     ("match {f}/wide_map.npz {f}/query.npz -o {f}/registered --register --no-figures", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
@@ -292,7 +295,7 @@ def small_loads(monkeypatch):
 
 
 #: flags whose value is written
-WRITES = {"-o", "--matrix", "--log", "--record", "--json", "--csv", "--figure"}
+WRITES = {"-o", "--export", "--matrix", "--log", "--record", "--json", "--csv", "--figure"}
 
 
 def written(line):

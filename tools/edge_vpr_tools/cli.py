@@ -33,6 +33,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "map": "make a reference map from a recording of one drive",
         "match": "find the place of the map for each window of another drive",
         "evaluate": "compare matches with the ground truth: precision, recall, figures",
+        "replay": "show a match as a film: events, cost of each place, position, probability",
         "sweep": "run many settings on many drives, on this machine or on a cluster",
         "compare": "show the results of several runs and sweeps in one table and one figure",
         "calibrate": "learn how probable right matches are, from a drive with ground truth",
@@ -356,7 +357,7 @@ def run(argv: Sequence[str]) -> None:
         )
     args = parser_of(verb).parse(words)
     level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
-    with verbosity(level):
+    with verbosity(level, argv):
         command = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
         with compiling_noted():
             command.run(args)

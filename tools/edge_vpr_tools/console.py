@@ -16,6 +16,7 @@ from rich.text import Text
 
 from edge_vpr.compile_report import compiling_reported
 from edge_vpr.errors import escaped, printable
+from edge_vpr.run_log import log_warning, logged_run
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
@@ -32,11 +33,19 @@ _now = [Verbosity.NORMAL]
 
 
 @contextmanager
-def verbosity(level: Verbosity) -> Iterator[None]:
-    """Print as much as `level` allows within the block."""
+def verbosity(level: Verbosity, command: Sequence[str] = ()) -> Iterator[None]:
+    """Print as much as `level` allows within the block, which has its own list of warnings.
+
+    Parameters
+    ----------
+    level : Verbosity
+    command : sequence of str, optional
+        Words of the command that runs in the block; by default those of the process.
+    """
     _now.append(level)
     try:
-        yield
+        with logged_run(command):
+            yield
     finally:
         _now.pop()
 
@@ -76,7 +85,8 @@ def detail_settings(settings: Mapping[str, object]) -> None:
 
 
 def warning(text: str) -> None:
-    """Print a warning on standard error, even if quiet."""
+    """Print a warning on standard error, even if quiet, and keep it for the record of the run."""
+    log_warning(text)
     error_line(f"warning: {text}")
 
 

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from edge_vpr.descriptors.windows import PublishedWindows
-from edge_vpr.errors import GroundTruthError
+from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.tracks import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, open_recording, parse_period
 from edge_vpr.recordings.recording import crop_of
 from edge_vpr.reference_map import MatchResult, ReferenceMap
-from edge_vpr_tools.console import note, warning
+from edge_vpr.results import InputFile, hash_input
+from edge_vpr.route import Odometry
+from edge_vpr_tools.cli import find_verb, parser_of
+from edge_vpr_tools.console import warning
 from edge_vpr_tools.runs.truth_files import load_truth
 
 # Open recordings with the flags of the command line, and describe their faults.
@@ -101,7 +107,7 @@ def _share_right(matches: Matches, truth: GroundTruth) -> float:
 
 
 def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, GroundTruth]:
-    """Read a folder of results and its ground truth, and print notes on doubtful inputs.
+    """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
 
     Parameters
     ----------
@@ -131,15 +137,78 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
     )
     truth = truth_of(args.ground_truth, offset_s=args.offset)
     for line in truth.notes:
-        note(line)
+        warning(line)
     right = _share_right(matches, truth)
     if len(args.ground_truth) == 2 and right < 1 - _SWAPPED_BY:
         offsets = None if args.offset is None else args.offset[::-1]
         with suppress(GroundTruthError):  # the tracks fit these drives in one order only
             swapped = _share_right(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
             if swapped > right + _SWAPPED_BY:
-                note(
+                warning(
                     f"with the two logs in the other order, {swapped:.0%} of the matches would be "
-                    f"right instead of {right:.0%}: name the log of the reference first"
+                    f"correct instead of {right:.0%}: name the log of the reference first"
                 )
     return reference, matches, truth
+
+
+# The inputs of an earlier `edge-vpr match`, opened again with the flags that it had.
+
+
+class RecordedInputs:
+    """The files that a run has read; each is opened when it is asked for.
+
+    Parameters
+    ----------
+    run : mapping
+        Contents of `run.json`.
+    """
+
+    def __init__(self, run: Mapping[str, Any]) -> None:
+        self._files = run.get("inputs", ())
+        verb, words = find_verb([str(word) for word in run.get("command", ())][1:])
+        self._args: argparse.Namespace | None = None
+        if verb == "match":
+            self._args = parser_of(verb).parse(words)
+
+    def recording(self, what: str) -> Recording | PublishedWindows:
+        """Open the recording of the query.
+
+        Parameters
+        ----------
+        what : str
+            What needs it, for the message.
+
+        Raises
+        ------
+        UsageError
+            If the run was not of `edge-vpr match`, or the recording has moved or changed.
+        """
+        if self._args is None:
+            raise UsageError(
+                f"{what} needs the recording, which the record of this run does not name: replay "
+                "results of edge-vpr match"
+            )
+        return open_source(self._args, self._unchanged(self._args.recording, what))
+
+    def odometry(self) -> Odometry | None:
+        """Read the odometry of the query; None if the run had none.
+
+        Raises
+        ------
+        UsageError
+            If the file has moved or changed.
+        """
+        if self._args is None or self._args.odometry is None:
+            return None
+        return load_odometry(self._unchanged(self._args.odometry, "a match with --odometry"))
+
+    def _unchanged(self, path: str, what: str) -> str:
+        remedy = "run edge-vpr replay in the folder where edge-vpr match ran, or match again"
+        if not Path(path).exists():
+            raise UsageError(f"{path}, which {what} needs, is not there: {remedy}")
+        for record in self._files:
+            if record["path"] == path and hash_input(Path(path)) != InputFile(**record):
+                raise UsageError(
+                    f"{path}, which {what} needs, has changed since it was matched: {remedy}"
+                )
+        return path

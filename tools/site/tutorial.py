@@ -15,9 +15,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "tutorial.md"
 #: pictures of the page, and the files of the run that they are
 PICTURES = {
-    "tutorial_pixels.png": "results/pixels.png",
-    "tutorial_distances.png": "results/distance_matrix.png",
-    "tutorial_online.png": "live/online.png",
+    "tutorial_pixels.svg": "results/pixels.svg",
+    "tutorial_distances.svg": "results/distance_matrix.svg",
+    "tutorial_online.svg": "live/matches.svg",
 }
 _CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edge_vpr.run_log import warnings_so_far
 from edge_vpr_tools.console import answer
 from edge_vpr_tools.flags import FIGURES_HELP, add_truth_flags
 
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
     add_truth_flags(parser.add_argument_group("ground truth"))
     output = parser.add_argument_group("output")
-    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
+    output.add_argument("--figures", metavar="FORMATS", default="svg", help=FIGURES_HELP)
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
@@ -57,6 +58,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.style import read_formats
     from edge_vpr_tools.report.traverse import write_report
+    from edge_vpr_tools.report.verdict import outcome_of
     from edge_vpr_tools.runs.truth_files import load_tracks
 
     folder, formats = Path(args.results), read_formats(args.figures)
@@ -76,9 +78,12 @@ def run(args: argparse.Namespace) -> None:
     if route is None and len(args.ground_truth) == 2:
         track, _ = load_tracks(args.ground_truth, args.offset)
         route = with_positions(reference, track).route
-    write_report(folder, truth, found, formats, route)
+    outcome = outcome_of(reference, matches, truth, found)
+    metrics["verdict"] = outcome.sentence()
+    write_report(folder, outcome, formats, route, warnings_so_far())
     write_json(folder / results.METRICS, metrics)
 
+    answer(outcome.sentence())
     answer(
         f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
         f"average precision {found.curve.average_precision:.3f}   "

@@ -36,11 +36,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
-    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
+    output.add_argument("--figures", metavar="FORMATS", default="svg", help=FIGURES_HELP)
     output.add_argument(
         "--matrix", metavar="FILE.npy",
         help="also write the distance of every place (row) to every query window (column)",
     )  # fmt: skip
+    output.add_argument(
+        "--export",
+        metavar="FILE",
+        action="append",
+        help="also write the matched positions as a track: .gpx or .geojson for maps, of a map "
+        "with a GPS log, or .tum for evo, of any map with positions; may be given several times",
+    )
     online = parser.add_argument_group("online matching")
     online.add_argument(
         "--online", action="store_true",
@@ -96,7 +103,7 @@ def match_online(
     from edge_vpr_tools.inputs import describe_faults, open_from
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
     from edge_vpr_tools.report.style import read_formats
-    from edge_vpr_tools.runs.matching import report_shift
+    from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
@@ -111,12 +118,13 @@ def match_online(
     report_shift(reference, found)
     matches, metrics = found.matches, found.metrics
     assert isinstance(metrics, OnlineMetrics)
+    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, list(filter(None, (args.map, args.recording, args.odometry))))
         if not args.no_figures:
-            from edge_vpr_tools.report.traverse import write_online_figure
+            from edge_vpr_tools.report.traverse import write_report
 
-            write_online_figure(folder, found.reference, matches, read_formats(args.figures))
+            write_report(folder, formats=read_formats(args.figures))
     duration_s = metrics.times_real_time * metrics.localising_s
     summary(
         f"{output}: {len(matches):,} matches of {metrics.events:,} events over "
@@ -127,13 +135,14 @@ def match_online(
         f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times real "
         "time"
     )
-    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
+    export_tracks(args.export or (), found.reference, matches)
 
 
 def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
     from edge_vpr import results
     from edge_vpr.archive import kind_of, write_npy
+    from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tracks import load_odometry
     from edge_vpr.map_record import KIND as MAP_KIND
     from edge_vpr.pipeline import query_distances
@@ -141,7 +150,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
     from edge_vpr_tools.report.style import read_formats
-    from edge_vpr_tools.runs.matching import report_shift
+    from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -156,11 +165,12 @@ def run(args: argparse.Namespace) -> None:
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
     reference = ReferenceMap.load(args.map)
+    for path in args.export or ():
+        check_track_file(path, reference)
+        results.check_new_file(Path(path), inputs, args.overwrite)
     settings = with_match_flags(args, reference.settings, online=args.online)
     asked = reference.matched_with(settings)
-    _ = (
-        asked.acceptance
-    )  # a precision that the table cannot reach is an error before any work is done
+    _ = asked.acceptance  # a precision that the table cannot reach is an error before any work
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
@@ -178,6 +188,7 @@ def run(args: argparse.Namespace) -> None:
     report_shift(reference, found)
     queries, matches, metrics = found.queries, found.matches, found.metrics
     assert queries is not None and isinstance(metrics, MatchMetrics)
+    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)
         if not args.no_figures:
@@ -189,6 +200,7 @@ def run(args: argparse.Namespace) -> None:
         f"{reference.bytes_text}{describe_removed(found.removed, settings)}"
         f"{describe_faults(recording)}"
     )
+    export_tracks(args.export or (), found.reference, matches)
     if matrix is not None:
         asked = found.reference.matched_with(matches.settings)
         distances = query_distances(asked, queries, odometry)
@@ -200,13 +212,11 @@ def run(args: argparse.Namespace) -> None:
     )
     if not args.no_figures:
         summary(f"see {output / results.REPORT}; is it right? edge-vpr evaluate {output} --help")
-    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
 
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
     """Check that a matrix can be written, before any work is done."""
     from edge_vpr import results
-    from edge_vpr.files import check_output
 
     if args.online:
         raise UsageError(
@@ -214,7 +224,4 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
         )
     if matrix.suffix != ".npy":
         raise UsageError(f"matrix {matrix} does not end in .npy: name it for example distances.npy")
-    check_output(matrix, inputs)
-    results.check_parent(matrix)
-    if matrix.exists() and not args.overwrite:
-        raise UsageError(f"{matrix} exists: name another file, or replace it with --overwrite")
+    results.check_new_file(matrix, inputs, args.overwrite)

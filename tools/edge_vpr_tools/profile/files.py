@@ -13,7 +13,7 @@ from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.record import PROFILE, Profile, numbers
 from edge_vpr_tools.profile.show import DESIGNS, designs, notes, rows
 from edge_vpr_tools.report.page import Page, add_run, plain
-from edge_vpr_tools.report.style import save
+from edge_vpr_tools.report.style import drawn_for_page, save
 from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 
@@ -74,4 +74,4 @@ def write_report(found: Profile, folder: Path) -> None:
 
 def _add(page: Page, path: Path, drawing: Figure, caption: str) -> None:
     save(drawing, path)
-    page.picture(path.read_bytes(), caption)
+    page.picture(drawn_for_page(drawing), caption)

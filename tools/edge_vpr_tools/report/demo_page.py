@@ -6,11 +6,14 @@ from pathlib import Path
 
 from edge_vpr import results
 from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr.reference_map import write_matched
 from edge_vpr.results import read_json
 from edge_vpr_tools.report import figures
+from edge_vpr_tools.report.figures import over_time
 from edge_vpr_tools.report.page import Page, add_run
-from edge_vpr_tools.report.style import along_route, save, seconds
+from edge_vpr_tools.report.style import along_route, drawn_for_page, save, seconds
 from edge_vpr_tools.report.traverse import shown_distances
+from edge_vpr_tools.report.verdict import outcome_of
 from edge_vpr_tools.research.experiments import simulated
 from edge_vpr_tools.research.experiments.simulated import Latency
 from edge_vpr_tools.research.experiments.trial import Trial
@@ -46,7 +49,7 @@ def _reading(trials: dict[str, Trial]) -> list[str]:
     share = {name: trial.evaluation.precision_at_100_recall for name, trial in trials.items()}
 
     def compare(claim: str, first: str, second: str) -> str:
-        return f"{claim}: {share[first]:.0%} right against {share[second]:.0%}."
+        return f"{claim}: {share[first]:.0%} correct against {share[second]:.0%}."
 
     return [
         compare(
@@ -58,8 +61,8 @@ def _reading(trials: dict[str, Trial]) -> list[str]:
         compare("Counts as 3-bit logarithms against counts", simulated.CODED, simulated.BEST),
         compare("25 varying pixels against 25 random ones", simulated.FEW, simulated.FEW_RANDOM),
         "One street of one seed; `edge-vpr experiment simulated` gives five, with their spread.",
-        "P@100R: share of right matches when every window is matched; R@99P: recall at 99 % "
-        f"precision; right is within {simulated.TOLERANCE_M:g} m.",
+        "P@100R: share of correct matches when every window is matched; R@99P: recall at 99 % "
+        f"precision; correct is within {simulated.TOLERANCE_M:g} m.",
     ]
 
 
@@ -68,13 +71,13 @@ def _latency_line(latencies: dict[str, Latency]) -> str:
         f"{name} {found.median_s:.2f} s ({found.seconds.size} of {found.places} places recognised)"
         for name, found in latencies.items()
     ]
-    return "From entering a place to its first right match, median: " + "; ".join(parts) + "."
+    return "From entering a place to its first correct match, median: " + "; ".join(parts) + "."
 
 
 def write_report(
     folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency], track: Track
 ) -> None:
-    """Write ``report.html`` and its figures.
+    """Write ``report.html`` and its figures, and map and matches of the default.
 
     Parameters
     ----------
@@ -88,6 +91,9 @@ def write_report(
     """
     best, by_time = trials[simulated.BEST], trials[simulated.BY_TIME]
     page = Page("edge-vpr: one street, driven twice")
+    default = trials[simulated.DEFAULT]
+    outcome = outcome_of(default.reference, default.matches, default.truth, default.evaluation)
+    page.verdict(outcome.sentence())
     page.text(
         "A simulated street of 900 m, seen by an event camera of 128 x 128 pixels. The second "
         "drive goes at half to double the first one's speed, in another light, with other traffic."
@@ -96,14 +102,19 @@ def write_report(
     for line in remarks(trials, latencies):
         page.text(line)
     curves = {name: trial.evaluation for name, trial in trials.items()}
+    write_matched(
+        folder, with_positions(default.reference, track), default.matches, default.queries
+    )
     drawings = [
+        ("matches.png", over_time(outcome),
+         "The default: how far each match is from the true place, and how probable it is."),
         ("precision_recall.png", figures.precision_recall(curves),
          "Precision against recall of every variant."),
     ]  # fmt: skip
     for name, trial, caption in (
         (
             "place_filter.png",
-            trials[simulated.DEFAULT],
+            default,
             "The default: the place filter, with codes that other light does not move.",
         ),
         ("fixed_n.png", best, "Fixed N: equal motion makes equal windows."),
@@ -126,6 +137,6 @@ def write_report(
     ]  # fmt: skip
     for name, drawing, caption in drawings:
         save(drawing, folder / name)
-        page.picture((folder / name).read_bytes(), caption)
+        page.picture(drawn_for_page(drawing), caption)
     add_run(page, read_json(folder / results.RUN, "run the demo again"))
     page.write(folder / results.REPORT)

@@ -32,7 +32,7 @@ class ExperimentPage:
         """Give the file to draw to, while an experiment runs."""
         with tempfile.TemporaryDirectory() as folder:
             self._folder = Path(folder)
-            yield self._folder / "figure.png"
+            yield self._folder / "figure.svg"
         self._folder = None
 
     def add(self, name: str, summary: str, markdown: str) -> None:
@@ -55,7 +55,7 @@ class ExperimentPage:
                 self._page.table(header, rows)
             elif block.strip():
                 self._page.text(" ".join(lines))
-        for path in sorted(self._folder.glob("*.png")) if self._folder else ():
+        for path in sorted(self._folder.glob("*.svg")) if self._folder else ():
             self._page.picture(path.read_bytes(), f"Figure of experiment {name}.")
 
     def write(self, path: Path) -> None:

@@ -7,9 +7,12 @@ show in a notebook.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,27 +21,264 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.evaluation.tracks import Kind, local_metres
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.page import MISSED
 from edge_vpr_tools.report.style import (
     BLUE,
     CYCLE,
+    GREY,
     ORANGE,
     RED,
     SKY,
     Scale,
     add_scale,
     figure,
+    legend_below,
     look,
+    panels,
 )
+from edge_vpr_tools.report.verdict import Bools, Outcome
+
+# Figures of what became of each match: correct, wrong or not accepted.
+
+
+#: width of a figure in inches, at which its letters can be read on a telephone
+WIDTH = 5.4
+#: more points are drawn as a raster within the figure
+_MOST_SHAPES = 2_000
+#: area of the dot of the pixel with most events, in points squared
+_LARGEST_DOT = 60.0
+
+Floats = npt.NDArray[np.float64]
+
+
+class _Group(NamedTuple):
+    """Matches that look the same."""
+
+    label: str
+    of: Bools
+    look: dict[str, Any]
+
+
+def _groups(outcome: Outcome) -> list[_Group]:
+    """Return the matches by what became of them, those to be drawn on top last; none is empty."""
+    taken = outcome.accepted
+    ring = {"s": 22, "facecolors": "none", "edgecolors": GREY, "linewidths": 1.0}
+    cross = {"s": 36, "marker": "X", "linewidths": 0}
+    dot = {"s": 16, "color": BLUE, "linewidths": 0}
+    if outcome.found is None:
+        label = "match" if outcome.precision is None else "accepted"
+        groups = [_Group("not accepted", ~taken, ring), _Group(label, taken, dot)]
+    else:
+        correct, wrong = outcome.correct, outcome.wrong
+        accepted = "" if outcome.precision is None else ", accepted"
+        groups = [
+            _Group(f"correct{accepted}", correct & taken, dot),
+            _Group("correct, not accepted", correct & ~taken, ring),
+            _Group("wrong, not accepted", wrong & ~taken, {**cross, "color": GREY}),
+            _Group(f"wrong{accepted}", wrong & taken, {**cross, "color": RED}),
+        ]
+    return [group for group in groups if group.of.any()]
+
+
+def draw_outcomes(axes: Axes, x: Floats, y: Floats, outcome: Outcome) -> None:
+    """Draw a mark for each match, by what became of it, with labels for a legend.
+
+    Parameters
+    ----------
+    axes : Axes
+    x, y : ndarray of float64, shape (n,)
+    outcome : Outcome
+    """
+    for group in _groups(outcome):
+        axes.scatter(
+            x[group.of], y[group.of], **group.look, zorder=3,
+            label=f"{group.label} ({np.count_nonzero(group.of):,})",
+            rasterized=bool(np.count_nonzero(group.of) > _MOST_SHAPES),
+        )  # fmt: skip
+
+
+def seen_from_above(outcome: Outcome, place: Floats, at: Floats, kind: Kind) -> Figure:
+    """Draw the route with a mark for each match, where the camera was.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    place : ndarray of float64, shape (K, d)
+        Positions of the places, d of 2 or more; NaN where not known.
+    at : ndarray of float64, shape (n, d)
+        Position of each match to draw: of the query where it is known, else of the place. A line
+        leads from it to the place, if the match is wrong.
+    kind : {"metric", "geographic"}
+    """
+    origin = place[np.isfinite(place).all(axis=1)][0]
+    route, shown = (local_metres(kind, values, origin)[:, :2] for values in (place, at))
+    across, along = np.ptp(route[np.isfinite(route).all(axis=1)], axis=0)
+    height = float(np.clip(WIDTH * along / max(across, 1e-9), 2.2, 5.5))
+    with figure(WIDTH, height + 1.2) as (drawing, axes):
+        axes.plot(*route.T, color=GREY, lw=1.2, alpha=0.7, zorder=1, label="route of the map")
+        matched = route[outcome.matches.place]
+        for of, colour in ((outcome.wrong & ~outcome.accepted, GREY),
+                           (outcome.wrong & outcome.accepted, RED)):  # fmt: skip
+            lines = list(np.stack([shown[of], matched[of]], axis=1))
+            axes.add_collection(
+                LineCollection(lines, colors=colour, linewidths=0.9, alpha=0.6, zorder=2)
+            )
+        draw_outcomes(axes, shown[:, 0], shown[:, 1], outcome)
+        axes.set_aspect("equal", adjustable="datalim")
+        east_north = ("east (m)", "north (m)") if kind == "geographic" else ("x (m)", "y (m)")
+        axes.set(xlabel=east_north[0], ylabel=east_north[1])
+        legend_below(drawing, [axes], 2, fontsize=10)
+    return drawing
+
+
+def along_the_way(outcome: Outcome, at: Floats, label: str) -> Figure:
+    """Draw where on the way each match was made, a row for each of correct, wrong and so on.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    at : ndarray of float64, shape (n,)
+        Position of each match along the way.
+    label : str
+        Of the axis, with the unit.
+    """
+    groups = _groups(outcome)[::-1]
+    with figure(WIDTH, 0.8 + 0.36 * len(groups)) as (drawing, axes):
+        for row, group in enumerate(groups):
+            colour = group.look.get("color", GREY)
+            where = at[group.of]
+            axes.eventplot(
+                where[np.isfinite(where)], lineoffsets=row, linelengths=0.7, linewidths=1.2,
+                colors=colour, rasterized=bool(where.size > _MOST_SHAPES),
+            )  # fmt: skip
+        names = [f"{group.label} ({np.count_nonzero(group.of):,})" for group in groups]
+        axes.set_yticks(range(len(groups)), names)
+        axes.set(xlabel=label, ylim=(len(groups) - 0.5, -0.5))
+        axes.grid(visible=False, axis="y")
+    return drawing
+
+
+def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") -> Figure:
+    """Draw the error of each match over time, or else its place, and below it the probability.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    place : ndarray of float64, shape (n,), optional
+        Position of each matched place along the route, needed before an evaluation; by default its
+        number.
+    label : str, optional
+        Of this position.
+    """
+    errors, probability = outcome.errors, outcome.matches.probability
+    rated = bool(np.isfinite(probability).any())
+    with panels(1 + rated, 1, WIDTH, 4.0 + 2.0 * rated, sharex=True) as (drawing, rows):
+        upper = rows[0, 0]
+        if errors is None or outcome.truth is None:
+            shown = outcome.matches.place.astype(np.float64) if place is None else place
+            draw_outcomes(upper, outcome.time_s, shown, outcome)
+            upper.set(ylabel=label or "place")
+        else:
+            draw_outcomes(upper, outcome.time_s, errors, outcome)
+            _error_axis(upper, outcome.truth, errors[outcome.correct | outcome.wrong])
+        if rated:
+            lower = rows[1, 0]
+            draw_outcomes(lower, outcome.time_s, probability, outcome)
+            lower.set(ylabel="probability", ylim=(-0.04, 1.04))
+        rows[-1, 0].set(xlabel="time of the query (s)")
+        legend_below(drawing, [upper], 2, fontsize=10)
+    return drawing
+
+
+def _error_axis(axes: Axes, truth: GroundTruth, errors: Floats) -> None:
+    """Scale the axis of errors: linear up to the tolerance, logarithmic beyond."""
+    tolerance = None if truth.positions is None else truth.positions.tolerance
+    largest = float(np.nanmax(errors, initial=0.0))
+    if tolerance:
+        axes.axhline(tolerance, color=GREY, lw=1, ls="--")
+        axes.text(
+            0.99, tolerance, f"tolerance {tolerance:g} {truth.error_unit}", color=GREY, fontsize=9,
+            ha="right", va="bottom", transform=axes.get_yaxis_transform(),
+        )  # fmt: skip
+        if largest > 3 * tolerance:
+            axes.set_yscale("symlog", linthresh=tolerance, linscale=1.0)
+            decades = 10.0 ** np.arange(np.ceil(np.log10(tolerance)), np.log10(largest) + 1)
+            ticks = [0.0, tolerance, *decades[decades > 1.5 * tolerance]]
+            axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
+            axes.minorticks_off()
+    axes.set_ylim(0, 1.12 * max(largest, 1.25 * (tolerance or 0.0), 1e-9))
+    axes.set_ylabel(f"error ({truth.error_unit})")
+
+
+class Window(NamedTuple):
+    """A window to show: its title, and the counts at the selected pixels, shape (J,)."""
+
+    title: str
+    counts: npt.NDArray[np.integer]
+
+
+def dot_sizes(counts: npt.NDArray[np.integer], most: float) -> Floats:
+    """Return the area of the dot of each pixel, in points squared; see `draw_window`."""
+    return _LARGEST_DOT * np.minimum(counts / max(most, 1e-9), 1.0)
+
+
+def draw_window(axes: Axes, reference: ReferenceMap, window: Window, most: float) -> PathCollection:
+    """Draw the selected pixels of a window on the sensor, larger where more events were counted.
+
+    Parameters
+    ----------
+    axes : Axes
+    reference : ReferenceMap
+        Whose pixels they are.
+    window : Window
+    most : float
+        Count of the largest dot.
+
+    Returns
+    -------
+    PathCollection
+        The dots, whose sizes may be changed.
+    """
+    pixels, sensor = reference.pixel_map, reference.pixel_map.sensor
+    sizes = dot_sizes(window.counts, most)
+    dots = axes.scatter(pixels.x, pixels.y, s=sizes, color=BLUE, linewidths=0, alpha=0.85)
+    axes.scatter(pixels.x, pixels.y, s=1.5, color=GREY, linewidths=0)
+    axes.set(
+        xlim=(-0.5, sensor.width - 0.5), ylim=(sensor.height - 0.5, -0.5), xticks=[], yticks=[]
+    )
+    axes.set_aspect("equal")
+    axes.grid(visible=False)
+    axes.set_title(window.title, fontsize=10)
+    for spine in axes.spines.values():
+        spine.set(visible=True, color=GREY)
+    return dots
+
+
+def windows_side_by_side(reference: ReferenceMap, windows: list[Window]) -> Figure:
+    """Draw windows in a row, with equal scales; see `draw_window`."""
+    sensor = reference.pixel_map.sensor
+    most = float(np.percentile(np.concatenate([window.counts for window in windows]), 99))
+    height = WIDTH / len(windows) * sensor.height / sensor.width + 0.3
+    with panels(1, len(windows), WIDTH, height) as (drawing, (row,)):
+        for axes, window in zip(row, windows, strict=True):
+            draw_window(axes, reference, window, most)
+    return drawing
+
+
+def total_counts(reference: ReferenceMap, drive: Descriptors) -> npt.NDArray[np.int64]:
+    """Return the counts of the windows at each selected pixel, of both polarities, shape (n, J)."""
+    counts = reference.decoded(drive).counts.astype(np.int64)
+    return counts.reshape(len(counts), -1, len(reference.pixel_map)).sum(axis=1)
 
 
 def selected_pixels(reference: ReferenceMap) -> Figure:
     """Draw the selected pixels over the map that they were drawn from."""
     sensor = reference.pixel_map.sensor
     what = "mean" if reference.settings.strategy == "seed-code" else "variance"
-    with figure(7.0, 1.5 + 5.2 * sensor.height / sensor.width) as (drawing, axes):
+    with figure(WIDTH, 2.0 + 4.4 * sensor.height / sensor.width) as (drawing, axes):
         shown = np.where(reference.hot, np.nan, reference.saliency)
         # a few pixels can vary a thousand times more than most: the root keeps the others visible
         image = axes.imshow(np.sqrt(shown), cmap="cividis", interpolation="nearest")
@@ -54,15 +294,14 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
         y, x = np.nonzero(reference.hot)
         if x.size:
             axes.scatter(x, y, s=30, marker="x", color=RED, label=f"{x.size} hot pixels, left out")
-        bar = drawing.colorbar(image, ax=axes, shrink=0.8)
+        bar = drawing.colorbar(image, ax=axes, shrink=0.8, location="bottom", aspect=30)
         bar.set_label(f"square root of the {what} of events per window")
         axes.set(
-            title=f"Selected pixels ({reference.settings.strategy}) over the {what} of counts",
             xlabel="column (px)",
             ylabel="row (px)",
         )
         axes.grid(visible=False)
-        axes.legend(loc="upper left", bbox_to_anchor=(0, -0.09), ncols=2)
+        legend_below(drawing, [axes], 2, fontsize=9)
     return drawing
 
 
@@ -94,7 +333,7 @@ def distance_matrix(
         first - 0.5,
         first + distances.shape[0] * stride - 0.5,
     )
-    with figure(7.5, 6.8) as (drawing, axes):
+    with figure(WIDTH, 6.2) as (drawing, axes):
         image = axes.imshow(
             distances, cmap="gray", origin="lower", aspect="auto", extent=extent,
             interpolation="nearest",
@@ -110,15 +349,15 @@ def distance_matrix(
             right, wrong = found.correct, found.evaluated & ~found.correct
             axes.plot(matches.query[wrong], matches.place[wrong], "x", color=RED, ms=5)
             axes.plot(matches.query[right], matches.place[right], ".", color=ORANGE, ms=4)
-            handles.append(_dot(ORANGE, ".", f"right match ({right.sum()})"))
-            handles.append(_dot(RED, "x", f"wrong match ({wrong.sum()})"))
-        bar = drawing.colorbar(image, ax=axes, shrink=0.8)
+            handles.append(_dot(ORANGE, ".", f"correct match ({right.sum()})"))
+            if wrong.any():
+                handles.append(_dot(RED, "x", f"wrong match ({wrong.sum()})"))
+        bar = drawing.colorbar(image, ax=axes, location="bottom", shrink=0.8, aspect=30)
         length = matches.settings.windows_per_match
         unit = "events" if matches.settings.counter_code == "none" else "codes"
         of = "of one window" if length == 1 else f"mean over sequences of {length} windows"
         bar.set_label(f"distance, {of} ({unit})")
         axes.set(
-            title="Distance of each query to each place, and the best matches",
             xlabel="query window",
             ylabel="reference place",
         )
@@ -127,13 +366,14 @@ def distance_matrix(
             add_scale(axes, "top", query_scale)
         if place_scale is not None:
             add_scale(axes, "right", place_scale)
-        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, -0.08), ncols=3)
+        drawing.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9)
     return drawing
 
 
 def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
     """Draw the precision-recall curve of each variant, with P@100R and R@99P."""
-    with figure(7.5, 5.2) as (drawing, axes):
+    single = len(curves) == 1
+    with figure(WIDTH if single else 7.5, 4.2 if single else 5.2) as (drawing, axes):
         for i, (name, found) in enumerate(curves.items()):
             axes.step(
                 found.curve.recall,
@@ -147,13 +387,15 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
         axes.axhline(0.99, color="gray", lw=0.8)
         some = next(iter(curves.values()))
         axes.set(
-            title=f"Precision and recall over all thresholds on the {some.score}",
-            xlabel=f"recall (missed queries: {MISSED[some.recall_denominator]})",
+            title=f"Thresholds on the {some.score}",
+            xlabel=f"recall (missed: {MISSED[some.recall_denominator]})",
             ylabel="precision",
             xlim=(0, 1.01),
             ylim=(0, 1.03),
         )
-        if len(curves) == 1:
+        if single:
+            least = float(some.curve.precision.min())
+            axes.set_ylim(least - 0.3 * (1 - least), 1 + 0.1 * (1 - least))
             axes.legend(loc="lower left", fontsize=9)
         else:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
@@ -161,14 +403,14 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
 
 
 def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
-    """Draw the share of right matches against their stated probability.
+    """Draw the share of correct matches against their stated probability.
 
     Parameters
     ----------
     found : mapping of str to Reliability
         By what the matches are; the name is not shown if there is only one.
     """
-    with figure(6.5, 5.2) as (drawing, axes):
+    with figure(WIDTH, 4.8) as (drawing, axes):
         axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="probability equals share")
         for (name, one), colour in zip(found.items(), CYCLE, strict=False):
             axes.plot(one.probability, one.right, color=colour, lw=1.5)
@@ -181,8 +423,8 @@ def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
         axes.set(
             title="Reliability: expected calibration error"
             + (", larger dots: more" if single is None else f" {_error(single)}"),
-            xlabel="probability of being right, from the trust",
-            ylabel="share of right matches",
+            xlabel="probability of being correct",
+            ylabel="share of correct matches",
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
@@ -196,7 +438,7 @@ def _error(found: Reliability) -> str:
 
 def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     """Draw events a second over time, of the whole sensor and of the selected pixels."""
-    with figure(7.5, 4.2) as (drawing, axes):
+    with figure(WIDTH, 3.9) as (drawing, axes):
         for (name, drive), colour in zip(drives, (BLUE, ORANGE), strict=False):
             seconds = np.maximum(drive.end_us - drive.start_us, 1) / 1e6
             time = drive.centre_us / 1e6
@@ -207,7 +449,6 @@ def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
             )
         axes.set_yscale("log")
         axes.set(
-            title="Event rate of the whole sensor and of the selected pixels",
             xlabel="time (s)",
             ylabel="events per second",
         )
@@ -217,45 +458,17 @@ def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
 
 def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     """Draw how long each window lasted."""
-    with figure(7.5, 3.8) as (drawing, axes):
+    with figure(WIDTH, 3.5) as (drawing, axes):
         for (name, drive), colour in zip(drives, (BLUE, ORANGE), strict=False):
             seconds = (drive.end_us - drive.start_us) / 1e6
             label = f"{name}: median {np.median(seconds):.3g} s, {len(drive)} windows"
             axes.plot(drive.centre_us / 1e6, seconds, color=colour, lw=1.5, label=label)
         axes.set(
-            title="Length of each window",
             xlabel="time (s)",
             ylabel="length (s)",
         )
         axes.set_ylim(bottom=0)
         axes.legend(fontsize=9)
-    return drawing
-
-
-def online_places(matches: Matches, place_scale: Scale | None = None) -> Figure:
-    """Draw the matched places over time; matches with little trust are light.
-
-    Parameters
-    ----------
-    matches : Matches
-    place_scale : Scale, optional
-        Of the map's places: a second axis.
-    """
-    with figure(7.5, 5.0) as (drawing, axes):
-        # more than some ten thousand points cannot be distinguished in a picture
-        shown = matches.every(1 + len(matches) // 20_000)
-        points = axes.scatter(
-            shown.time_us / 1e6, shown.place, c=shown.trust, s=3, cmap="cividis_r", rasterized=True
-        )
-        drawing.colorbar(points, ax=axes).set_label("trust")
-        axes.set(
-            title=f"Best place over time, {len(matches):,} matches",
-            xlabel="time (s)",
-            ylabel="reference place",
-            ylim=(-0.5, matches.places_in_map - 0.5),
-        )
-        if place_scale is not None:
-            add_scale(axes, "right", place_scale)
     return drawing
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import base64
+import html
 import json
 import re
-import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,8 +18,12 @@ from edge_vpr.files import replacing
 # A self-contained HTML page: text, tables and figures in one file that can be sent on.
 
 
-#: Matplotlib draws at 130 dots an inch, a browser shows 96
-_SHOWN = 96 / 130
+#: pixels of a browser in a point of a figure
+_PIXELS = 96 / 72
+#: figures are enlarged by this on a screen that is wide enough
+_ENLARGED = 1.25
+#: colours of figures that differ on a dark page, and their names in page.css
+_THEMED = {"#000000": "currentColor", "#ffffff": "var(--paper)", "#0072b2": "var(--blue)"}
 #: longer cells are text, even if they begin with a number
 _LONGEST_NUMBER = 28
 #: a number, followed by a space, a per cent sign or nothing; or a dash
@@ -49,10 +52,21 @@ class _Table:
 @dataclass(frozen=True)
 class _Picture:
     kind: ClassVar[str] = "picture"
-    data: str
+    svg: str
     caption: str
     width: int
-    height: int
+
+
+@dataclass(frozen=True)
+class _Warning:
+    kind: ClassVar[str] = "warning"
+    text: str
+
+
+@dataclass(frozen=True)
+class _Verdict:
+    kind: ClassVar[str] = "verdict"
+    text: str
 
 
 @dataclass(frozen=True)
@@ -62,10 +76,15 @@ class _Folded:
     text: str
 
 
+_Part = _Text | _Table | _Picture | _Folded | _Warning | _Verdict
+
+
 @dataclass
 class _Section:
     title: str = ""
-    parts: list[_Text | _Table | _Picture | _Folded] = field(default_factory=list)
+    parts: list[_Text | _Table | _Picture | _Folded | _Warning | _Verdict] = field(
+        default_factory=list
+    )
 
     @property
     def anchor(self) -> str:
@@ -78,6 +97,7 @@ class Page:
     def __init__(self, title: str) -> None:
         self._title = title
         self._sections = [_Section()]
+        self._pictures = 0
 
     def heading(self, text: str) -> None:
         """Start a section."""
@@ -91,13 +111,23 @@ class Page:
         """Add a table; columns in which every cell is a number are aligned on the right."""
         self._sections[-1].parts.append(_Table(tuple(header), tuple(map(tuple, rows))))
 
-    def picture(self, png: bytes, caption: str) -> None:
-        """Add a PNG, which becomes a part of the page's file."""
-        data = base64.b64encode(png).decode("ascii")
-        # with the size, the browser reserves room for a picture before it is decoded
-        width, height = struct.unpack(">II", png[16:24])
-        shown = (round(width * _SHOWN), round(height * _SHOWN))
-        self._sections[-1].parts.append(_Picture(data, caption, *shown))
+    def verdict(self, text: str) -> None:
+        """Add the most important sentence, in large letters."""
+        # a number and its unit stay in one line
+        self._sections[-1].parts.append(_Verdict(re.sub(r"(?<=\d) (?=(s|%)\b|%)", "\u00a0", text)))
+
+    def warning(self, text: str) -> None:
+        """Add a warning, in a box."""
+        self._sections[-1].parts.append(_Warning(text))
+
+    def picture(self, svg: bytes, caption: str) -> None:
+        """Add an SVG of Matplotlib, which becomes a part of the page and has its colours."""
+        self._pictures += 1
+        drawn = _themed(svg.decode("utf-8"), f"f{self._pictures}-")
+        drawn = drawn.replace("<svg", f'<svg role="img" aria-label="{html.escape(caption)}"', 1)
+        size = _VIEW.search(drawn)
+        width = round(float(size[1]) * _PIXELS * _ENLARGED) if size else 0
+        self._sections[-1].parts.append(_Picture(drawn, caption, width))
 
     def folded(self, summary: str, text: str) -> None:
         """Add preformatted text, for example JSON, which opens on a click and is not printed."""
@@ -114,11 +144,37 @@ class Page:
             keep_trailing_newline=True,
         )
         sections = [each for each in self._sections if each.parts or each.title]
-        html = pages.get_template("page.html.jinja").render(
+        text = pages.get_template("page.html.jinja").render(
             title=self._title, sections=sections, version=__version__
         )
         with replacing(path) as temporary:
-            temporary.write_text(html.lstrip(), encoding="utf-8")
+            temporary.write_text(text.lstrip(), encoding="utf-8")
+
+
+_VIEW = re.compile(r'viewBox="0 0 ([0-9.]+) ')
+#: what of an SVG file is of no use within a page: metadata, fonts, the size, and a style for all
+_OUTER = re.compile(
+    r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|font-family: [^;\"]*;? ?"
+    r'| (?:width|height)="[0-9.]+pt"',
+    re.DOTALL,
+)
+_NAMED = re.compile(r'(\bid="|href="#|url\(#)')
+_COLOUR = re.compile(r"(?<=: )#(?:000000|ffffff|0072b2)\b")
+
+
+def _themed(svg: str, prefix: str) -> str:
+    """Return an SVG file as an element of a page, in the colours of the page.
+
+    Parameters
+    ----------
+    svg : str
+        As Matplotlib writes it; black is taken as ink, and white as paper.
+    prefix : str
+        For names within it, which must be different from those of all other elements.
+    """
+    element = _OUTER.sub("", svg[svg.index("<svg") :])
+    element = _NAMED.sub(rf"\1{prefix}", element)
+    return _COLOUR.sub(lambda found: _THEMED[found[0]], element)
 
 
 def _is_number(cell: str) -> bool:
@@ -225,6 +281,6 @@ def quantity(
 
 #: queries that recall counts as missed, by the name of the denominator
 MISSED: dict[str, str] = {
-    "rejected-correct": "rejected ones whose best match was right",
+    "rejected-correct": "rejected ones whose best match was correct",
     "all-with-place": "all with a place in the map that they did not get",
 }

@@ -72,6 +72,8 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#56B4E9",
     "#000000",
 )
+#: what is of less importance, on white and on black paper
+GREY = "#808080"
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
 #: 7 colours and 5 dashes make 35 different curves, which are distinguishable where they overlap
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
@@ -230,6 +232,14 @@ def drawn(drawing: Figure, kind: str) -> bytes:
         drawing.savefig(
             target, format=kind, dpi=130, metadata=None if date is None else {date: None}
         )
+    return target.getvalue()
+
+
+def drawn_for_page(drawing: Figure) -> bytes:
+    """Return a figure as SVG without background, with text as text, for `Page.picture`."""
+    target = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "edge-vpr", "svg.fonttype": "none"}):
+        drawing.savefig(target, format="svg", dpi=130, transparent=True, metadata={"Date": None})
     return target.getvalue()
 
 

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
@@ -19,94 +18,181 @@ from edge_vpr.matching.sequences import sequence_sums
 from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.results import read_json
 from edge_vpr.route import Route
-from edge_vpr_tools.report import figures
+from edge_vpr_tools.report.figures import (
+    Window,
+    along_the_way,
+    distance_matrix,
+    event_rate,
+    over_time,
+    precision_recall,
+    reliability_diagram,
+    seen_from_above,
+    selected_pixels,
+    total_counts,
+    window_lengths,
+    windows_side_by_side,
+)
 from edge_vpr_tools.report.page import MISSED, Page, add_run
-from edge_vpr_tools.report.style import Scale, along_route, drawn, save, seconds
+from edge_vpr_tools.report.style import along_route, drawn_for_page, save, seconds
+from edge_vpr_tools.report.verdict import Outcome, outcome_of
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500
-ONLINE_FIGURE = "online"
+#: wrong matches whose windows are shown
+MOST_WINDOWS = 5
 
 
 def write_report(
     folder: Path,
-    truth: GroundTruth | None = None,
-    found: Evaluation | None = None,
-    formats: Sequence[str] = ("png",),
+    outcome: Outcome | None = None,
+    formats: Sequence[str] = (),
     route: Route | None = None,
+    warnings: Sequence[str] = (),
 ) -> None:
     """Draw the figures of a results folder and write its page.
 
     Parameters
     ----------
     folder : path
-        With a map, queries, matches and the run's record.
-    truth, found : GroundTruth and Evaluation, optional
-        After an evaluation: matches are shown right or wrong.
+        With a map, matches, the run's record, and unless they were matched online the queries.
+    outcome : Outcome, optional
+        Of an evaluation; by default, of all matches of the folder without one.
     formats : sequence of str
-        Of `report.formats.FORMATS`: each figure is written in each. The page has its own.
+        Of `report.formats.FORMATS`: each figure is also written in each.
     route : Route, optional
-        Positions of the places, for an axis in metres; without it, those that the map holds.
+        Positions of the places; without it, those that the map holds.
+    warnings : sequence of str
+        Of the evaluation; those of matching are in the run's record.
     """
     reference = ReferenceMap.load(folder / results.MAP)
-    matches = Matches.load(folder / results.MATCHES)
+    if outcome is None:
+        outcome = outcome_of(reference, Matches.load(folder / results.MATCHES))
+    matches, truth, found = outcome.matches, outcome.truth, outcome.found
     queries = read_queries(folder)
+    run = read_json(folder / results.RUN, "match again")
     route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")
 
     def add(name: str, drawing: Figure, caption: str) -> None:
-        saved = save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
-        page.picture(saved.get("png") or drawn(drawing, "png"), caption)
+        page.picture(drawn_for_page(drawing), caption)
+        drawing.set_layout_engine("none")  # the layout stays, and need not be computed again
+        save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
 
-    settings = matches.settings
-    page.text(
-        f"{len(matches)} query windows matched against {len(reference)} places, "
-        f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels, "
-        f"{reference.bytes_per_place} bytes a place ({reference.packed_bytes_per_place} packed), "
-        + (
-            "by the place filter."
-            if settings.matching == "filter"
-            else f"sequences of {settings.sequence_length}."
-        )
-    )
-    if found is not None and truth is not None:
-        page.heading("How many are right")
-        page.text(f"Ground truth: {truth.description}.")
-        page.table(("figure", "value", "what it says"), _figures_of(found))
-        add("precision_recall", figures.precision_recall(
-            {f"{len(reference.pixel_map)} pixels, {settings.strategy}": found}
-        ), "Precision against recall, one step for each threshold.")  # fmt: skip
-        certain = found.reliability
-        if certain is not None:
-            add("reliability", figures.reliability_diagram({"": certain}),
-                 "Above the line, matches are right more often than their probability; below, less."
-                 )  # fmt: skip
-    page.heading("Matches")
-    if queries is None:
-        add(ONLINE_FIGURE, figures.online_places(matches, along_route(reference, route)),
-             "A drive that is recognised makes a line; trusted matches are dark.")  # fmt: skip
+    page.verdict(outcome.sentence())
+    for text in (*run.get("warnings", ()), *warnings):
+        page.warning(text)
+    if truth is None:
+        page.text("edge-vpr evaluate adds which matches are correct, given a ground truth.")
     else:
-        scales = seconds(queries.centre_us, "query"), along_route(reference, route)
-        _add_queries(page, add, reference, queries, matches, truth, found, scales)
-    add_run(page, read_json(folder / results.RUN, "match again"))
+        page.text(f"Ground truth: {truth.description}.")
+    page.text(_described(reference, matches))
+    _add_outcome(add, reference, outcome, route)
+    if queries is not None:
+        _add_wrong_windows(page, reference, queries, outcome)
+    if found is not None:
+        page.heading("Metrics")
+        page.table(("figure", "value", "what it says"), _figures_of(found))
+        if outcome.wrong.any():  # else, the curves are straight lines
+            add("precision_recall", precision_recall(
+                {f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}": found}
+            ), "Precision against recall, one step for each threshold.")  # fmt: skip
+            if found.reliability is not None:
+                add("reliability", reliability_diagram({"": found.reliability}),
+                     "Above the line, matches are correct more often than their probability says; "
+                     "below, less often.")  # fmt: skip
+    if queries is not None:
+        _add_queries(page, add, reference, queries, outcome, route)
+    page.heading("Pixels")
+    add("pixels", selected_pixels(reference),
+         "Where the sensor sees change that differs from place to place.")  # fmt: skip
+    add_run(page, run)
     page.write(folder / results.REPORT)
 
 
-def write_online_figure(
-    folder: Path, reference: ReferenceMap, matches: Matches, formats: Sequence[str]
-) -> None:
-    """Draw the matches that a localiser gave, as ``online.png`` or in other formats.
+def _described(reference: ReferenceMap, matches: Matches) -> str:
+    by = "by the place filter"
+    if matches.settings.matching != "filter":
+        by = f"by sequences of {matches.settings.sequence_length} windows"
+    return (
+        f"{len(matches):,} matches with {len(reference):,} places {by}, at "
+        f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels; "
+        f"{reference.bytes_per_place} bytes per place ({reference.packed_bytes_per_place} packed)."
+    )
 
-    Parameters
-    ----------
-    folder : path
-    reference : ReferenceMap
-    matches : Matches
-    formats : sequence of str
-        Of `report.formats.FORMATS`.
-    """
-    drawing = figures.online_places(matches, along_route(reference, reference.route))
-    save(drawing, *(folder / f"{ONLINE_FIGURE}.{kind}" for kind in formats))
+
+def _add_outcome(
+    add: Callable[[str, Figure, str], None],
+    reference: ReferenceMap,
+    outcome: Outcome,
+    route: Route | None,
+) -> None:
+    """Draw where and when matches are correct, wrong or not accepted."""
+    places, query = outcome.matches.place, outcome.matches.query
+    level = outcome.precision
+    accepted = "" if level is None else f" Accepted: matches that --precision {level:g} keeps."
+    positions = None if outcome.truth is None else outcome.truth.positions
+    along_mm = reference.along_mm
+    spatial = positions is not None and positions.unit == "m"
+    if route is not None and route.position.shape[1] > 1:
+        at = positions.query[query] if positions is not None and spatial else route.position[places]
+        add("route", seen_from_above(outcome, route.position, at, route.kind),
+             "The route from above. Each mark is where the camera was"
+             + ("; a line leads to the place that a wrong match gave." if spatial else
+                " according to a match.") + accepted)  # fmt: skip
+    elif positions is not None and positions.query.shape[1] == 1:
+        unit = positions.unit
+        label = "way along the route (m)" if unit == "m" else f"true reference place ({unit})"
+        add("route", along_the_way(outcome, positions.query[query, 0], label),
+             f"Where on the route each match was made.{accepted}")  # fmt: skip
+    elif along_mm is not None:
+        add("route", along_the_way(outcome, along_mm[places] / 1e3, "way along the route (m)"),
+             f"The place of each match along the route.{accepted}")  # fmt: skip
+    scale = along_route(reference, route)
+    upper = "How far each match is from the true place" if outcome.truth else "The place"
+    add("matches", over_time(outcome, scale.values[places], scale.label),
+         f"{upper}, and how probable it is to be correct.{accepted}")  # fmt: skip
+
+
+def _add_wrong_windows(
+    page: Page, reference: ReferenceMap, queries: Descriptors, outcome: Outcome
+) -> None:
+    """Show the windows of the worst matches, first one of each part of the drive."""
+    errors, truth = outcome.errors, outcome.truth
+    if errors is None or truth is None or not outcome.wrong.any():
+        return
+    size = np.where(outcome.wrong, np.nan_to_num(errors, nan=np.inf), -1.0)
+    worst = [int(run[np.argmax(size[run])]) for run in outcome.wrong_runs()]
+    others = [int(i) for i in np.argsort(-size, kind="stable") if outcome.wrong[i]]
+    chosen = sorted(worst, key=lambda i: -size[i])[:MOST_WINDOWS]
+    chosen += [i for i in others if i not in chosen][: MOST_WINDOWS - len(chosen)]
+    chosen.sort(key=lambda i: -size[i])
+    page.heading("The worst matches")
+    page.text(
+        "What the selected pixels counted: in the query, at the place that was matched, and at the "
+        "correct place. Larger dots: more events."
+    )
+    seen, mapped = (total_counts(reference, drive) for drive in (queries, reference.places))
+    unit, matches = truth.error_unit, outcome.matches
+    every_place = np.arange(len(reference))
+    for number, i in enumerate(chosen, 1):
+        j, k = int(matches.query[i]), int(matches.place[i])
+        windows = [Window("query", seen[j]), Window(f"matched: place {k}", mapped[k])]
+        right = np.flatnonzero(truth.correct[:, j])
+        if right.size:
+            off = truth.errors(every_place[right], np.full(right.size, j))
+            best = int(right[np.argmin(np.nan_to_num(off, nan=np.inf))])
+            windows.append(Window(f"correct: place {best}", mapped[best]))
+        caption = f"{number}. At {outcome.time_s[i]:.1f} s"
+        if np.isfinite(errors[i]):
+            caption += f", {errors[i]:,.0f} {unit} off"
+        if np.isfinite(matches.probability[i]):
+            caption += f", with probability {matches.probability[i]:.2f}"
+        if outcome.precision is not None:
+            caption += f" ({'' if outcome.accepted[i] else 'not '}accepted"
+            caption += f" at {outcome.precision:g})"
+        if not right.size:
+            caption += "; no place of the map is correct"
+        page.picture(drawn_for_page(windows_side_by_side(reference, windows)), f"{caption}.")
 
 
 def _add_queries(
@@ -114,50 +200,44 @@ def _add_queries(
     add: Callable[[str, Figure, str], None],
     reference: ReferenceMap,
     queries: Descriptors,
-    matches: Matches,
-    truth: GroundTruth | None,
-    found: Evaluation | None,
-    scales: tuple[Scale, Scale],
+    outcome: Outcome,
+    route: Route | None,
 ) -> None:
-    """Draw the figures that need the query's descriptors; `scales` are of queries and places."""
+    """Draw the figures that need the windows of the query."""
+    page.heading("Distances")
+    distances, stride = shown_distances(reference.places, queries, outcome.matches)
+    add("distance_matrix", distance_matrix(
+        distances, stride, outcome.matches, outcome.truth, outcome.found,
+        seconds(queries.centre_us, "query"), along_route(reference, route),
+    ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
+    page.heading("Events and windows")
     drives = [
         (name, reference.decoded(drive))
         for name, drive in (("reference", reference.places), ("query", queries))
     ]
-    distances, stride = shown_distances(reference.places, queries, matches)
-    add("distance_matrix", figures.distance_matrix(
-        distances, stride, matches, truth, found, *scales
-    ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
-    page.heading("Pixels")
-    add("pixels", figures.selected_pixels(reference),
-         "Where the sensor sees change that differs from place to place.")  # fmt: skip
-    page.heading("Events and windows")
-    add("event_rate", figures.event_rate(drives),
+    add("event_rate", event_rate(drives),
          "The selected pixels follow the whole sensor, at a fraction of the events."
          + (" Their events are estimated from codes." if reference.is_coded else ""))  # fmt: skip
-    lengths = (
-        "A window of a fixed number of events is short where much moves."
-        if reference.settings.window == "count"
-        else "Windows of a fixed time are equally long."
-    )
-    add("window_lengths", figures.window_lengths(drives), lengths)
+    if reference.settings.window == "count":  # windows of a fixed time are equally long
+        add("window_lengths", window_lengths(drives),
+             "A window of a fixed number of events is short where much moves.")  # fmt: skip
 
 
 def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
     return [
         ("P@100R", f"{found.precision_at_100_recall:.3f}",
-         "share of right matches when every query is matched"),
+         "share of correct matches when every query is matched"),
         ("R@99P", f"{found.recall_at_99_precision:.3f}",
          f"largest recall at 99 % precision; missed queries: {MISSED[found.recall_denominator]}"),
         ("average precision", f"{found.curve.average_precision:.3f}",
          "area under the precision-recall curve, as a sum of steps"),
-        *((f"Recall@{n}", f"{recall:.3f}", f"a right place is among the {n} nearest")
+        *((f"Recall@{n}", f"{recall:.3f}", f"a correct place is among the {n} nearest")
           for n, recall in found.recall_at.items()),
         *_trust_figures(found),
         ("queries", f"{found.queries}", "number of queries evaluated"),
         ("unknown", f"{found.queries_unknown}", "queries left out, since their truth is not known"),
         ("without a place", f"{found.queries_without_place}",
-         "queries evaluated, although no place in the map is right"),
+         "queries evaluated, although no place in the map is correct"),
         ("tied", f"{found.queries_tied}",
          "queries with several places at the least distance; the lowest place counts"),
     ]  # fmt: skip
@@ -172,20 +252,20 @@ def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
             (
                 "calibration error",
                 found.reliability.expected_calibration_error,
-                "expected: mean gap between probabilities and shares of right matches",
+                "expected: mean gap between probabilities and shares of correct matches",
             )
         )
     if rejection.off_map:
         named += [
             (
-                "right on the map",
+                "correct on the map",
                 rejection.right_on_map,
-                "share of right matches among the queries that are on the map",
+                "share of correct matches among the queries that are on the map",
             ),
             (
                 "found at 99 % precision",
                 rejection.found_at_99_precision,
-                "right matches above the best threshold, as a share of the queries on the map",
+                "correct matches above the best threshold, as a share of the queries on the map",
             ),
             (
                 "AUROC off the map",
@@ -196,11 +276,11 @@ def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
     if rejection.accepted is not None:
         named += [
             ("accepted", rejection.accepted, "matches that are not marked lost"),
-            ("precision of the accepted", rejection.precision, "share of right ones among them"),
+            ("precision of the accepted", rejection.precision, "share of correct ones among them"),
             (
                 "recall of the accepted",
                 rejection.recall,
-                "right ones among them, as a share of the queries on the map",
+                "correct ones among them, as a share of the queries on the map",
             ),
         ]
     return [

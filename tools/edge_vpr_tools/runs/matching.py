@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from edge_vpr.evaluation.match_tracks import save_match_track
+from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr_tools.console import summary, warning
 
@@ -27,3 +31,10 @@ def report_shift(reference: ReferenceMap, found: MatchResult) -> None:
         f"moved, {pixels - len(found.reference.pixel_map)} of {pixels} are lost: fix the mounting, "
         "or make a new map"
     )
+
+
+def export_tracks(paths: Iterable[str], reference: ReferenceMap, matches: Matches) -> None:
+    """Write the matched positions to files, and report how many points each has."""
+    for path in paths:
+        points = save_match_track(path, reference, matches)
+        summary(f"{path}: a track of {points:,} of the {len(matches):,} matches")

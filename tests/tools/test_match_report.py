@@ -1,0 +1,177 @@
+"""The report of a match: its verdict, figures and warnings say what the metrics say."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+from contextlib import redirect_stdout
+from html import unescape
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.report.verdict import outcome_of
+
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import Matches
+from edge_vpr.reference_map import ReferenceMap
+
+
+def run(*words):
+    assert main([str(word) for word in words]) == 0
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    """A folder with two simulated drives, a map with positions, and matches, some of them wrong."""
+    folder = tmp_path_factory.mktemp("street")
+    run("simulate", "-o", folder / "pair", "--sensor", "tiny", "--length", 200)
+    for name in ("reference", "query"):  # the street is bent to a quarter of a circle
+        table = np.loadtxt(folder / f"pair/{name}_track.csv", delimiter=",", skiprows=1)
+        angle = table[:, 1] / 100
+        bent = np.column_stack([table[:, 0], 100 * np.sin(angle), 100 * (1 - np.cos(angle))])
+        path = folder / f"{name}.csv"
+        np.savetxt(path, bent, fmt="%.5f", delimiter=",", header="time_s,x_m,y_m", comments="")
+    drive = folder / "pair/reference.npz"
+    few = ("--pixels", 8, "--sigma", 1)
+    run("map", drive, "-o", folder / "map.npz", "--track", folder / "reference.csv", *few)
+    run("match", folder / "map.npz", folder / "pair/query.npz", "-o", folder / "results")
+    (folder / "printed.txt").write_text(evaluated(folder, folder / "results"))
+    return folder
+
+
+def evaluated(street, folder, *tracks, tolerance=3):
+    tracks = [street / f"{name}.csv" for name in tracks or ("reference", "query")]
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        run("evaluate", folder, "--ground-truth", *tracks, "--tolerance", tolerance)
+    return printed.getvalue()
+
+
+def read(folder):
+    """Return metrics, and the text of the report without tags."""
+    page = (folder / "report.html").read_text()
+    text = re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", page[page.index("<body") :])))
+    return json.loads((folder / "metrics.json").read_text()), text
+
+
+def legend(text, label):
+    """Return the numbers that the figures give for a kind of matches."""
+    return {int(n.replace(",", "")) for n in re.findall(rf"{label} \(([\d,]+)\)", text)}
+
+
+def test_the_verdict_says_what_the_metrics_say(street):
+    printed = (street / "printed.txt").read_text().splitlines()[0]
+    metrics, text = read(street / "results")
+    found = metrics["evaluation"]
+    correct = round(found["precision_at_100_recall"] * found["queries"])
+    assert 0 < correct < found["queries"]
+    assert printed == metrics["verdict"]
+    assert printed.startswith(f"{correct} of {found['queries']} matches are correct; the wrong ")
+    assert printed in text
+    kinds = [f"{a}, {b}" for a in ("correct", "wrong") for b in ("accepted", "not accepted")]
+    shown = {kind: legend(text, kind) or {0} for kind in kinds}
+    assert all(len(numbers) == 1 for numbers in shown.values())
+    (yes,), (no,), (bad,), (worse,) = shown.values()
+    assert (yes + no, bad + worse) == (correct, found["queries"] - correct)
+    share = re.search(r"(\d+) % would be accepted with --precision 0.99", printed)
+    assert abs(int(share[1]) - 100 * (yes + bad) / found["queries"]) <= 0.5
+
+
+def test_the_times_of_wrong_matches_are_those_of_the_truth(street):
+    verdict = read(street / "results")[0]["verdict"]
+    spans = re.findall(r"(\d+)(?: to (\d+))? s", verdict)
+    matches = Matches.load(street / "results/matches.npz")
+    places = ReferenceMap.load(street / "map.npz").route.position[matches.place]
+    track = np.loadtxt(street / "query.csv", delimiter=",", skiprows=1)
+    at = np.column_stack([np.interp(matches.time_us / 1e6, track[:, 0], c) for c in track.T[1:]])
+    wrong_s = matches.time_us[np.hypot(*(places - at).T) > 3] / 1e6
+    assert wrong_s.size
+    if "other times" not in verdict:
+        for t in wrong_s:
+            assert any(float(a) - 0.5 <= t <= float(b or a) + 0.5 for a, b in spans), t
+    for a, b in spans:
+        assert np.any((wrong_s >= float(a) - 0.5) & (wrong_s <= float(b or a) + 0.5))
+
+
+def test_the_report_shows_route_error_and_the_worst_windows(street):
+    page = (street / "results/report.html").read_text()
+    _, text = read(street / "results")
+    for label in ("x (m)", "y (m)", "error (m)", "probability", "tolerance 3 m"):
+        assert label in text
+    assert "length (s)" not in text  # all windows last a second
+    assert page.index('class="verdict"') < page.index("<svg")
+    shown = re.findall(r"<figcaption>(\d)\. At ([\d.]+) s, ([\d,]+) m off", page)
+    assert [number for number, *_ in shown] == list("12345")
+    sizes = [float(error.replace(",", "")) for *_, error in shown]
+    assert sizes == sorted(sizes, reverse=True)
+    matches = Matches.load(street / "results/matches.npz")
+    for number, time, _ in shown:
+        j = int(np.argmin(np.abs(matches.time_us / 1e6 - float(time))))
+        figure = page[: page.index(f"<figcaption>{number}. At")].rpartition("<figure")[2]
+        assert f"matched: place {matches.place[j]}<" in figure
+        assert "correct: place" in figure
+
+
+def test_warnings_of_the_console_stand_in_the_report(street, capsys):
+    folder = shutil.copytree(street / "results", street / "swapped")
+    evaluated(street, folder, "query", "reference", tolerance=5)
+    said = re.findall(r"^edge-vpr: warning: (.*)$", capsys.readouterr().err, re.MULTILINE)
+    assert any("name the log of the reference first" in text for text in said)
+    metrics, text = read(folder)
+    assert list(metrics["evaluated_by"]["warnings"]) == said
+    assert all(f"Warning: {line}" in text for line in said)
+    metrics, text = read(street / "results")
+    assert "Warning:" not in text
+    assert "warnings" not in metrics["evaluated_by"]
+
+
+def test_warnings_of_matching_stay_in_the_report_of_an_evaluation(street, monkeypatch):
+    monkeypatch.setattr("edge_vpr_tools.progress.MUCH", -1.0)
+    folder = street / "burst"
+    run("match", street / "map.npz", street / "pair/query.npz", "-o", folder)
+    assert "were removed as bursts, moments" in read(folder)[1]
+    evaluated(street, folder)
+    assert "Warning: 0% of the events of" in read(folder)[1]
+
+
+def test_an_online_report_shows_correct_and_wrong_once_it_knows(street):
+    folder = street / "online"
+    run("match", street / "map.npz", street / "pair/query.npz", "-o", folder,
+        "--online", "--every", "100ms")  # fmt: skip
+    text = read(folder)[1]
+    number = len(Matches.load(folder / "matches.npz"))
+    assert f"{number} windows were matched" in text
+    assert not legend(text, "correct, not accepted")
+    evaluated(street, folder)
+    metrics, text = read(folder)
+    correct = round(metrics["evaluation"]["precision_at_100_recall"] * number)
+    assert f"{correct} of {metrics['evaluation']['queries']} matches are correct" in text
+    assert legend(text, "wrong, not accepted")
+
+
+def test_errors_without_positions_are_places_to_the_nearest_correct_one():
+    correct = np.zeros((6, 3), dtype=np.bool_)
+    correct[[1, 5], 0] = correct[2, 1] = True
+    truth = GroundTruth(correct, np.ones(3, dtype=np.bool_), "by hand")
+    assert truth.error_unit == "places"
+    found = truth.errors(np.array([0, 4, 0]), np.array([0, 1, 2]))
+    assert found.tolist()[:2] == [1.0, 2.0]
+    assert np.isnan(found[2])
+
+
+def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
+    reference = ReferenceMap.load(street / "results/map.npz")
+    matches = Matches.load(street / "results/matches.npz")
+    n = len(matches)
+    truth = np.zeros((len(reference), int(matches.query[-1]) + 1), dtype=np.bool_)
+    truth[matches.place, matches.query] = True
+    known = np.ones(truth.shape[1], dtype=np.bool_)
+    for correct, start in ((truth, f"{n} of {n} matches are correct; "), (~truth, f"0 of {n} ")):
+        right = GroundTruth(correct, known, "by hand")
+        text = outcome_of(reference, matches, right, evaluate(matches, right)).sentence()
+        assert text.startswith(start)
+        assert "lie at" not in text

@@ -1,0 +1,189 @@
+"""A replay shows the matches of a folder, frame by frame, and names what it lacks."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from browser import open_browser, program
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.inputs import RecordedInputs
+from edge_vpr_tools.report.replay import load_replay
+from PIL import Image
+from streams import random_events
+
+from edge_vpr.events import Sensor
+from edge_vpr.matching.matches import Matches
+from edge_vpr.recordings import write_recording
+
+SENSOR = Sensor(16, 12)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A folder with a recording, a map of it with positions, and matches of each kind."""
+    folder = tmp_path_factory.mktemp("drive")
+    events = random_events(np.random.default_rng(0), 6_000, SENSOR, 3_000_000)
+    noise = random_events(np.random.default_rng(1), 6_000, SENSOR, 3_000_000)
+    write_recording(folder / "drive.npz", [events], sensor=SENSOR)
+    parts = [events[events["t"] < 1_500_000], noise[noise["t"] >= 1_500_000]]
+    write_recording(folder / "query.npz", parts, sensor=SENSOR)
+    (folder / "track.csv").write_text("time_s,x_m,y_m\n0,10,20\n3,40,-10\n")
+    (folder / "wheel.csv").write_text("time_s,distance_m\n0,0\n3,42\n")
+    words = ["map", "drive.npz", "-o", "map.npz", "--track", "track.csv", "--tau", "100ms"]
+    words += ["--pixels", "20", "--sigma", "1"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(words) == 0
+        match = ["match", "map.npz", "query.npz", "--no-figures", "-o"]
+        assert main([*match, "whole"]) == 0
+        assert main([*match, "sequences", "--matching", "sequence", "-L", "3"]) == 0
+        assert main([*match, "live", "--online", "--every", "window"]) == 0
+        assert main([*match, "wheels", "--odometry", "wheel.csv"]) == 0
+    return folder
+
+
+@pytest.fixture
+def there(drive, monkeypatch):
+    monkeypatch.chdir(drive)
+    return drive
+
+
+def load(folder, most, **more):
+    inputs = RecordedInputs(json.loads((folder / "run.json").read_text()))
+    return load_replay(folder, inputs, most, **more)
+
+
+@pytest.mark.parametrize("name", ["whole", "sequences", "live", "wheels"])
+def test_the_match_is_the_place_of_least_cost_in_every_frame(there, name):
+    replay = load(there / name, 1_000)
+    matches = Matches.load(there / name / "matches.npz")
+    n = len(replay)
+    assert n == (len(matches) if name != "live" else n) > 20
+    assert np.array_equal(np.nanargmin(replay.cost, axis=0), replay.outcome.matches.place)
+    assert replay.cost.shape == (matches.places_in_map, n)
+
+
+def test_a_gif_has_a_frame_for_each_window_and_plays_at_the_rate_that_was_asked(there, tmp_path):
+    film = tmp_path / "match.gif"
+    assert main(["replay", "whole", "-o", str(film), "--fps", "5"]) == 0
+    with Image.open(film) as picture:
+        assert picture.n_frames == len(Matches.load("whole/matches.npz"))
+        assert picture.info["loop"] == 0
+        shown = []
+        for i in range(picture.n_frames):
+            picture.seek(i)
+            assert picture.info["duration"] == 200
+            shown.append(np.asarray(picture.convert("RGB")))
+    assert all((a != b).any() for a, b in pairwise(shown))
+    corner = {tuple(frame[0, 0]) for frame in shown}
+    assert corner == {(255, 255, 255)}
+
+
+def captions(page):
+    return re.findall(r'"([^"]* s: place [^"]*)"', page.partition("const captions")[2])
+
+
+def test_a_page_says_in_each_frame_what_the_table_says(there, tmp_path):
+    film = tmp_path / "match.html"
+    assert main(["replay", "whole", "-o", str(film)]) == 0
+    page = film.read_text()
+    rows = list(csv.DictReader((there / "whole/matches.csv").read_text().splitlines()))
+    assert [text.partition(", acc")[0].partition(", not")[0] for text in captions(page)] == [
+        f"{float(row['time_s']):.1f} s: place {row['place']} of 29, "
+        f"at {float(row['along_m']):.0f} m, probability {float(row['probability']):.2f}"
+        for row in rows
+    ]
+    assert 'src="http' not in page and "url(" not in page
+    assert len(re.findall(r'^"[A-Za-z0-9+/=]+",$', page, re.MULTILINE)) == len(rows)
+
+
+def test_a_part_and_fewer_frames_can_be_asked_for(there, tmp_path):
+    film = tmp_path / "match.html"
+    words = ["replay", "whole", "-o", str(film), "--start", "0.5", "--end", "2", "--frames", "4"]
+    assert main(words) == 0
+    times = [float(text.split(" s:")[0]) for text in captions(film.read_text())]
+    assert len(times) == 4
+    assert times == sorted(times)
+    assert times[0] >= 0.5
+    assert times[-1] <= 2.0
+    assert main([*words, "--overwrite", "--frames", "1"]) == 0
+
+
+def test_the_events_of_all_pixels_are_those_of_the_recording(there):
+    replay = load(there / "whole", 7, all_events=True)
+    assert np.array_equal(replay.images.sum(axis=(1, 2)), replay.queries.events)
+    seen = replay.images[:, replay.reference.pixel_map.y, replay.reference.pixel_map.x]
+    assert np.array_equal(seen.sum(axis=1), replay.queries.activity)
+
+
+def refused(capsys, *words):
+    assert main(["replay", *map(str, words)]) in (1, 2)
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "needed", "what", "more"),
+    [
+        ("live", "query.npz", "a match --online", ()),
+        ("wheels", "wheel.csv", "a match with --odometry", ()),
+        ("whole", "query.npz", "the events of all pixels", ("--all-events",)),
+    ],
+)
+def test_a_file_that_has_moved_or_changed_is_named(
+    there, tmp_path, monkeypatch, capsys, name, needed, what, more
+):
+    shutil.copytree(there / name, tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    words = [name, "-o", "match.gif", "--frames", 2, *more]
+    assert f"{needed}, which {what} needs, is not there: run edge" in refused(capsys, *words)
+    (tmp_path / needed).write_bytes((there / needed).read_bytes() + b"\n")
+    assert f"{needed}, which {what} needs, has changed since" in refused(capsys, *words)
+    shutil.copy(there / needed, tmp_path)
+    assert main(["replay", *map(str, words)]) == 0
+
+
+def test_recorded_matches_need_no_other_file(there, tmp_path, monkeypatch):
+    shutil.copytree(there / "whole", tmp_path / "whole")
+    monkeypatch.chdir(tmp_path)
+    assert main(["replay", "whole", "-o", "match.gif", "--frames", "2"]) == 0
+
+
+def test_what_cannot_be_shown_is_refused(there, tmp_path, capsys):
+    film = tmp_path / "match.gif"
+    for words, says in (
+        (("whole", "-o", tmp_path / "match.mp4"), "does not end in .gif or .html"),
+        (("whole", "-o", film, "--frames", 0), "expected 1 or more"),
+        (("whole", "-o", film, "--fps", 0), "expected 0.1 to 50"),
+        (("whole", "-o", film, "--start", 50), "no window lies between 50.0 and None s"),
+        (("nothing", "-o", film), "run edge-vpr match first"),
+    ):
+        assert says in refused(capsys, *words)
+    assert not film.exists()
+    film.write_text("mine")
+    assert "replace it with --overwrite" in refused(capsys, "whole", "-o", film)
+
+
+def test_the_slider_shows_its_frame(there, tmp_path):
+    if program() is None:
+        pytest.skip("no Chromium is installed: apt-get install chromium")
+    film = tmp_path / "match.html"
+    assert main(["replay", "whole", "-o", str(film), "--frames", "5"]) == 0
+    texts = captions(film.read_text())
+    (tmp_path / "profile").mkdir()
+    with open_browser(tmp_path / "profile") as browser:
+        browser.look(width=360, height=700, dark=True)
+        browser.open(film)
+        for i in (3, 1):
+            browser.value(f"slider.value = {i}; slider.dispatchEvent(new Event('input'))")
+            assert browser.value("caption.textContent") == texts[i]
+            assert browser.value(f"picture.src.endsWith(pictures[{i}])")
+        assert browser.value("document.documentElement.scrollWidth") == 360
+        assert browser.problems == []

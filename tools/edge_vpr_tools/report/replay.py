@@ -1,0 +1,395 @@
+"""A match as a film: the events, the cost of each place, the position and the probability."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from PIL import Image
+
+from edge_vpr import __version__, results
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.tracks import local_metres
+from edge_vpr.files import replacing
+from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.sequences import anchor_offset
+from edge_vpr.pipeline import EventSource, WindowSource, describe_query, query_distances
+from edge_vpr.reference_map import ReferenceMap, read_queries
+from edge_vpr.route import Odometry
+from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
+from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, along_route, panels
+from edge_vpr_tools.report.verdict import Outcome, outcome_of
+
+_DPI = 100
+_WIDTH, _HEIGHT = 7.2, 4.5
+#: colours of a film; its frames share them, so that what does not move is stored once
+_COLOURS = 64
+#: a colour of the palette that is so near to paper or a mark was mixed with it
+_MIXED = 10
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What a film shows, frame by frame.
+
+    Attributes
+    ----------
+    reference : ReferenceMap
+    outcome : Outcome
+        Of n matches, one a frame.
+    queries : Descriptors
+        Window of each frame, n of them.
+    cost : ndarray of float64, shape (K, n)
+        Of each place, NaN where it cannot match; the match is the place of the least.
+    images : ndarray of int64, shape (n, height, width), optional
+        Events of each window at every pixel.
+    """
+
+    reference: ReferenceMap
+    outcome: Outcome
+    queries: Descriptors
+    cost: Floats
+    images: npt.NDArray[np.integer] | None = None
+
+    def __len__(self) -> int:
+        return len(self.queries)
+
+    def captions(self) -> list[str]:
+        """Return what each frame shows, in words."""
+        matches, along = self.outcome.matches, self.reference.along_mm
+        texts = []
+        for i in range(len(self)):
+            place = int(matches.place[i])
+            text = f"{matches.time_us[i] / 1e6:.1f} s: place {place} of {len(self.reference)}"
+            if along is not None:
+                text += f", at {along[place] / 1e3:,.0f} m"
+            if np.isfinite(matches.probability[i]):
+                text += f", probability {matches.probability[i]:.2f}"
+            if self.outcome.precision is not None:
+                text += f", {'' if self.outcome.accepted[i] else 'not '}accepted"
+            texts.append(text)
+        return texts
+
+
+def frames(replay: Replay) -> Iterator[Image.Image]:
+    """Draw the frames, all with the same palette.
+
+    Yields
+    ------
+    Image
+        In mode P.
+    """
+    palette: Image.Image | None = None
+    with panels(2, 3, _WIDTH, _HEIGHT) as (drawing, axes):
+        film = _Film(replay, drawing, axes)
+        # the palette is that of a frame in the middle, which has all lines
+        for i in (len(replay) // 2, *range(len(replay))):
+            picture = film.frame(i)
+            if palette is None:
+                palette = _palette_of(picture)
+            else:
+                yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def _palette_of(picture: Image.Image) -> Image.Image:
+    """Return a palette of the most frequent colours, with those of paper and marks as they are."""
+    palette = picture.quantize(_COLOURS)
+    colours = np.array(palette.getpalette(), dtype=np.int64).reshape(-1, 3)
+    for name in ("#ffffff", BLUE, ORANGE):
+        kept = np.array([int(name[i : i + 2], 16) for i in (1, 3, 5)])
+        colours[np.abs(colours - kept).max(axis=1) <= _MIXED] = kept
+        colours = np.concatenate([colours, kept[None]])
+    palette.putpalette(colours.astype(np.uint8).tobytes())
+    return palette
+
+
+class _Film:
+    """The figure of a film, and what of it changes from frame to frame."""
+
+    def __init__(self, replay: Replay, drawing: Figure, axes: npt.NDArray[np.object_]) -> None:
+        self._replay, self._drawing = replay, drawing
+        reference = replay.reference
+        self._texts = replay.captions()
+        self._canvas = FigureCanvasAgg(drawing)
+        self._seen = total_counts(reference, replay.queries)
+        self._mapped = total_counts(reference, reference.places)
+        every = np.concatenate([self._seen.ravel(), self._mapped.ravel()])
+        self._most = max(float(np.percentile(every, 99.5)), 1.0)
+        self._title = drawing.suptitle(self._texts[0], fontsize=11)
+        (query, place, where), (left, right, sure) = axes
+        grid = left.get_gridspec()
+        left.remove()
+        right.remove()
+        cost = drawing.add_subplot(grid[1, :2])
+        self._image = None
+        if replay.images is not None:
+            images = replay.images
+            brightest = max(float(np.percentile(images[images > 0], 95)), 1.0)
+            self._image = query.imshow(
+                images[0], cmap="Greys", norm=PowerNorm(0.5, 0, 2.5 * brightest), aspect="equal"
+            )
+        self._query = self._sensor(query, "what the camera sees", self._seen[0])
+        self._place = self._sensor(place, "the matched place", self._mapped[0])
+        scale = along_route(reference, reference.route)
+        self._x, label = scale.values, scale.label.replace(" along the route", "")
+        self._draw_cost(cost, label)
+        self._draw_position(where, label)
+        sure.set(title="probability", xlabel="time (s)", ylim=(-0.05, 1.05))
+        sure.set_xlim(*self._span())
+        (self._sure,) = sure.plot([], [], color=BLUE, lw=1.5)
+        self._sure_now = sure.scatter([], [], s=30, color=ORANGE, zorder=3)
+        for each in (query, place, cost, where, sure):
+            each.title.set_fontsize(10)
+            each.tick_params(labelsize=8)
+            each.xaxis.label.set_fontsize(9)
+            each.yaxis.label.set_fontsize(9)
+
+    def _sensor(self, axes: Axes, title: str, counts: npt.NDArray[np.integer]) -> PathCollection:
+        return draw_window(axes, self._replay.reference, Window(title, counts), self._most)
+
+    def _span(self) -> tuple[float, float]:
+        time = self._replay.outcome.time_s
+        return float(time[0]), max(float(time[-1]), float(time[0]) + 1e-3)
+
+    def _draw_cost(self, axes: Axes, label: str) -> None:
+        cost = self._replay.cost
+        low, high = float(np.nanmin(cost)), 1.05 * float(np.nanmax(cost))
+        (self._cost,) = axes.plot(self._x, cost[:, 0], color=BLUE, lw=1.2)
+        self._cheapest = axes.scatter([], [], s=45, color=ORANGE, zorder=3)
+        axes.set(title="cost of each place; orange: the match", xlabel=label)
+        axes.set_ylim(low - 0.06 * (high - low), max(high, low + 1e-9))
+
+    def _draw_position(self, axes: Axes, label: str) -> None:
+        """Draw the route from above where it has two dimensions, and else the way over time."""
+        route, places = self._replay.reference.route, self._replay.outcome.matches.place
+        axes.set_title("position")
+        self._path: Floats
+        if route is not None and route.position.shape[1] > 1:
+            origin = route.position[np.isfinite(route.position).all(axis=1)][0]
+            flat = local_metres(route.kind, route.position, origin)[:, :2]
+            axes.plot(*flat.T, color=GREY, lw=1.5, alpha=0.6)
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.set(xlabel="east (m)" if route.kind == "geographic" else "x (m)")
+            self._path = flat[places]
+        else:
+            self._path = np.column_stack([self._replay.outcome.time_s, self._x[places]])
+            axes.set(xlabel="time (s)", ylabel=label, xlim=self._span())
+            axes.set_ylim(float(np.nanmin(self._x)), float(np.nanmax(self._x)))
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        self._trail = axes.scatter([], [], s=5, color=BLUE, zorder=2)
+        self._now = axes.scatter([], [], s=45, color=ORANGE, zorder=3)
+
+    def frame(self, i: int) -> Image.Image:
+        """Draw the frame of the i-th window."""
+        replay = self._replay
+        outcome, place = replay.outcome, int(replay.outcome.matches.place[i])
+        if self._image is not None and replay.images is not None:
+            self._image.set_data(replay.images[i])
+        for dots, counts in ((self._query, self._seen[i]), (self._place, self._mapped[place])):
+            dots.set_sizes(dot_sizes(counts, self._most))
+        self._cost.set_ydata(replay.cost[:, i])
+        self._cheapest.set_offsets([(self._x[place], replay.cost[place, i])])
+        self._trail.set_offsets(self._path[: i + 1])
+        self._now.set_offsets(self._path[i : i + 1])
+        probability = outcome.matches.probability[: i + 1]
+        self._sure.set_data(outcome.time_s[: i + 1], probability)
+        self._sure_now.set_offsets([(outcome.time_s[i], probability[-1])])
+        self._title.set_text(self._texts[i])
+        self._drawing.set_dpi(_DPI)
+        self._canvas.draw()  # type: ignore[no-untyped-call]
+        self._drawing.set_layout_engine("none")  # as it was laid out first
+        pixels = np.asarray(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        return Image.fromarray(pixels).convert("RGB")
+
+
+def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
+    """Write an animated GIF that is repeated for ever, atomically.
+
+    Parameters
+    ----------
+    path : path
+    pictures : sequence of Image
+        At least one.
+    fps : float
+        Frames per second.
+    """
+    with replacing(path) as temporary:
+        pictures[0].save(
+            temporary, format="GIF", save_all=True, append_images=pictures[1:],
+            duration=round(1000 / fps), loop=0,
+        )  # fmt: skip
+
+
+def write_html(
+    path: Path, pictures: Sequence[Image.Image], captions: Sequence[str], fps: float
+) -> None:
+    """Write a page with a slider, which needs no other file, atomically.
+
+    Parameters
+    ----------
+    path : path
+    pictures : sequence of Image
+        At least one.
+    captions : sequence of str
+        Of each picture.
+    fps : float
+        Frames per second.
+    """
+    pages = Environment(
+        loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    text = pages.get_template("replay.html.jinja").render(
+        version=__version__,
+        pictures=[base64.b64encode(_png(one)).decode("ascii") for one in pictures],
+        captions=list(captions),
+        width=pictures[0].width,
+        height=pictures[0].height,
+        pause_ms=round(1000 / fps),
+    )
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _png(picture: Image.Image) -> bytes:
+    target = io.BytesIO()
+    picture.save(target, format="PNG", optimize=True)
+    return target.getvalue()
+
+
+# What a film of a match shows, from its folder of results.
+
+
+class MatchInputs(Protocol):
+    """Interface of the files that a match has read."""
+
+    def recording(self, what: str) -> EventSource | WindowSource:
+        """Open the recording of the query, for `what`."""
+        ...
+
+    def odometry(self) -> Odometry | None:
+        """Read the odometry of the query; None if there was none."""
+        ...
+
+
+def load_replay(
+    folder: Path,
+    inputs: MatchInputs,
+    most: int,
+    *,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    all_events: bool = False,
+) -> Replay:
+    """Read a folder of results, and compute the cost of each place again.
+
+    Parameters
+    ----------
+    folder : path
+    inputs : MatchInputs
+        Of the match. The recording is read if it was matched online, or for `all_events`.
+    most : int
+        Largest number of frames: of more windows, some are left out, evenly.
+    start_s, end_s : float, optional
+        Part of the query, in seconds.
+    all_events : bool
+        Also count the events at all pixels.
+
+    Raises
+    ------
+    EdgeVprError
+        If the folder or an input cannot be read, or no window is in the part.
+    """
+    reference = ReferenceMap.load(folder / results.MAP)
+    matches = Matches.load(folder / results.MATCHES)
+    asked = reference.matched_with(matches.settings)
+    queries, recording = read_queries(folder), None
+    if queries is None or all_events:
+        what = "the events of all pixels" if all_events else "a match --online"
+        recording = inputs.recording(what)
+        queries = describe_query(asked, recording) if queries is None else queries
+    odometry = inputs.odometry()
+    cost = query_distances(asked, queries, odometry)
+    settings = asked.settings
+    if settings.matching == "sequence":  # places where a whole sequence does not fit never match
+        before = anchor_offset(settings.sequence_length, settings.anchor)
+        cost[:before] = np.nan
+        cost[len(cost) - (settings.sequence_length - 1 - before) :] = np.nan
+    window, row = _windows_of(matches, queries)
+    time_s = queries.centre_us[window] / 1e6
+    within = np.flatnonzero(
+        (time_s >= (-np.inf if start_s is None else start_s))
+        & (time_s <= (np.inf if end_s is None else end_s))
+    )
+    if not within.size:
+        raise UsageError(
+            f"no window lies between {start_s} and {end_s} s: the matches are from "
+            f"{time_s[0]:.1f} to {time_s[-1]:.1f} s"
+        )
+    shown = within[np.unique(np.linspace(0, within.size - 1, most).round().astype(int))]
+    window, row = window[shown], row[shown]
+    images = None
+    if all_events and recording is not None:
+        if isinstance(recording, WindowSource):
+            images = _window_images(recording, window)
+        else:
+            images = event_images(recording, queries.start_us[window], queries.end_us[window])
+    return Replay(
+        reference, outcome_of(reference, matches.take(row)), queries.take(window),
+        cost[:, window], images,
+    )  # fmt: skip
+
+
+def _windows_of(
+    matches: Matches, queries: Descriptors
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return windows, and for each the row of its match: of several, the newest."""
+    if len(matches.candidates[0]) > 1:
+        return matches.query.astype(np.intp), np.arange(len(matches))
+    newest = np.searchsorted(matches.time_us, queries.centre_us, side="right") - 1
+    window = np.flatnonzero(newest >= 0)
+    return window, newest[window]
+
+
+def event_images(
+    recording: EventSource, start_us: npt.NDArray[np.int64], end_us: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Count the events of n spans of time at every pixel, shape (n, height, width).
+
+    Parameters
+    ----------
+    recording : EventSource
+    start_us, end_us : ndarray of int64, shape (n,)
+        Events at the start are counted, those at the end are not.
+    """
+    width, height = recording.sensor
+    images = np.zeros((len(start_us), height * width), dtype=np.int64)
+    for events in recording:
+        time, flat = events["t"], events["y"].astype(np.int64) * width + events["x"]
+        begin, end = np.searchsorted(time, start_us), np.searchsorted(time, end_us)
+        for row in np.flatnonzero(end > begin):
+            images[row] += np.bincount(flat[begin[row] : end[row]], minlength=height * width)
+    return images.reshape(-1, height, width)
+
+
+def _window_images(recording: WindowSource, window: npt.NDArray[np.intp]) -> npt.NDArray[np.int64]:
+    """Return the counts of some published windows, shape (n, height, width)."""
+    width, height = recording.sensor
+    counts = [counted.counts for counted in recording.windows()]
+    return np.stack([counts[number] for number in window]).reshape(-1, height, width)

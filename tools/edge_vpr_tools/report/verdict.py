@@ -1,0 +1,184 @@
+"""What is to be said of the matches of a drive: how many are correct, which are wrong."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.confidence import Acceptance
+from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.matching.matches import Matches
+from edge_vpr.reference_map import ReferenceMap
+
+#: precision of the verdict where the run asked for none
+USUAL_PRECISION = 0.99
+#: times of wrong matches that a verdict names
+MOST_NAMED = 5
+#: wrong matches that are no further apart than this share of the drive are named together
+_TOGETHER = 0.02
+
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Whether each of n matches is accepted and, after an evaluation, correct.
+
+    Attributes
+    ----------
+    matches : Matches
+    precision : float or None
+        At which matches are accepted; None where no probability is known.
+    accepted : ndarray of bool, shape (n,)
+    truth, found : GroundTruth and Evaluation, or None
+        None before an evaluation.
+    """
+
+    matches: Matches
+    precision: float | None
+    accepted: Bools
+    truth: GroundTruth | None = None
+    found: Evaluation | None = None
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Time of each match, shape (n,)."""
+        return np.asarray(self.matches.time_us / 1e6)
+
+    @property
+    def correct(self) -> Bools:
+        """Whether each match is correct; False where it is not known."""
+        return np.zeros(len(self.matches), np.bool_) if self.found is None else self.found.correct
+
+    @property
+    def wrong(self) -> Bools:
+        """Whether each match is wrong; False where it is not known."""
+        if self.found is None:
+            return np.zeros(len(self.matches), np.bool_)
+        return self.found.evaluated & ~self.found.correct
+
+    @property
+    def errors(self) -> npt.NDArray[np.float64] | None:
+        """Error of each match in `truth.error_unit`; None before an evaluation."""
+        if self.truth is None:
+            return None
+        return self.truth.errors(self.matches.place, self.matches.query)
+
+    def wrong_runs(self) -> list[npt.NDArray[np.intp]]:
+        """Return the indices of wrong matches that lie close together in time."""
+        wrong = np.flatnonzero(self.wrong)
+        if not wrong.size:
+            return []
+        time = self.time_s
+        steps = np.diff(time)
+        apart = max(1.5 * float(np.median(steps)), _TOGETHER * float(time[-1] - time[0]))
+        return np.split(wrong, 1 + np.flatnonzero(np.diff(time[wrong]) > apart))
+
+    def sentence(self) -> str:
+        """Return the verdict."""
+        return f"{'; '.join(filter(None, self._parts()))}."
+
+    def _parts(self) -> list[str]:
+        n = len(self.matches)
+        if self.found is None:
+            return [f"{n:,} windows were matched", self._accepted_before_evaluation()]
+        n, right = self.found.queries, int(np.count_nonzero(self.correct))
+        parts = [f"{right:,} of {n:,} matches {'is' if n == 1 else 'are'} correct"]
+        if right < n:
+            parts.append(self._where_wrong())
+        off = self.found.queries_without_place
+        if off:
+            parts.append(f"{off:,} {'has' if off == 1 else 'have'} no correct place on the map")
+        return [*parts, self._accepted()]
+
+    def _where_wrong(self) -> str:
+        runs, time = self.wrong_runs(), self.time_s
+        if int(np.count_nonzero(self.wrong)) == self.found.queries:  # type: ignore[union-attr]
+            return ""
+        named = sorted(sorted(runs, key=len, reverse=True)[:MOST_NAMED], key=lambda run: run[0])
+        texts = [_span(float(time[run[0]]), float(time[run[-1]])) for run in named]
+        others = len(runs) - len(named)
+        if others:
+            texts.append(f"{others} other time{'s' * (others > 1)}")
+        *first, last = (text if "other" in text else f"{text} s" for text in texts)
+        listed = f"{', '.join(first)} and {last}" if first else last
+        single = int(np.count_nonzero(self.wrong)) == 1
+        return f"the wrong one lies at {listed}" if single else f"the wrong ones lie at {listed}"
+
+    def _accepted_before_evaluation(self) -> str:
+        if self.precision is None:
+            return ""
+        share = percent(int(np.count_nonzero(self.accepted)), len(self.matches))
+        if self.matches.settings.precision is None:
+            return f"{share} of them would be accepted with --precision {self.precision:g}"
+        return f"{share} of them are accepted at {self.precision:g}"
+
+    def _accepted(self) -> str:
+        if self.precision is None or self.found is None:
+            return ""
+        taken = self.accepted & self.found.evaluated
+        accepted, right = int(np.count_nonzero(taken)), int(np.count_nonzero(taken & self.correct))
+        asked = self.matches.settings.precision is not None
+        text = f"{percent(accepted, self.found.queries)} {'are' if asked else 'would be'} accepted "
+        text += f"at {self.precision:g}" if asked else f"with --precision {self.precision:g}"
+        if not accepted:
+            return text.replace("0 %", "none", 1)
+        if right == accepted:
+            return text if not self.wrong.any() else f"{text}, all correct"
+        return f"{text}, {percent(right, accepted)} of them correct"
+
+
+def outcome_of(
+    reference: ReferenceMap,
+    matches: Matches,
+    truth: GroundTruth | None = None,
+    found: Evaluation | None = None,
+) -> Outcome:
+    """Find which matches are accepted, at the precision of the run or else the usual one.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+    matches : Matches
+    truth, found : GroundTruth and Evaluation, optional
+        After an evaluation.
+    """
+    settings = matches.settings
+    everything = np.ones(len(matches), dtype=np.bool_)
+    if settings.precision is not None:
+        return Outcome(matches, settings.precision, ~matches.lost, truth, found)
+    confidence = reference.matched_with(settings).acceptance.confidence
+    try:
+        if confidence is None:
+            return Outcome(matches, None, everything, truth, found)
+        _, lost = Acceptance(confidence, USUAL_PRECISION).acceptance(matches.trust)
+    except UsageError:  # a map's own table, which was calibrated with too few matches
+        return Outcome(matches, None, everything, truth, found)
+    return Outcome(matches, USUAL_PRECISION, ~lost, truth, found)
+
+
+def percent(part: int, whole: int) -> str:
+    """Return a share in per cent, never rounded to all or nothing.
+
+    Examples
+    --------
+    >>> percent(61, 100), percent(723, 724), percent(1, 1000), percent(5, 5)
+    ('61 %', '99.9 %', '0.1 %', '100 %')
+    """
+    share = 100 * part / max(whole, 1)
+    for digits in range(4):
+        text = f"{share:.{digits}f}"
+        if part in (0, whole) or float(text) not in (0.0, 100.0):
+            return f"{text} %"
+    return f"{share:g} %"
+
+
+def _span(first_s: float, last_s: float) -> str:
+    """Return a range of times, to the second."""
+    first, last = math.floor(first_s), math.ceil(last_s)
+    return f"{first_s:.0f}" if first_s == last_s else f"{first} to {last}"
