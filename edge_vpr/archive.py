@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 import warnings
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -240,7 +241,10 @@ def _read_array(stream: IO[bytes], name: str, size: int) -> npt.NDArray[Any]:
         left = left[read_bytes:]
     stream.read(1)  # reading to the end makes zipfile check the checksum
     array = flat.reshape(shape, order="F" if fortran else "C")
-    return np.ascontiguousarray(array, dtype=dtype.newbyteorder("=")).reshape(shape)
+    array = np.ascontiguousarray(array, dtype=dtype.newbyteorder("=")).reshape(shape)
+    if dtype.kind == "U" and np.any(array.reshape(-1).view(np.uint32) > sys.maxunicode):
+        raise MapError(f"array {name} holds numbers that are no characters")
+    return array
 
 
 # Checks of arrays and numbers from files, and comparison of records that hold arrays.

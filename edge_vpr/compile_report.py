@@ -15,6 +15,8 @@ def compiling_reported(
 ) -> Iterator[dict[str, float]]:
     """Report once when compilation within the block has taken longer than `silent_s`.
 
+    Damaged files of compiled code, which are compiled again, are reported once too.
+
     Parameters
     ----------
     report : callable
@@ -28,6 +30,8 @@ def compiling_reported(
         ``spent_s``, the seconds of compilation so far.
     """
     from numba.core import event
+
+    from edge_vpr.compiling import DAMAGED
 
     spent = {"spent_s": 0.0}
 
@@ -63,5 +67,25 @@ def compiling_reported(
                 "edge-vpr doctor --compile compiles all of them"
             )
 
-    with event.install_listener("numba:compile", CompileListener()):
+    class DamageListener(event.Listener):
+        """Report one damaged file, however many there are."""
+
+        def __init__(self) -> None:
+            self._said = False
+
+        def on_start(self, event: Any) -> None:
+            if not self._said:
+                self._said = True
+                report(
+                    "compiled kernels are damaged or of an older version: they are deleted and "
+                    f"compiled again ({event.data})"
+                )
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with (
+        event.install_listener("numba:compile", CompileListener()),
+        event.install_listener(DAMAGED, DamageListener()),
+    ):
         yield spent

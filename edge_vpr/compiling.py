@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import io
+import pickle
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numba import config, njit, types
+from numba.core import caching, event
 from numba.core.dispatcher import Dispatcher
 
 # How kernels are compiled: without the interpreter's lock, and kept from run to run.
@@ -16,8 +21,18 @@ from numba.core.dispatcher import Dispatcher
 # Numba keeps compiled code beside the sources until the kernel's own module changes. The code
 # however also contains the kernels that it calls and the constants that it uses, from other
 # modules. `kernel` therefore makes them a part of what Numba compares before it loads the code.
+#
+# Each file of compiled code ends with a checksum. A file that is cut or damaged, for example by a
+# power cut, is deleted before anything in it is used. Its kernel is compiled again, and the event
+# `DAMAGED` tells Numba's listeners.
 
 
+#: event of `numba.core.event` when a file of compiled code was damaged; its data is the path
+DAMAGED = "edge_vpr:damaged"
+_DIGEST_BYTES = 32
+# these have no types
+_CACHING: Any = caching
+_EVENT: Any = event
 _CONSTANTS = (bool, int, float, tuple, np.dtype, np.integer, np.floating)
 
 
@@ -40,9 +55,13 @@ def kernel(
     if function is None:
         return lambda given: kernel(given, inline=inline)
     compiled = njit(cache=True, nogil=True, inline=inline)(function)
-    file = _cache_file(compiled)
-    if file is not None:
-        file._source_stamp = (file._source_stamp, _imported(function))
+    cache = getattr(compiled, "_cache", None)
+    if isinstance(cache, _CACHING.FunctionCache):
+        cache._cache_file = _CheckedCacheFile(
+            cache.cache_path,
+            cache._impl.filename_base,
+            (cache._cache_file._source_stamp, _imported(function)),
+        )
     return compiled
 
 
@@ -57,6 +76,75 @@ def entry(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]:
         return kernel
     code: Callable[..., Any] = kernel.compile(tuple(map(kernel.typeof_pyval, given)))
     return code
+
+
+def checked_code(file: Path) -> io.BytesIO | None:
+    """Open a file of compiled code without its checksum; None if it is damaged.
+
+    Returns
+    -------
+    BytesIO or None
+        Two pickles: ``(version of Numba, stamp of the source, name of the file)``, and the index of
+        a kernel (``.nbi``) or its compiled code for one key of the index (``.nbc``).
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    data = file.read_bytes()
+    content = data[:-_DIGEST_BYTES]
+    return io.BytesIO(content) if data == _with_digest(content) else None
+
+
+def _with_digest(content: bytes) -> bytes:
+    return content + hashlib.blake2b(content, digest_size=_DIGEST_BYTES).digest()
+
+
+class _CheckedCacheFile(_CACHING.IndexDataCacheFile):  # type: ignore[misc]
+    """Numba's files of a kernel, with a checksum at the end of each.
+
+    Code is stored with its name and key, which are compared when it is loaded: a power cut can
+    leave a new index beside older code.
+    """
+
+    def save(self, key: object, data: object) -> None:
+        super().save(key, (key, data))
+
+    def load(self, key: object) -> object:
+        stored_key, data = super().load(key) or (None, None)
+        return data if stored_key == key else None
+
+    def _save_index(self, overloads: dict[object, str]) -> None:
+        self._save_data(self._index_name, overloads)
+
+    def _load_index(self) -> dict[object, str]:
+        return self._load_data(self._index_name) or {}
+
+    def _save_data(self, name: str, data: object) -> None:
+        content = self._dump(self._header(name)) + self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(_with_digest(content))
+
+    def _load_data(self, name: str) -> Any:
+        path = Path(self._data_path(name))
+        try:
+            content = checked_code(path)
+        except FileNotFoundError:
+            return None
+        except OSError:  # such as a disk that cannot read it
+            content = None
+        if content is None:
+            with suppress(OSError):
+                path.unlink()
+            _EVENT.broadcast(_EVENT.Event(DAMAGED, _EVENT.EventStatus.START, data=path))
+            return None
+        if pickle.load(content) != self._header(name):
+            return None
+        return pickle.load(content)
+
+    def _header(self, name: str) -> tuple[object, ...]:
+        return self._version, self._source_stamp, name
 
 
 def _imported(function: Callable[..., Any]) -> str:

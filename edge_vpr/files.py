@@ -1,8 +1,19 @@
 """Writing of files and folders whole or not at all, whatever ends the run.
 
-Unfinished results are in a hidden folder next to the result, ``.edge-vpr-*.part``, which the run
-keeps locked. After a crash, a kill or a power cut this folder remains. The next run that writes to
-the same place finds it unlocked and removes it.
+A result is written into a hidden folder next to its place, ``.edge-vpr-*.part``, and then renamed.
+Where the file system cannot exchange two folders in one step, the old folder is first renamed to
+``edge-vpr-old-*``, and removed when the new one is in place.
+
+After a crash, a kill or a power cut:
+
+- A name has its old or its new content, never a part of it. Where folders cannot be exchanged, the
+  name may be missing. The old folder is then next to it, and no run changes or removes it.
+- The hidden folder remains. The next run that writes to the same place removes it. Nothing in it is
+  used again.
+
+A hidden folder is removed only if it is a folder of this user and no process has locked it. Links
+are not followed, neither in its place nor inside it. No folder that another run left, or that an
+archive contained, is ever renamed or moved.
 """
 
 from __future__ import annotations
@@ -11,6 +22,7 @@ import ctypes
 import errno
 import fcntl
 import json
+import math
 import os
 import re
 import secrets
@@ -28,7 +40,6 @@ _WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
 # from <linux/fs.h> and <fcntl.h>
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
-_NEW, _OLD = "new", "old"
 #: errors that only writing raises, often without the name of a file
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -69,8 +80,8 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
     """Yield an empty temporary folder that replaces `path` if the block succeeds.
 
     After an error or an interrupt, `path` is unchanged. Old and new folder are exchanged in one
-    step if the file system can do that. If not, a power cut between two steps can leave neither in
-    place; `clear_dead_runs` then puts the new one in place.
+    step if the file system can do that. If not, a power cut between two steps can leave the old one
+    under the name ``edge-vpr-old-*``.
 
     Parameters
     ----------
@@ -86,8 +97,8 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
     if target.exists() and not target.is_dir():
         raise UsageError(f"cannot write the folder {path}: there is a file of this name")
     with work_folder(target) as work:
-        new = work / _NEW / target.name
-        new.mkdir(parents=True)
+        new = work / target.name
+        new.mkdir()
         yield new
         for folder, _, files in os.walk(new):
             for name in files:
@@ -96,11 +107,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
         if not target.exists():
             new.rename(target)
         elif not _exchanged(new, target):
-            old = work / _OLD / target.name
-            old.parent.mkdir()
-            _sync(work)
-            target.rename(old)
-            new.rename(target)
+            _renamed_in_two_steps(new, target)
         _sync(target.parent)
 
 
@@ -138,34 +145,50 @@ def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> Non
 
 
 def clear_dead_runs(folder: str | Path) -> None:
-    """Remove what killed runs left in a folder, and finish replacements that they had begun.
+    """Remove what killed runs of this user left in a folder; follow no links.
 
-    Folders of running processes are locked and left alone, and so are folders that cannot be locked
-    or removed.
+    Folders of running processes are locked and left alone, and so are folders of other users and
+    those that cannot be locked or removed.
     """
-    with suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            if _WORK.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False):
-                with suppress(OSError):
-                    _clear(Path(entry.path))
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        return
+    try:
+        with os.scandir(handle) as entries:
+            names = [entry.name for entry in entries]
+        for name in names:
+            if _WORK.fullmatch(name):
+                # RecursionError: folders in folders, deeper than `shutil.rmtree` goes
+                with suppress(OSError, RecursionError):
+                    _remove_dead(name, handle)
+    finally:
+        os.close(handle)
 
 
-def _clear(work: Path) -> None:
-    lock = _locked(work)
+def _remove_dead(name: str, parent: int) -> None:
+    lock = _locked(name, parent)
     if lock is None:
         return
     try:
-        if (work / _OLD).is_dir():
-            # stopped between the two renames of a folder: the new folder is complete
-            for kept in (_NEW, _OLD):
-                for folder in (work / kept).iterdir():
-                    target = work.parent / folder.name
-                    if not os.path.lexists(target):
-                        folder.rename(target)
-            _sync(work.parent)
-        shutil.rmtree(work)
+        if os.fstat(lock).st_uid != os.geteuid():
+            return
+        # by the handle that is locked: another folder may get the name in the meantime
+        _empty(lock)
+        os.rmdir(name, dir_fd=parent)
     finally:
         os.close(lock)
+
+
+def _empty(folder: int) -> None:
+    """Remove all that an open folder contains; links are removed, not followed."""
+    with os.scandir(folder) as entries:
+        inner = [(entry.name, entry.is_dir(follow_symlinks=False)) for entry in entries]
+    for name, is_folder in inner:
+        if is_folder:
+            shutil.rmtree(name, dir_fd=folder)
+        else:
+            os.unlink(name, dir_fd=folder)
 
 
 @contextmanager
@@ -215,9 +238,10 @@ def _made_and_locked(parent: Path) -> tuple[Path, int | None]:
             return work, lock
 
 
-def _locked(work: Path) -> int | None:
-    """Lock a folder; None if another process has locked it."""
-    handle = os.open(work, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+def _locked(work: str | Path, parent: int | None = None) -> int | None:
+    """Lock a folder, of which a relative name is in the open `parent`; None if it is locked."""
+    flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+    handle = os.open(work, flags, dir_fd=parent)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -267,6 +291,20 @@ def _exchanged(new: Path, target: Path) -> bool:
     raise OSError(number, os.strerror(number), str(target))
 
 
+def _renamed_in_two_steps(new: Path, target: Path) -> None:
+    """Replace a folder by another one where the two cannot be exchanged."""
+    old = target.with_name(f"edge-vpr-old-{secrets.token_hex(8)}")
+    try:
+        target.rename(old)
+        new.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        raise
+    _sync(target.parent)
+    shutil.rmtree(old, ignore_errors=True)
+
+
 def _sync(path: Path) -> None:
     """Wait until a file, or the entries of a folder, are on the disk."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -311,9 +349,28 @@ def read_json(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
     Raises
     ------
     UsageError
-        If it cannot be read, is longer than `MOST_BYTES`, or holds something else.
+        If it cannot be read, is longer than `MOST_BYTES`, or holds something else, or a number in
+        it is not finite.
     """
-    return _read(path, what, remedy, MOST_BYTES, json.loads)
+    return _read(path, what, remedy, MOST_BYTES, parse_json)
+
+
+def parse_json(text: str) -> Any:
+    """Parse JSON; refuse what Python reads and JSON does not have: NaN and infinity.
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON, or a number in it is not finite.
+    """
+    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{printable(text, 40)} is not a finite number")
+    return value
 
 
 def _read(

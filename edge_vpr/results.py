@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
+import math
 import os
 import platform
 import tempfile
@@ -17,9 +18,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from edge_vpr.archive import damaged
-from edge_vpr.errors import EdgeVprError, MapError, UsageError, as_path
-from edge_vpr.files import check_output, clear_dead_runs, replacing, replacing_folder
+from edge_vpr.errors import EdgeVprError, UsageError, as_path
+from edge_vpr.files import check_output, replacing, replacing_folder
 from edge_vpr.run_log import command_line, warnings_so_far
 
 # Folders of results, which are written whole or not at all.
@@ -51,7 +51,6 @@ def check_output_folder(
     """
     check_output(path, inputs)
     check_parent(path)
-    clear_dead_runs(path.absolute().parent)
     if not path.exists():
         return
     if not overwrite:
@@ -164,7 +163,7 @@ def to_json(value: Any) -> Any:
     Returns
     -------
     object
-        Dictionaries, lists and plain values.
+        Dictionaries, lists and plain values; None for a number that is not finite.
     """
     if hasattr(value, "to_json"):
         return value.to_json()
@@ -176,7 +175,14 @@ def to_json(value: Any) -> Any:
         return {name: to_json(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
         return [to_json(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     return value
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """Return a record as the text of a JSON file; numbers that are not finite are null."""
+    return json.dumps(to_json(value), indent=indent, allow_nan=False)
 
 
 def fields_to_json(record: Any) -> dict[str, Any]:
@@ -422,22 +428,7 @@ def processor_name() -> str:
 def write_json(path: Path, values: object) -> None:
     """Write a record, or values by name, as indented JSON, atomically."""
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(to_json(values), indent=2) + "\n", encoding="utf-8")
-
-
-def read_json(path: Path, remedy: str) -> dict[str, Any]:
-    """Read values that `write_json` wrote.
-
-    Raises
-    ------
-    MapError
-        If the file is missing, or does not hold an object of JSON.
-    """
-    with damaged(path, remedy):
-        values = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(values, dict):
-            raise MapError(f"it holds a {type(values).__name__}: expected names and values")
-        return values
+        temporary.write_text(json_text(values, indent=2) + "\n", encoding="utf-8")
 
 
 def _files(path: Path) -> list[Path]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -159,8 +160,7 @@ def open_recording(
         raise UsageError(f"format {format!r} is unknown: choose one of {', '.join(FORMATS)}")
     crop = crop_of(start, end)
     size = None if sensor is None else Sensor.of(sensor)
-    if not path.exists():
-        raise RecordingError(f"{path} does not exist: check the path")
+    check_file_or_folder(path)
     with foreign_errors(path):
         name = format or sniff(path)
         options = ReadOptions(
@@ -175,6 +175,25 @@ def open_recording(
         )
         recording = Recording(FORMATS[name].function("source")(path, options), on_fault)
     return recording if crop is None else recording.cropped(crop)
+
+
+def check_file_or_folder(path: Path) -> None:
+    """Refuse what cannot be read twice, or has no end: a pipe, a device or a socket.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing at `path`, or neither a file nor a folder.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise RecordingError(f"{path} does not exist: check the path") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{path} cannot be read: {reason}: check the path") from error
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise RecordingError(f"{path} is neither a file nor a folder: write it to a file first")
 
 
 def sniff(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import zipfile
 
 import archive_mutants
@@ -330,6 +331,17 @@ def test_an_array_that_announces_more_than_it_holds_takes_no_memory(tmp_path):
 def test_a_header_that_is_not_ours_is_one_line_that_names_the_file(tmp_path, header):
     np.savez(tmp_path / "a.npz", edge_vpr=np.array(header))
     with pytest.raises(MapError, match=r"a\.npz"):
+        read_archive(tmp_path / "a.npz", "thing")
+
+
+@pytest.mark.parametrize("byteorder", ["<", ">"])
+@pytest.mark.parametrize("name", ["edge_vpr", "route_coordinates"])
+def test_numbers_that_are_no_characters_are_one_line_that_names_the_file(tmp_path, name, byteorder):
+    """Turned to text, they raise a SystemError, in the message of an error too."""
+    header = np.array('{"kind": "thing", "version": 1}')
+    text = np.array([sys.maxunicode + 1, 65], dtype=f"{byteorder}u4").view(f"{byteorder}U2")
+    np.savez(tmp_path / "a.npz", **{"edge_vpr": header, name: text.reshape(())})
+    with pytest.raises(MapError, match=f"a.npz: array {name} holds numbers that are no characters"):
         read_archive(tmp_path / "a.npz", "thing")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import signal
 import stat
 import subprocess
@@ -138,8 +139,10 @@ def test_there_is_no_moment_without_the_folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("stop", [1, 2])
-def test_without_exchange_the_next_run_puts_the_new_folder_in_place(tmp_path, monkeypatch, stop):
-    """A kill between the renames: after the first no folder is there."""
+def test_without_exchange_a_kill_leaves_the_old_folder_under_another_name(
+    tmp_path, monkeypatch, stop
+):
+    """No later run moves or removes it."""
     write_folder(tmp_path / "results", "old")
     child = os.fork()
     if child == 0:
@@ -157,9 +160,30 @@ def test_without_exchange_the_next_run_puts_the_new_folder_in_place(tmp_path, mo
         os._exit(1)
     _, status = os.waitpid(child, 0)
     assert os.WTERMSIG(status) == signal.SIGKILL
-    assert (tmp_path / "results").exists() == (stop == 2)
     clear_dead_runs(tmp_path)
-    assert read_folder(tmp_path / "results") == "new"
+    old, *new = sorted(path.name for path in tmp_path.iterdir())
+    assert old.startswith("edge-vpr-old-")
+    assert read_folder(tmp_path / old) == "old"
+    assert new == ["results"][: stop - 1]
+    write_folder(tmp_path / "results", "later")
+    assert read_folder(tmp_path / "results") == "later"
+    assert read_folder(tmp_path / old) == "old"
+
+
+def test_without_exchange_an_error_between_the_renames_leaves_the_old_folder(tmp_path, monkeypatch):
+    write_folder(tmp_path / "results", "old")
+    monkeypatch.setattr(whole_files, "_exchanged", lambda new, target: False)
+    real = whole_files.Path.rename
+
+    def rename(self, target):
+        if self.parent.suffix == ".part":
+            raise OSError(errno.ENOSPC, "No space left on device", str(target))
+        return real(self, target)
+
+    monkeypatch.setattr(whole_files.Path, "rename", rename)
+    with pytest.raises(OSError, match="No space left"):
+        write_folder(tmp_path / "results", "new")
+    assert read_folder(tmp_path / "results") == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
@@ -200,12 +224,91 @@ def test_a_killed_run_is_cleared_at_the_next_one_and_a_living_one_is_left_alone(
     assert [path.name for path in tmp_path.iterdir()] == ["another"]
 
 
-def test_a_link_that_is_called_like_a_dead_run_is_not_followed(tmp_path):
-    (tmp_path / "precious").mkdir()
-    (tmp_path / "precious" / "data").write_text("kept")
-    (tmp_path / ".edge-vpr-0123456789abcdef.part").symlink_to(tmp_path / "precious")
+DEAD = ".edge-vpr-0123456789abcdef.part"
+
+
+@pytest.fixture
+def precious(tmp_path):
+    folder = tmp_path / "precious"
+    (folder / "inner").mkdir(parents=True)
+    for file in (folder / "data", folder / "inner" / "data"):
+        file.write_text("kept")
+    return folder
+
+
+def _files(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize("old", [True, False])
+@pytest.mark.parametrize("planted", ["new", "old", "inner/deeper", "a file", "itself"])
+def test_links_in_what_looks_like_a_dead_run_are_not_followed(tmp_path, precious, planted, old):
+    """As in an archive from strangers, or in a folder that they can write to."""
+    dead = tmp_path / "shared" / DEAD
+    if planted == "itself":
+        dead.parent.mkdir()
+        dead.symlink_to(precious)
+    else:
+        (dead / planted).parent.mkdir(parents=True)
+        (dead / planted).symlink_to(precious / "data" if planted == "a file" else precious)
+        if old and planted != "old":
+            (dead / "old").mkdir()
+    write(tmp_path / "shared" / "drive.npz", "whole")
+    assert _files(precious) == ["data", "inner", "inner/data"]
+    left = _files(tmp_path / "shared")
+    assert left == ([DEAD] if planted == "itself" else []) + ["drive.npz"]
+
+
+def test_nothing_is_taken_out_of_what_looks_like_a_dead_run(tmp_path):
+    """A planted ``.ssh`` or ``results`` does not get its place next to the results."""
+    for kept in ("new", "old"):
+        (tmp_path / DEAD / kept / ".ssh").mkdir(parents=True)
+    write_folder(tmp_path / "results", "whole")
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+def test_a_link_that_appears_while_a_dead_run_is_removed_is_not_followed(
+    tmp_path, precious, monkeypatch
+):
+    """Another program exchanges the folder after it was opened and locked."""
+    (tmp_path / "shared" / DEAD).mkdir(parents=True)
+    (tmp_path / "shared" / DEAD / "rows").touch()
+    real = whole_files._locked
+
+    def locked(work, parent=None):
+        handle = real(work, parent)
+        if str(work) == DEAD:
+            (tmp_path / "shared" / DEAD).rename(tmp_path / "shared" / "moved")
+            (tmp_path / "shared" / DEAD).symlink_to(precious)
+        return handle
+
+    monkeypatch.setattr(whole_files, "_locked", locked)
+    clear_dead_runs(tmp_path / "shared")
+    assert _files(precious) == ["data", "inner", "inner/data"]
+    assert _files(tmp_path / "shared") == [DEAD, "moved"]
+
+
+def test_a_folder_of_another_user_is_left_alone(tmp_path, monkeypatch):
+    (tmp_path / DEAD / "rows").mkdir(parents=True)
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     clear_dead_runs(tmp_path)
-    assert (tmp_path / "precious" / "data").read_text() == "kept"
+    assert (tmp_path / DEAD / "rows").is_dir()
+
+
+def test_folders_in_folders_without_end_do_not_end_a_run(tmp_path):
+    inner = os.open(tmp_path, os.O_RDONLY)
+    os.mkdir(DEAD, dir_fd=inner)
+    for name in (DEAD, *["f"] * 1_500):
+        before, inner = inner, os.open(name, os.O_RDONLY, dir_fd=inner)
+        os.mkdir("f", dir_fd=inner)
+        os.close(before)
+    os.close(inner)
+    write(tmp_path / "drive.npz", "whole")
+    assert (tmp_path / "drive.npz").read_text() == "whole"
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(10_000)
+    shutil.rmtree(tmp_path / DEAD, ignore_errors=True)  # pytest could not
+    sys.setrecursionlimit(limit)
 
 
 @pytest.mark.parametrize("writer", [write, write_folder])

@@ -193,6 +193,26 @@ def test_a_damaged_state_dict_is_refused_and_nothing_large_is_made(tmp_path):
         read_state_dict(tmp_path / "none.pth")
 
 
+def test_tensors_that_share_their_numbers_take_no_more_than_the_file_allows(tmp_path):
+    """16 MB in 200 tensors took 3.2 GB."""
+    big = np.zeros(1 << 18, "<f4")
+    path = torch_state(tmp_path / "one.pth", {"a": big})
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read("weights/data.pkl")
+    first = text.index(unicode_op("a"))
+    item, end = text[first:-2], text[-2:]
+
+    def with_tensors(count):
+        items = (item.replace(unicode_op("a"), unicode_op(f"a{i}")) for i in range(count))
+        pickled = text[:first] + b"".join(items) + end
+        return torch_state(tmp_path / "many.pth", {"a": big}, pickled=pickled)
+
+    # tied layers share them
+    assert len(read_state_dict(with_tensors(3))) == 3
+    with pytest.raises(WeightsError, match="tensors that take much more memory than the file"):
+        read_state_dict(with_tensors(200))
+
+
 # --- LENS -----------------------------------------------------------------------------------------
 
 

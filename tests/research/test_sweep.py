@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -150,6 +152,9 @@ def test_a_folder_is_hashed_by_names_and_contents(tmp_path):
         content_hash(tmp_path / "none")
 
 
+LONG_GRID = f"pixels = {list(range(1, 951))}\nsequence_length = {list(range(1, 1_001))}"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -163,6 +168,9 @@ def test_a_folder_is_hashed_by_names_and_contents(tmp_path):
         ("tolerance = 0.2", "tolerances = 0.2", "did you mean tolerance"),
         ("tolerance = 0.2", 'tolerance = "x"', "tolerance"),
         ('query = "tuesday.npz"', "", "lacks query"),
+        ("seeds = [1, 2]", "seeds = 1000000", "more than 100,000 trials"),
+        ("pixels = [3, 5]", LONG_GRID, "more than 100,000 trials"),
+        ("pixels = [3, 5]", "pixels = []\nsigma = [1.0]", "give a list of values"),
         ("[drives.evening]", "[driven.evening]", "did you mean drives"),
     ],
 )
@@ -235,6 +243,53 @@ def test_damaged_files_of_a_sweep_are_errors_with_a_remedy(plan_file, tmp_path):
         store.result("../../etc/passwd")
 
 
+def test_a_result_under_the_key_of_another_trial_is_refused(plan_file, tmp_path):
+    """Copied over it, or with its key changed as well: its shares are those of another trial."""
+    store, _ = swept(plan_file, Inline(), tmp_path / "out")
+    one, other, *_ = sorted((tmp_path / "out/results").iterdir())
+    whole = one.read_text()
+    for changed in (other.read_text(), other.read_text().replace(other.stem, one.stem)):
+        one.write_text(changed)
+        for read in (
+            lambda: swept(plan_file, Inline(), tmp_path / "out"),
+            lambda: rows_of([tmp_path / "out"]),
+            lambda: store.result(one.stem),
+        ):
+            with pytest.raises(UsageError, match="holds another trial than its name says"):
+                read()
+    one.write_text(whole)
+    failure = tmp_path / "out/failures" / one.name
+    failure.write_text(
+        json.dumps(
+            {"key": other.stem, "trial": json.loads(whole)["trial"], "error": "", "schema": 1}
+        )
+    )
+    with pytest.raises(UsageError, match="holds another trial"):
+        store.failure(one.stem)
+
+
+@pytest.mark.parametrize("name", ["sweep.json", "results", "failures", ".lock"])
+def test_links_in_the_folder_of_a_sweep_are_not_followed(plan_file, tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/sweep.json").write_text("{}")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text("kept")
+    (tmp_path / "out" / name).unlink(missing_ok=True)
+    (tmp_path / "out" / name).symlink_to(elsewhere)
+    with pytest.raises(UsageError, match="is a link: name another folder"):
+        swept(plan_file, Inline(), tmp_path / "out")
+    assert elsewhere.read_text() == "kept"
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_numbers_that_json_does_not_have_are_refused(plan_file, tmp_path, number):
+    store, _ = swept(plan_file, Inline(), tmp_path / "out")
+    path = next((tmp_path / "out/results").iterdir())
+    path.write_text(re.sub('("recall_at_1": )[^,]*', rf"\g<1>{number}", path.read_text()))
+    with pytest.raises(UsageError, match=f"{number} is not a finite number: remove it"):
+        store.result(path.stem)
+
+
 def test_a_worker_of_this_machine_may_die(tmp_path):
     jobs = {number: (number, str(tmp_path)) for number in range(6)}
     with processes(2) as workers:
@@ -295,6 +350,16 @@ def test_a_cluster_keeps_failures_as_this_machine_does(scheduler):
         found = {one.key: one for one in run_all(numbers, sweep_jobs.refuse, workers)}
     assert found[3].error == "internal error, ValueError: three is refused"
     assert sorted(one.result for one in found.values() if not one.error) == [0, 1, 2, 4, 5]
+
+
+def test_the_page_starts_no_cluster_that_listens_to_strangers():
+    """Dask runs what it is sent; by default it listens on all networks."""
+    page = (Path(__file__).parents[2] / "docs/sweep.md").read_text()
+    commands = re.findall(r"^.*\bdask (scheduler|worker) (.*)$", page, re.MULTILINE)
+    assert len(commands) == 5
+    for program, words in commands:
+        assert "--host 127.0.0.1" in words or "--tls-ca-file" in words
+        assert ("--dashboard-address 127.0.0.1:" in words) == (program == "scheduler")
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,15 +20,17 @@ from edge_vpr_tools import console as compiling
 from edge_vpr_tools import console as messages
 from edge_vpr_tools import console as tables
 from edge_vpr_tools.cli import EXAMPLES, GROUPS, VERBS, find_verb, module_name, takes_value, tree
+from edge_vpr_tools.research.intensity import open_intensity
+from edge_vpr_tools.research.sweep.plan import content_hash
 from streams import random_events
 
 import edge_vpr
 from edge_vpr import errors
 from edge_vpr.archive import kind_of
-from edge_vpr.errors import MissingExtraError, did_you_mean
+from edge_vpr.errors import EdgeVprError, MissingExtraError, did_you_mean
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.recordings import write_recording
+from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
 
 SENSOR = Sensor(16, 12)
@@ -290,6 +293,62 @@ def test_compilation_that_takes_long_is_announced(capsys, monkeypatch):
     with compiling.compiling_noted():
         nb.njit(lambda x: x * 5 + 1)(2)
     assert capsys.readouterr().err == ""
+
+
+INTERRUPTED_IN_A_CALLBACK = """
+import signal, sys, time
+from edge_vpr_tools import cli
+
+class Late:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+def run(argv):
+    Late()
+    time.sleep(60)
+
+cli.run = run
+sys.exit(cli.main(["info"]))
+"""
+
+
+def test_an_interrupt_in_a_callback_is_not_lost():
+    """As while kernels are loaded: Python prints such errors and goes on."""
+    words = [sys.executable, "-c", INTERRUPTED_IN_A_CALLBACK]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=30)
+    assert done.returncode == cli.EXIT_INTERRUPTED
+    assert done.stderr == "edge-vpr: interrupted; no incomplete file was left\n"
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_command_whose_streams_are_closed_runs_to_its_end(drive, tmp_path, closed):
+    """And none of its files gets the number of a stream, into which others print."""
+    copied = tmp_path / "copied.npz"
+    for words in (["info", drive / "drive.npz"], ["convert", drive / "drive.npz", copied]):
+        line = shlex.join(map(str, [sys.executable, "-m", "edge_vpr_tools.cli", *words]))
+        done = subprocess.run(f"{line} {closed}", shell=True, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
+    assert len(np.load(copied)["events"]) == 4_000
+
+
+@pytest.mark.parametrize("kind", ["device", "pipe"])
+def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
+    """A device has no end, and a pipe cannot be read twice."""
+    path = "/dev/zero"
+    if kind == "pipe":
+        path = tmp_path / "pipe"
+        os.mkfifo(path)
+    for read in (
+        lambda: open_recording(path, sensor=SENSOR, format="evt3"),
+        lambda: open_recording(path),
+        lambda: open_intensity(path),
+        lambda: content_hash(Path(path)),
+    ):
+        with pytest.raises(EdgeVprError, match="is neither a file nor a folder: write it to a fil"):
+            read()
+    assert cli.main(["info", str(path)]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_control_characters_of_a_file_name_do_not_reach_the_terminal(tmp_path, capsys):

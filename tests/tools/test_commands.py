@@ -521,9 +521,25 @@ def test_a_damaged_record_of_metrics_is_named(drive, tmp_path, capsys):
     shutil.copytree(drive / "results", results)
     reference = line_track(tmp_path / "reference.csv", 2, 20)
     evaluate = ["evaluate", results, "--tolerance", "2", "--ground-truth", reference, reference]
-    for text in ("{", "[1]", "[" * 100_000):
+    for text in ("{", "[1]", "[" * 100_000, '{"queries": NaN}'):
         (results / "metrics.json").write_text(text)
-        refused(capsys, *evaluate, code=1, says="metrics.json")
+        refused(capsys, *evaluate, code=2, says="metrics.json")
+
+
+def test_a_damaged_record_of_a_run_is_named(drive, tmp_path, capsys):
+    results = tmp_path / "results"
+    shutil.copytree(drive / "results", results)
+    reference = line_track(tmp_path / "reference.csv", 2, 20)
+    evaluate = ["evaluate", results, "--tolerance", "2", "--ground-truth", reference, reference]
+    for change in (
+        {"inputs": [{"path": "a"}]},
+        {"inputs": 3},
+        {"settings": [1]},
+        {"machine": None},
+    ):
+        record = json.loads((drive / "results" / "run.json").read_text())
+        (results / "run.json").write_text(json.dumps(record | change))
+        refused(capsys, *evaluate, code=2, says="run.json")
 
 
 def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, capsys):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -14,6 +13,7 @@ from edge_vpr_tools import doctor as machine
 from edge_vpr_tools import doctor as packages
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.doctor import Finding, as_text
+from kernel_programs import CALL, KERNEL, ONE_KERNEL, Runner
 from packaging.requirements import Requirement
 from serial.tools import list_ports
 
@@ -109,89 +109,35 @@ def test_nowhere_to_keep_kernels_is_wrong(monkeypatch):
     assert only(kernels.check_kernels()).state == "wrong"
 
 
-#: runs each program that it reads in a child of its own, which need not import Numba again
-_SERVER = """
-import importlib, os, sys, traceback
-from numba import njit
-import edge_vpr.compiling
-
-njit(lambda x: x)(1)  # what Numba prepares once
-for line in sys.stdin:
-    if os.fork() == 0:
-        importlib.invalidate_caches()
-        try:
-            exec(eval(line), {})
-        except BaseException:
-            traceback.print_exc()
-            os._exit(1)
-        sys.stdout.flush()
-        os._exit(0)
-    code = os.waitstatus_to_exitcode(os.wait()[1])
-    print("ended", code, flush=True)
-"""
-
-
-class Runner:
-    """Runs programs that import modules of a folder, and keeps their kernels there."""
-
-    def __init__(self, folder, **more):
-        paths = os.pathsep.join([str(folder), *filter(None, sys.path)])
-        kept = {"NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": paths}
-        self._server = subprocess.Popen(
-            # no bytecode: it would be taken for that of a source changed within the same second
-            [sys.executable, "-B", "-c", _SERVER],
-            env={**os.environ, **kept, **more},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *unused):
-        self._server.communicate()
-
-    def __call__(self, program):
-        """Return what the program prints; it starts with no module of the folder imported."""
-        self._server.stdin.write(f"{program!r}\n")
-        self._server.stdin.flush()
-        said = []
-        for line in self._server.stdout:
-            if line.startswith("ended "):
-                assert line == "ended 0\n"
-                return "".join(said).strip()
-            said.append(line)
-        raise AssertionError("the server has ended")
-
-
 @pytest.fixture
 def run(tmp_path):
     with Runner(tmp_path) as runner:
         yield runner
 
 
-_KERNEL = "from edge_vpr.compiling import kernel\n\n@kernel\n"
-_ONE_KERNEL = f"{_KERNEL}def plus_one(x):\n    return x + 1\n"
-_CALL = "import one_kernel; one_kernel.plus_one(1)"
-
-
 def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(kernels, "_sources", lambda: [tmp_path / "one_kernel.py"])
     assert only(kernels.check_kernels()).state == "absent"
-    (tmp_path / "one_kernel.py").write_text(_ONE_KERNEL)
+    (tmp_path / "one_kernel.py").write_text(ONE_KERNEL)
     with Runner(tmp_path, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") as run:
-        run(_CALL)
+        run(CALL)
     finding = only(kernels.check_kernels())
     assert finding.state == "absent"
     assert finding.text.startswith(f"0 kept in {tmp_path} for this processor and Numba, 1 for")
     with Runner(tmp_path) as run:
-        run(_CALL)
+        run(CALL)
     assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
-    for index in tmp_path.rglob("*.nbi"):
-        index.write_bytes(index.read_bytes()[:-5])
-    assert only(kernels.check_kernels()).state == "absent"
+    for suffix in ("nbi", "nbc"):
+        with Runner(tmp_path) as run:
+            run(CALL)
+        damaged = next(tmp_path.rglob(f"*.{suffix}"))
+        damaged.write_bytes(damaged.read_bytes()[:-5])
+        finding = only(kernels.check_kernels())
+        assert finding.state == "absent"
+        assert finding.text.endswith(
+            ", 1 damaged or of an older version: the first run takes longer"
+        )
 
 
 def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(
@@ -200,16 +146,16 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(
     source = tmp_path / "one_kernel.py"
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(kernels, "_sources", lambda: [source])
-    source.write_text(_ONE_KERNEL)
-    run(_CALL)
+    source.write_text(ONE_KERNEL)
+    run(CALL)
     assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
 
-    source.write_text(_ONE_KERNEL.replace("x + 1", "x + 2"))  # Numba compiles it again
+    source.write_text(ONE_KERNEL.replace("x + 1", "x + 2"))  # Numba compiles it again
     finding = only(kernels.check_kernels())
     assert finding.state == "absent" and "doctor --compile" in finding.remedy
     assert finding.text.startswith(f"0 kept in {tmp_path}, 1 of an older source")
     source.write_text("\n" + source.read_text())  # at another line it has an index of its own
-    run(_CALL)
+    run(CALL)
     assert only(kernels.check_kernels()).text.startswith(f"1 kept in {tmp_path}, 1 of an older")
 
     monkeypatch.setattr(kernels, "PRESETS", [])
@@ -229,7 +175,7 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(
     monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(kernels, "_sources", lambda: [source, called, constants])
     source.write_text(
-        f"from called import one\nfrom constants import FIRST, STEP\n{_KERNEL}"
+        f"from called import one\nfrom constants import FIRST, STEP\n{KERNEL}"
         "def plus(x):\n    return x + FIRST[0] + STEP * one()\n"
     )
     program = (
@@ -237,7 +183,7 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(
     )
 
     def write_called(one: int) -> None:
-        called.write_text(f"{_KERNEL}def one():\n    return {one}\n")
+        called.write_text(f"{KERNEL}def one():\n    return {one}\n")
 
     def write_constants(first: int, step: int) -> None:
         constants.write_text(f"import numpy as np\nFIRST = np.array([{first}])\nSTEP = {step}\n")

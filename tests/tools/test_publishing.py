@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import errno
 import json
 import os
 import shutil
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,7 @@ from edge_vpr_tools.publish import (
     LineServer,
     MatchRows,
     MqttPublisher,
+    RareNotices,
     open_mqtt,
     parse_address,
     parse_url,
@@ -202,6 +205,58 @@ def test_a_reader_that_vanishes_is_forgotten_and_one_too_many_is_turned_away(mon
         server.send("match", "{}")
 
 
+def test_without_a_free_descriptor_the_server_pauses_and_goes_on_later(monkeypatch):
+    """It called accept without end, with a whole core."""
+    real, calls = socket.socket.accept, []
+
+    def exhausted(sock):
+        calls.append(sock)
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(line_server, "_PAUSE_S", 0.2)
+    with LineServer("0") as server:
+        monkeypatch.setattr(socket.socket, "accept", exhausted)
+        host, port = server.address.removeprefix("tcp://").rsplit(":", 1)
+        with socket.create_connection((host, int(port)), timeout=10) as waiting:
+            time.sleep(0.5)
+            assert 1 <= len(calls) <= 4
+            monkeypatch.setattr(socket.socket, "accept", real)
+            end = time.monotonic() + 10
+            while not server._readers and time.monotonic() < end:
+                time.sleep(0.01)
+            server.send("match", "{}")
+            assert waiting.recv(10) == b"{}\n"
+        texts = [text for text, _ in server.notices()]
+        assert texts[1:] == ["no reader can connect: Too many open files"]
+
+
+def test_a_thousand_refused_connections_are_one_line_and_a_count_a_minute(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(line_server, "MOST_READERS", 0)
+    with LineServer("0") as server:
+        server._notices._clock = lambda: now[0]
+        address = server.address.removeprefix("tcp://").rsplit(":", 1)
+        for _ in range(1_000):
+            with socket.create_connection((address[0], int(address[1])), timeout=10) as sock:
+                assert sock.recv(1) == b""
+        refusal = "0 readers are there, another is refused"
+        assert [text for text, _ in server.notices()][1:] == [refusal]
+        now[0] = 59.0
+        assert list(server.notices()) == []
+        now[0] = 61.0
+        assert list(server.notices()) == [(f"{refusal} (999 times in 61 s)", False)]
+        now[0] = 200.0
+        assert list(server.notices()) == []
+
+
+def test_notices_of_many_texts_take_little_memory():
+    notices = RareNotices()
+    for i in range(10_000):
+        notices.add(str(i), True)
+    assert len(list(notices.take())) == 100
+    assert len(notices._given) <= 100
+
+
 @pytest.mark.parametrize("wrong", ["", "x", "host:", "1:2:3", "70000", "-1", "tcp://h:1", "::1:70"])
 def test_an_address_to_serve_on_that_is_none_is_refused(wrong):
     with pytest.raises(UsageError, match="expected a port"):
@@ -375,6 +430,43 @@ def test_what_waits_for_a_broker_that_hangs_is_bounded(paho, monkeypatch):
             assert 0 < waiting <= 1_001
             begin = time.monotonic()
         assert time.monotonic() - begin < 5
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        bytes([0x30, 0xFF, 0xFF, 0xFF, 0x7F]),  # a message of 256 MB
+        bytes([0x20, 0xFF, 0xFF, 0xFF, 0x7F]),  # an answer of 256 MB
+        bytes([0x34, 9, 0, 1]) + b"a" + bytes(6),  # QoS 2: stored until it is released
+        bytes([0x50, 2, 0, 1]),  # each is answered
+        bytes([0xC0, 0]),
+    ],
+)
+def test_a_broker_that_sends_what_was_not_asked_for_is_left(paho, hostile):
+    """It filled the memory: 980 MB in 15 s."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        sent = []
+
+        def broker():
+            sock, _ = server.accept()
+            with sock, suppress(OSError):
+                sock.settimeout(10)
+                sock.recv(1000)
+                sock.sendall(bytes([0x20, 2, 0, 0]) + hostile)  # CONNACK
+                for _ in range(64):
+                    sock.sendall(bytes(1 << 20) if hostile[1] == 0xFF else hostile * 200_000)
+                    sent.append(1)
+
+        thread = threading.Thread(target=broker)
+        thread.start()
+        with open_mqtt(f"mqtt://127.0.0.1:{server.getsockname()[1]}/rover") as publisher:
+            thread.join()
+            kept = publisher._client
+            assert len(kept._in_packet["packet"]) < 1_000
+            assert not kept._in_messages and len(kept._out_packet) < 2
+            texts = [text for text, _ in publisher.notices()]
+        assert len(sent) < 32
+        assert texts[-1].endswith("is lost; trying again")
 
 
 class ThreadedBroker:

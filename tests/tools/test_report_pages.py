@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import open_browser, program
 from edge_vpr_tools.report.page import MISSED, Page, add_run
-from edge_vpr_tools.report.style import Scale, add_scale, along_route, drawn_for_page, figure
+from edge_vpr_tools.report.style import Scale, add_scale, along_route, drawn, drawn_for_page, figure
 
 from edge_vpr.evaluation.metrics import RecallDenominator
 from edge_vpr.route import Route
@@ -50,6 +50,24 @@ def test_a_page_escapes_what_it_is_told(tmp_path):
     assert "5 &lt; 6 windows" in text
     assert "<title>A drive &amp; its matches</title>" in text
     assert "the &#34;best&#34; matches" in text
+
+
+def test_control_characters_are_escaped_in_a_page(tmp_path):
+    """Of the name of a file: a terminal would execute them."""
+    name = "a\x1b[2J\u202e\udcff<b>"
+    page = Page(name)
+    page.text(name)
+    page.heading(name)
+    page.table((name, name), [(name, "1")])
+    page.folded(name, f"{name}\nof two lines")
+    with figure() as (drawing, axes):
+        axes.plot([0, 1])
+    page.picture(drawn(drawing, "png"), name)
+    page.write(tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert text.replace("\n", "").isprintable()
+    assert text.count(r"a\x1b[2J\u202e\udcff&lt;b&gt;") == 13
+    assert "\nof two lines" in text
 
 
 def test_a_page_needs_no_other_file(tmp_path):

@@ -7,9 +7,12 @@ import importlib
 import math
 import os
 import re
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 import argcomplete
@@ -315,6 +318,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 for success, 1 for a failed run, 2 for wrong use, 130 after an interrupt.
     """
     argv = sys.argv[1:] if argv is None else argv
+    _open_closed_streams()
+    hook = sys.unraisablehook
+    sys.unraisablehook = _interrupt_again
     try:
         if "_ARGCOMPLETE" in os.environ:
             importlib.import_module("edge_vpr_tools.cli").answer()
@@ -331,7 +337,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         if "--debug" in argv:
             traceback.print_exc()
         return _report(error)
+    finally:
+        sys.unraisablehook = hook
     return 0
+
+
+def _open_closed_streams() -> None:
+    """Replace standard streams that the caller closed (``>&-``): what is printed is discarded."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            # takes the closed number, which otherwise the first file of the command would have
+            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
+
+
+def _interrupt_again(ignored: Any) -> None:
+    """Repeat an interrupt that came in a callback, from which Python raises no error.
+
+    Libraries have such callbacks while kernels are loaded and figures are drawn.
+    """
+    if not issubclass(ignored.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(ignored)
+        return
+    # from another thread and later: here, it would be ignored once more
+    threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
 
 
 def run(argv: Sequence[str]) -> None:

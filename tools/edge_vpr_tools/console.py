@@ -211,7 +211,7 @@ def _console(width: int, quiet: bool) -> Console:
     return Console(width=None if Console().is_terminal else width, quiet=quiet)
 
 
-# Note that kernels are being compiled, which takes long once on each machine.
+# Note that kernels are being compiled, which takes long, or that compiled ones were damaged.
 
 
 #: shorter compilations are not worth a line
@@ -221,6 +221,8 @@ SILENT_S = 0.5
 @contextmanager
 def compiling_noted() -> Iterator[None]:
     """Print one note when compilation within the block has taken longer than `SILENT_S`.
+
+    Print another one when compiled kernels were damaged.
 
     Does nothing if Numba was not imported before.
     """

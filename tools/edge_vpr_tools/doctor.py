@@ -31,6 +31,7 @@ from serial.tools import list_ports
 import edge_vpr
 import fixedpoint
 from edge_vpr import __version__
+from edge_vpr.compiling import checked_code
 from edge_vpr.errors import install_command, printable
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
 from edge_vpr.live.session import LiveLocaliser
@@ -106,7 +107,7 @@ def as_text(findings: Sequence[Finding]) -> str:
 
 
 #: "kept": Numba loads it; "older": a source has changed since; "another": processor or Numba
-_State = Literal["kept", "older", "another"]
+_State = Literal["kept", "older", "another", "damaged"]
 _NUMBA: Any = caching  # has no types
 _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
 
@@ -129,7 +130,9 @@ def check_kernels() -> Iterator[Finding]:
         text = f"{text} for this processor and Numba, {found['another']} for another"
     if found["older"]:
         text = f"{text}, {found['older']} of an older source"
-    if found["kept"] and not found["older"]:
+    if found["damaged"]:
+        text = f"{text}, {found['damaged']} damaged or of an older version"
+    if found["kept"] and not found["older"] and not found["damaged"]:
         yield Finding("compiled kernels", "good", text)
     else:
         yield Finding("compiled kernels", "absent", f"{text}: the first run takes longer", _COMPILE)
@@ -138,7 +141,7 @@ def check_kernels() -> Iterator[Finding]:
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
 
-    Kernels of an older source, which are not loaded any more, are removed first.
+    Kernels of an older source, which are not loaded any more, and damaged ones are removed first.
 
     Parameters
     ----------
@@ -146,7 +149,7 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
         Called with a description of each step before it begins.
     """
     for index, state in list(_indexes(_cache_folder())):
-        if state == "older":
+        if state in ("older", "damaged"):
             for file in (*_compiled(index), index):
                 file.unlink(missing_ok=True)
     first, second = simulate_pair(0, length_m=20.0)
@@ -204,19 +207,21 @@ def _state_of(index: Path, source: Path, processor: object, changed_s: float) ->
         so that any change may make it older.
     """
     try:
-        with index.open("rb") as file:
-            # Numba's own checks: of the version, and of the source
-            if pickle.load(file) != numba.__version__:
-                return "another"
-            (stamp, _), kernels = pickle.load(file)  # see `edge_vpr.compiling`
+        content, *compiled = map(checked_code, (index, *_compiled(index)))
+        if content is None or None in compiled:
+            return "damaged"
+        # Numba's own checks: of the version, and of the source
+        version, (stamp, _), _ = pickle.load(content)
+        if version != numba.__version__:
+            return "another"
         backed = SimpleNamespace(_py_file=str(source))
         if stamp != _NUMBA._SourceFileBackedLocatorMixin.get_source_stamp(backed):
             return "older"
         if any(file.stat().st_mtime < changed_s for file in _compiled(index)):
             return "older"
-        return "kept" if any(key[1] == processor for key in kernels) else "another"
-    except Exception:  # an invalid pickle raises anything; Numba then compiles again
-        return "another"
+        return "kept" if any(key[1] == processor for key in pickle.load(content)) else "another"
+    except OSError:
+        return "damaged"
 
 
 def _sources() -> list[Path]:

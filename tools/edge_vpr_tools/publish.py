@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -10,7 +11,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, NamedTuple, Protocol, Self
 from urllib.parse import parse_qsl, unquote
@@ -25,6 +26,56 @@ from edge_vpr.reference_map import ReferenceMap
 # Server that sends rows of JSON, one in each line, to every program that connects.
 
 
+# Notices that would come too often are counted, and shown once a minute.
+
+
+#: Shortest time between two notices of the same text, in seconds.
+PAUSE_S = 60.0
+#: Largest number of notices that wait, and of different texts whose last time is known.
+_MOST = 100
+
+
+class RareNotices:
+    """Notices of a publisher; a text that comes again and again is given once a minute.
+
+    Otherwise a program that connects, or a broker that answers and leaves, a hundred times a second
+    would fill the log. One thread may add notices while another one takes them.
+
+    Parameters
+    ----------
+    clock : callable
+        Returns seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._new: deque[tuple[str, bool]] = deque(maxlen=_MOST)
+        #: by text: when it was last given, whether it is good news, how often it came since
+        self._given: dict[str, tuple[float, bool, int]] = {}
+
+    def add(self, text: str, good: bool) -> None:
+        """Add a notice, and whether it is good news."""
+        now = self._clock()
+        last, _, more = self._given.get(text, (now - PAUSE_S, good, 0))
+        if more == 0 and now - last >= PAUSE_S:
+            if len(self._given) >= _MOST:
+                self._given.clear()
+            self._given[text] = now, good, 0
+            self._new.append((text, good))
+        else:
+            self._given[text] = last, good, more + 1
+
+    def take(self) -> Iterator[tuple[str, bool]]:
+        """Yield what is to be shown since the last call."""
+        while self._new:
+            yield self._new.popleft()
+        now = self._clock()
+        for text, (last, good, more) in list(self._given.items()):
+            if more and now - last >= PAUSE_S:
+                self._given[text] = now, good, 0
+                yield f"{text} ({more:,} times in {now - last:.0f} s)", good
+
+
 #: Largest number of lines that wait for a reader; beyond it, its oldest lines are left out.
 WAITING_LINES = 1_000
 #: Largest number of readers; others are refused.
@@ -33,6 +84,9 @@ MOST_READERS = 32
 _SYSTEM_BYTES = 65_536
 #: Time at the end for readers to read their waiting lines, in seconds.
 _LAST_S = 1.0
+#: Pause after a connection that could not be accepted for want of these, in seconds.
+_PAUSE_S = 1.0
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _ADDRESS = re.compile(r"(?:(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]*)):)?(?P<port>\d{1,5})")
 
 
@@ -134,7 +188,8 @@ class LineServer:
         self._server.setblocking(False)
         host, port = self._server.getsockname()[:2]
         self.address = f"tcp://{bracketed(host)}:{port}"
-        self._notices = deque([(f"matches are at {self.address}", True)])
+        self._notices = RareNotices()
+        self._notices.add(f"matches are at {self.address}", True)
         self._readers: frozenset[_Reader] = frozenset()
         self._lock = threading.Lock()  # of the readers and their lines
         self._woken, self._wake = socket.socketpair()
@@ -142,6 +197,7 @@ class LineServer:
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._server, selectors.EVENT_READ)
         self._selector.register(self._woken, selectors.EVENT_READ)
+        self._paused_until_s: float | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="serve", daemon=True)
         self._thread.start()
@@ -158,8 +214,7 @@ class LineServer:
 
     def notices(self) -> Iterator[tuple[str, bool]]:
         """See `Publisher.notices`."""
-        while self._notices:
-            yield self._notices.popleft()
+        return self._notices.take()
 
     def close(self) -> None:
         """Give readers a second to read waiting lines, then close; may be called again."""
@@ -187,7 +242,11 @@ class LineServer:
         ):
             if end_s is None and self._closing.is_set():
                 end_s = time.monotonic() + _LAST_S
-            for key, ready in self._selector.select(None if end_s is None else 0.05):
+            if self._paused_until_s is not None and time.monotonic() >= self._paused_until_s:
+                self._paused_until_s = None
+                self._selector.register(self._server, selectors.EVENT_READ)
+            wait_s = None if self._paused_until_s is None else _PAUSE_S
+            for key, ready in self._selector.select(wait_s if end_s is None else 0.05):
                 if key.fileobj is self._server:
                     self._accept()
                 elif key.fileobj is self._woken:
@@ -203,10 +262,15 @@ class LineServer:
     def _accept(self) -> None:
         try:
             sock, _ = self._server.accept()
-        except OSError:  # gone again, or no descriptor is free
-            return
+        except OSError as error:
+            if error.errno in _EXHAUSTED:
+                # the program still waits to be accepted: without a pause, this would run in circles
+                self._selector.unregister(self._server)
+                self._paused_until_s = time.monotonic() + _PAUSE_S
+                self._notices.add(f"no reader can connect: {error.strerror}", False)
+            return  # else it is gone again
         if len(self._readers) >= MOST_READERS:
-            self._notices.append((f"{MOST_READERS} readers are there, another is refused", False))
+            self._notices.add(f"{MOST_READERS} readers are there, another is refused", False)
             sock.close()
             return
         sock.setblocking(False)
@@ -252,6 +316,9 @@ WAITING_MESSAGES = 1_000
 #: Environment variable with the password; other users could read an argument.
 PASSWORD = "EDGE_VPR_MQTT_PASSWORD"
 _KEEP_ALIVE_S = 10
+#: Kinds of packets that a broker sends to a client without subscriptions, with QoS 0: CONNACK and
+#: PINGRESP; and the length of the longest in bytes.
+_EXPECTED, _LONGEST_PACKET = (0x20, 0xD0), 2
 _URL = re.compile(
     r"mqtt(?P<tls>s?)://(?:(?P<user>[^@/:]+)@)?(?P<host>\[[^\]/]+\]|[^@:/\[\]]+)"
     r"(?::(?P<port>\d{1,5}))?/(?P<topic>[^?]+)(?:\?(?P<options>.*))?"
@@ -331,7 +398,7 @@ class MqttPublisher:
         self._lock = threading.Lock()
         self._waiting = 0
         self._there, self._tried = threading.Event(), threading.Event()
-        self._notices: deque[tuple[str, bool]] = deque(maxlen=100)
+        self._notices = RareNotices()
         self._said = ""
         client.will_set(f"{broker.topic}/status", _status("lost"), qos=1, retain=True)
         client.on_connect = self._connected
@@ -352,8 +419,7 @@ class MqttPublisher:
 
     def notices(self) -> Iterator[tuple[str, bool]]:
         """See `Publisher.notices`."""
-        while self._notices:
-            yield self._notices.popleft()
+        return self._notices.take()
 
     def wait_for_broker(self, seconds: float) -> None:
         """Wait until the broker answers or cannot be reached, so that the first rows are sent."""
@@ -383,7 +449,7 @@ class MqttPublisher:
     def _say(self, text: str, good: bool) -> None:
         if text != self._said:  # each attempt fails in the same way
             self._said = text
-            self._notices.append((text, good))
+            self._notices.add(text, good)
         self._tried.set()
 
     def _where(self) -> str:
@@ -393,8 +459,9 @@ class MqttPublisher:
         if reason.is_failure:
             self._say(f"the broker at {self._where()} refuses: {reason}", False)
             return
-        self._waiting = 0
-        self._publish_status("online")
+        if not self._there.is_set():  # a broker may say it more than once
+            self._waiting = 0
+            self._publish_status("online")
         self._there.set()
         self._say(f"matches go to {self._where()}, topic {self._broker.topic}", True)
 
@@ -415,6 +482,24 @@ class MqttPublisher:
 def _status(status: str) -> str:
     """Return what a subscriber reads of the stream itself."""
     return json.dumps({"kind": "status", "status": status})
+
+
+def _guarded(client: Any) -> Any:
+    """Return a class of clients that leave a broker which sends what nobody asked for.
+
+    The library accepts packets of 256 MB. It also stores messages that were not subscribed to, and
+    answers to requests, until the broker reads them.
+    """
+
+    class GuardedClient(client):  # type: ignore[misc]
+        def _sock_recv(self, size: int) -> Any:
+            packet = self._in_packet
+            kind = packet["command"] & 0xF0
+            if kind and (kind not in _EXPECTED or packet["remaining_length"] > _LONGEST_PACKET):
+                raise ConnectionAbortedError("the broker sends what was not asked for")
+            return super()._sock_recv(size)
+
+    return GuardedClient
 
 
 @contextmanager
@@ -439,7 +524,7 @@ def open_mqtt(url: str) -> Iterator[MqttPublisher]:
         from paho.mqtt import enums
     except ImportError as error:
         raise MissingExtraError("--mqtt", "paho-mqtt", "mqtt") from error
-    client = paho.Client(enums.CallbackAPIVersion.VERSION2)
+    client = _guarded(paho.Client)(enums.CallbackAPIVersion.VERSION2)
     client.reconnect_delay_set(1, 10)
     if broker.user is not None:
         client.username_pw_set(broker.user, os.environ.get(PASSWORD))

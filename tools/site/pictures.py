@@ -41,11 +41,11 @@ from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.files import read_json
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import read_json
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -181,7 +181,7 @@ def pipeline(folder: Path, path: Path) -> None:
 def read_replay(folder: Path) -> Replay:
     """Read the smoothed matches, with the events of all pixels."""
     results = folder / "results"
-    run = read_json(results / "run.json", "match again")
+    run = read_json(results / "run.json", "the run", "match again")
     for record in run["inputs"]:  # of commands that ran in the folder
         record["path"] = str(folder / record["path"])
     run["command"] = [

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-from dataclasses import asdict
 
 from edge_vpr.errors import EdgeVprError
 from edge_vpr_tools.console import answer
@@ -34,6 +32,7 @@ def run(args: argparse.Namespace) -> None:
     EdgeVprError
         If something is wrong; what is merely absent is none.
     """
+    from edge_vpr.results import json_text
     from edge_vpr_tools.doctor import as_text, compile_kernels, examine
     from edge_vpr_tools.progress import status
 
@@ -42,7 +41,7 @@ def run(args: argparse.Namespace) -> None:
             compile_kernels(show)
     findings = examine()
     if args.json:
-        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+        print(json_text(findings, indent=2))
     else:
         for line in as_text(findings).splitlines():
             answer(line)

@@ -53,7 +53,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.evaluation.tracks import with_positions
-    from edge_vpr.results import read_json, run_record, write_json
+    from edge_vpr.files import read_json
+    from edge_vpr.results import run_record, write_json
     from edge_vpr_tools.inputs import load_evaluated
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.style import read_formats
@@ -70,7 +71,7 @@ def run(args: argparse.Namespace) -> None:
         recall_denominator=args.recall_denominator,
         thresholds=args.thresholds,
     )
-    metrics = read_json(folder / results.METRICS, "match again")
+    metrics = read_json(folder / results.METRICS, "metrics", "match again")
     metrics["ground_truth"] = truth.description
     metrics["evaluation"] = found.to_dict()
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -100,14 +99,14 @@ def summarise(recording: Recording) -> RecordingSummary:
 def run(args: argparse.Namespace) -> None:
     """Read the whole recording once and print what it holds."""
     from edge_vpr.recordings import FORMATS
-    from edge_vpr.results import to_json
+    from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.progress import tracked
 
     recording = open_from(args, args.recording, on_fault="drop")
     facts = summarise(tracked(recording, "reading"))
     if args.json:
-        print(json.dumps(to_json(facts)))
+        print(json_text(facts))
         return
     rate = facts.events_per_s
     lines = {

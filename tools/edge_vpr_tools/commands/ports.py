@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import NamedTuple
 
 from edge_vpr.errors import printable
@@ -120,11 +119,11 @@ def attached_ports() -> list[AttachedPort]:
 
 def run(args: argparse.Namespace) -> None:
     """List the ports."""
-    from edge_vpr.results import to_json
+    from edge_vpr.results import json_text
 
     found = attached_ports()
     if args.json:
-        print(json.dumps(to_json(found), indent=2))
+        print(json_text(found, indent=2))
         return
     for one in found:
         how = f"--protocol {one.protocol}" if one.protocol else "-"

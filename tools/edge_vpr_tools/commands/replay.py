@@ -45,7 +45,8 @@ _SUFFIXES = (".gif", ".html")
 
 def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
-    from edge_vpr.results import RUN, check_new_file, read_json
+    from edge_vpr.files import read_json
+    from edge_vpr.results import RUN, check_new_file
     from edge_vpr_tools.inputs import RecordedInputs
     from edge_vpr_tools.progress import status
     from edge_vpr_tools.report.replay import frames, load_replay, write_gif, write_html
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
     with status("reading the matches") as show:
         replay = load_replay(
             folder,
-            RecordedInputs(read_json(folder / RUN, "match again")),
+            RecordedInputs(read_json(folder / RUN, "the run", "match again")),
             args.frames,
             start_s=args.start,
             end_s=args.end,

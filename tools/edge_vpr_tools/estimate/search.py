@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from edge_vpr import results
 from edge_vpr.archive import damaged
 from edge_vpr.errors import MapError, UsageError
+from edge_vpr.files import read_json
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import from_json, read_json
+from edge_vpr.results import from_json
 from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware, sizes
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import UNKNOWN, Constant, Target, matching, size_text, spread
@@ -353,7 +354,7 @@ def evaluation_of(metrics: Path) -> tuple[float, int] | None:
         If the file is damaged.
     """
     remedy = "match and evaluate again"
-    values = read_json(metrics, remedy)
+    values = read_json(metrics, "metrics", remedy)
     with damaged(metrics, remedy):
         told = from_json(Metrics, values).evaluation
         if told is None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from edge_vpr import results
 from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr.files import read_json
 from edge_vpr.reference_map import write_matched
-from edge_vpr.results import read_json
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.figures import over_time
 from edge_vpr_tools.report.page import Page, add_run
@@ -138,5 +138,5 @@ def write_report(
     for name, drawing, caption in drawings:
         save(drawing, folder / name)
         page.picture(drawn_for_page(drawing), caption)
-    add_run(page, read_json(folder / results.RUN, "run the demo again"))
+    add_run(page, read_json(folder / results.RUN, "the run", "run the demo again"))
     page.write(folder / results.REPORT)

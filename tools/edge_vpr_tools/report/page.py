@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from edge_vpr import __version__
+from edge_vpr.errors import escaped
 from edge_vpr.files import replacing
 
 # A self-contained HTML page: text, tables and figures in one file that can be sent on.
@@ -138,6 +139,7 @@ class Page:
         pages = Environment(
             loader=PackageLoader(__package__),
             autoescape=True,
+            finalize=_without_controls,
             undefined=StrictUndefined,
             trim_blocks=True,
             lstrip_blocks=True,
@@ -175,6 +177,13 @@ def _themed(svg: str, prefix: str) -> str:
     element = _OUTER.sub("", svg[svg.index("<svg") :])
     element = _NAMED.sub(rf"\1{prefix}", element)
     return _COLOUR.sub(lambda found: _THEMED[found[0]], element)
+
+
+def _without_controls(value: object) -> object:
+    """Escape control characters, such as those of a file name, in what a page shows."""
+    if type(value) is not str:  # markup of macros contains what was escaped before
+        return value
+    return "\n".join(map(escaped, value.split("\n")))
 
 
 def _is_number(cell: str) -> bool:

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.files import read_json
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import sequence_sums
 from edge_vpr.reference_map import ReferenceMap, read_queries
-from edge_vpr.results import read_json
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
     Window,
@@ -69,7 +69,7 @@ def write_report(
         outcome = outcome_of(reference, Matches.load(folder / results.MATCHES))
     matches, truth, found = outcome.matches, outcome.truth, outcome.found
     queries = read_queries(folder)
-    run = read_json(folder / results.RUN, "match again")
+    run = read_json(folder / results.RUN, "the run", "match again")
     route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")
 

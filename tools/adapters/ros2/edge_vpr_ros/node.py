@@ -189,7 +189,10 @@ def rows_from(host: str, port: int) -> Iterator[dict[str, Any]]:
     with socket.create_connection((host, port), timeout=5) as sock, sock.makefile("rb") as lines:
         sock.settimeout(None)
         while line := lines.readline(_LONGEST):
-            row = json.loads(line)
+            try:
+                row = json.loads(line)
+            except RecursionError:
+                row = None
             if not isinstance(row, dict):
                 raise ValueError(f"{host}:{port} sends what is no row: {line[:40]!r}")  # noqa: TRY004
             yield row
@@ -202,11 +205,18 @@ def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
     while not ended.is_set():
         try:
             for row in rows_from(host, port):
+                try:
+                    # other rows than matches have no time of their own
+                    host_us = int(row.get("host_us") or 1e6 * time.time())
+                    for message in translator.messages_of(row, backend.stamp_us(host_us)):
+                        backend.publish(message)
+                except (ArithmeticError, KeyError, TypeError, ValueError) as error:
+                    text = f"a row is left out: {type(error).__name__}: {error}"
+                    if text != said:
+                        backend.log(text)
+                    said = text
+                    continue
                 said = ""
-                # other rows than matches have no time of their own
-                host_us = int(row.get("host_us") or 1e6 * time.time())
-                for message in translator.messages_of(row, backend.stamp_us(host_us)):
-                    backend.publish(message)
             text = "edge-vpr has ended"
         except (OSError, ValueError) as error:
             text = f"no matches from {backend.connect}: {error}: start edge-vpr stream --serve"

@@ -25,6 +25,8 @@ from edge_vpr_tools.research.baselines.dense import CosineBaseline, mean_cells
 
 #: most bytes of the pickle, which holds only names and shapes, and of one tensor's numbers
 _LONGEST_PICKLE, _LARGEST = 1 << 22, 1 << 30
+#: most bytes of all tensors as a multiple of the file's: tensors may share their numbers
+_MOST_EXPANSION = 4
 _KINDS = {
     "FloatStorage": "f4",
     "DoubleStorage": "f8",
@@ -71,7 +73,7 @@ def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     path = Path(path)
     try:
         with zipfile.ZipFile(path) as archive:
-            values = _read(archive)
+            values = _read(archive, _MOST_EXPANSION * path.stat().st_size)
     except EdgeVprError:
         raise
     except OSError as error:
@@ -96,7 +98,7 @@ def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     return tensors
 
 
-def _read(archive: zipfile.ZipFile) -> Any:
+def _read(archive: zipfile.ZipFile, most: int) -> Any:
     names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
     if len(names) != 1:
         raise ValueError(f"{len(names)} files data.pkl")
@@ -106,14 +108,24 @@ def _read(archive: zipfile.ZipFile) -> Any:
         order = ">" if _member(archive, f"{folder}byteorder", 16) == b"big" else "<"
     text = _member(archive, names[0], _LONGEST_PICKLE)
 
+    kept: dict[str, bytes] = {}
+
+    def numbers_of(key: str) -> bytes:
+        if key not in kept:
+            kept[key] = _member(archive, f"{folder}data/{key}", _LARGEST)
+            # members of an archive may share their bytes too
+            if sum(map(len, kept.values())) > most:
+                raise ValueError("storages that take much more memory than the file")
+        return kept[key]
+
     def storage(kind: str, key: str, count: int) -> npt.NDArray[Any]:
         dtype = np.dtype(order + kind)
-        octets = _member(archive, f"{folder}data/{key}", _LARGEST)
+        octets = numbers_of(key)
         if not 0 <= count * dtype.itemsize <= len(octets):
             raise ValueError(f"{len(octets):,} bytes for {count} numbers of {dtype}")
         return np.frombuffer(octets, dtype, count)
 
-    return _Machine(storage).run(text)
+    return _Machine(storage, most).run(text)
 
 
 def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
@@ -131,10 +143,12 @@ class _Machine:
     ----------
     storage : callable
         Function that maps ``(kind, key, count)`` to the numbers of a storage.
+    most : int
+        Limit of all tensors together, in bytes.
     """
 
-    def __init__(self, storage: Callable[[str, str, int], npt.NDArray[Any]]) -> None:
-        self._storage = storage
+    def __init__(self, storage: Callable[[str, str, int], npt.NDArray[Any]], most: int) -> None:
+        self._storage, self._left = storage, most
         self._stack: list[Any] = []
         self._marks: list[int] = []
         self._memo: dict[int, Any] = {}
@@ -175,7 +189,7 @@ class _Machine:
             stack.append(self._persistent(stack.pop()))
         elif name == "REDUCE":
             function, arguments = self._popped(2)
-            stack.append(_called(function, arguments))
+            stack.append(self._called(function, arguments))
         elif name == "BUILD":  # attributes of the dictionary, such as versions of layers
             stack.pop()
         elif name in ("SETITEM", "SETITEMS"):
@@ -217,6 +231,21 @@ class _Machine:
             raise ValueError("a storage without a name or a length")
         return self._storage(_KINDS[kind.name], key, count)
 
+    def _called(self, function: Any, arguments: Any) -> Any:
+        """Return the object that a call of `function` would make."""
+        if isinstance(function, _Name) and isinstance(arguments, tuple):
+            if function == _ORDERED and not arguments:
+                return {}
+            if function == _TENSOR and len(arguments) >= 4:
+                view = _tensor(*arguments[:4])
+                self._left -= view.nbytes
+                if self._left < 0:
+                    raise ValueError("tensors that take much more memory than the file")
+                return view.astype(view.dtype.newbyteorder("="))
+            if function == _PARAMETER and arguments and isinstance(arguments[0], np.ndarray):
+                return arguments[0]
+        raise ValueError("a call of what is no function, or with other arguments")
+
 
 #: instructions that contain a value, and those that stand for one
 _LITERALS = ("BINUNICODE", "SHORT_BINUNICODE", "BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT")
@@ -233,20 +262,8 @@ def _known(module: Any, name: Any) -> _Name:
     return found
 
 
-def _called(function: Any, arguments: Any) -> Any:
-    """Return the object that a call of `function` would make."""
-    if isinstance(function, _Name) and isinstance(arguments, tuple):
-        if function == _ORDERED and not arguments:
-            return {}
-        if function == _TENSOR and len(arguments) >= 4:
-            return _tensor(*arguments[:4])
-        if function == _PARAMETER and arguments and isinstance(arguments[0], np.ndarray):
-            return arguments[0]
-    raise ValueError("a call of what is no function, or with other arguments")
-
-
 def _tensor(storage: Any, offset: Any, shape: Any, strides: Any) -> npt.NDArray[Any]:
-    """Return a tensor of a storage as an array of its own, in native byte order."""
+    """Return a tensor of a storage as a view of its numbers."""
     if (
         not (isinstance(storage, np.ndarray) and isinstance(shape, tuple))
         or not (isinstance(strides, tuple) and len(shape) == len(strides) <= _MOST_DIMENSIONS)
@@ -263,8 +280,7 @@ def _tensor(storage: Any, offset: Any, shape: Any, strides: Any) -> npt.NDArray[
     if not size:
         return np.empty(shape, storage.dtype.newbyteorder("="))
     steps = [step * storage.itemsize for step in strides]
-    view = np.lib.stride_tricks.as_strided(storage[offset:], shape, steps, writeable=False)
-    return view.astype(storage.dtype.newbyteorder("="))
+    return np.lib.stride_tricks.as_strided(storage[offset:], shape, steps, writeable=False)
 
 
 # LENS (Hines, Milford and Fischer, 2025): a spiking network with one output neuron a place.

@@ -350,7 +350,7 @@ def write_tables(path: Path, learnt: Mapping[str, tuple[Confidence, Sample]], se
         "tables": tables,
     }
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(made) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(made, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def run(

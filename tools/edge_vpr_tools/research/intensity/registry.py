@@ -9,7 +9,7 @@ from pathlib import Path
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.recordings.recording import foreign_errors
-from edge_vpr.recordings.registry import sniff
+from edge_vpr.recordings.registry import check_file_or_folder, sniff
 from edge_vpr_tools.research.intensity.frames import IntensityFrame, IntensityFrames
 
 
@@ -49,8 +49,7 @@ def open_intensity(
         If there are several streams of images, and `topic` is absent.
     """
     path = Path(path)
-    if not path.exists():
-        raise RecordingError(f"{path} does not exist: check the path")
+    check_file_or_folder(path)
     with foreign_errors(path):
         name = sniff(path)
         if name == "aedat4":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -253,7 +254,7 @@ def run_trial(trial: Trial) -> TrialResult:
 
 _REMEDY = "write it as docs/sweep.md shows"
 _TABLES = ("seeds", "settings", "grid", "variants", "drives")
-_MOST_TRIALS = 1_000_000
+_MOST_TRIALS = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,11 +321,14 @@ def read_plan(path: Path) -> Plan:
     }
     if not drives:
         raise UsageError(f"{path} names no drives: {_REMEDY}")
-    variants = dict(_variants(tables, path))
     seeds = _seeds(values.get("seeds", 1), path)
-    if len(variants) * len(drives) * len(seeds) > _MOST_TRIALS:
+    for name, choices in tables["grid"].items():
+        if not isinstance(choices, list) or not choices:
+            raise UsageError(f"{path}: grid.{name} is {choices!r}: give a list of values")
+    combined = math.prod(map(len, tables["grid"].values())) + len(tables["variants"])
+    if combined * len(drives) * len(seeds) > _MOST_TRIALS:
         raise UsageError(f"{path} asks for more than {_MOST_TRIALS:,} trials: split it")
-    return Plan(variants=variants, drives=drives, seeds=seeds)
+    return Plan(variants=dict(_variants(tables, path)), drives=drives, seeds=seeds)
 
 
 def content_hash(path: Path) -> str:
@@ -337,6 +341,8 @@ def content_hash(path: Path) -> str:
     """
     try:
         if not path.is_dir():
+            if path.exists() and not path.is_file():
+                raise UsageError(f"{path} is neither a file nor a folder: write it to a file first")
             with path.open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
         whole = hashlib.sha256()
@@ -349,13 +355,6 @@ def content_hash(path: Path) -> str:
 
 def _variants(tables: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Settings]]:
     common, grid = tables["settings"], tables["grid"]
-    for name, choices in grid.items():
-        if not isinstance(choices, list) or not choices:
-            raise UsageError(f"{path}: grid.{name} is {choices!r}: give a list of values")
-    if len(list(itertools.islice(itertools.product(*grid.values()), _MOST_TRIALS + 1))) > (
-        _MOST_TRIALS
-    ):
-        raise UsageError(f"{path}: the grid has more than {_MOST_TRIALS:,} variants: split it")
     # without a grid and without variants, the settings are the only variant
     if grid or not tables["variants"]:
         for values in itertools.product(*grid.values()):
@@ -404,7 +403,9 @@ def _drives(values: object, where: str, folder: Path) -> PairOfDrives:
 
 
 def _seeds(given: object, path: Path) -> tuple[int, ...]:
-    seeds = list(range(given)) if type(given) is int and 0 < given <= _MOST_TRIALS else given
+    if type(given) is int and given > _MOST_TRIALS:
+        raise UsageError(f"{path} asks for more than {_MOST_TRIALS:,} trials: split it")
+    seeds = list(range(given)) if type(given) is int and given > 0 else given
     if (
         not isinstance(seeds, list)
         or not seeds

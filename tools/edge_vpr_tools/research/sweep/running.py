@@ -148,7 +148,7 @@ def cluster(scheduler: str) -> Iterator[Workers]:
         client = distributed.Client(scheduler, timeout=_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UsageError(
-            f"no Dask scheduler answers at {scheduler} ({error}): start it with dask scheduler, "
+            f"no Dask scheduler answers at {scheduler} ({error}): start it as docs/sweep.md shows, "
             "and name its address, such as tcp://10.0.0.1:8786"
         ) from error
     try:

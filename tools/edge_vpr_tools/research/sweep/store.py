@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import edge_vpr
 from edge_vpr.errors import UsageError
 from edge_vpr.files import read_json
 from edge_vpr.results import RecordError, check_parent, from_json, write_json
 from edge_vpr_tools.research.sweep.plan import KeptFailure, KeptResult, TrialResult
 
 T = TypeVar("T")
+K = TypeVar("K", KeptResult, KeptFailure)
 SWEEP = "sweep.json"
 _RESULTS, _FAILURES, _LOCK = "results", "failures", ".lock"
 _REMEDY = "remove it, and the sweep computes it again"
@@ -73,6 +75,10 @@ class Store:
                 raise UsageError(
                     f"{self.folder} is not the folder of a sweep: name another one, or a new one"
                 )
+        for inner in (SWEEP, _RESULTS, _FAILURES, _LOCK):
+            # what is written through it would replace a file elsewhere
+            if (self.folder / inner).is_symlink():
+                raise UsageError(f"{self.folder / inner} is a link: name another folder")
         for inner in (_RESULTS, _FAILURES):
             (self.folder / inner).mkdir(parents=True, exist_ok=True)
         handle = os.open(self.folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -121,10 +127,10 @@ class Store:
         Raises
         ------
         UsageError
-            If its file is damaged.
+            If its file is damaged, or of another trial.
         """
         path = self._path(_RESULTS, key)
-        return self._read(KeptResult, path, _REMEDY) if path.is_file() else None
+        return self._of_key(KeptResult, path, key) if path.is_file() else None
 
     def failure(self, key: str) -> str | None:
         """Return the error under a key; None if there is none.
@@ -132,15 +138,24 @@ class Store:
         Raises
         ------
         UsageError
-            If its file is damaged.
+            If its file is damaged, or of another trial.
         """
         path = self._path(_FAILURES, key)
-        return self._read(KeptFailure, path, _REMEDY).error if path.is_file() else None
+        return self._of_key(KeptFailure, path, key).error if path.is_file() else None
 
     def _path(self, kind: str, key: str) -> Path:
         if not key.isalnum():  # read from a file: it must not lead to another folder
             raise UsageError(f"{self.folder}: {key!r} is no key of a result: run the sweep again")
         return self.folder / kind / f"{key}.json"
+
+    def _of_key(self, kind: type[K], path: Path, key: str) -> K:
+        """Read a file, which may have been copied or changed; compare its trial with the key."""
+        found = self._read(kind, path, _REMEDY)
+        # another version makes another key of the same trial
+        of_trial = key if found.trial.version != edge_vpr.__version__ else found.trial.key
+        if not key == found.key == of_trial:
+            raise UsageError(f"{path} holds another trial than its name says: {_REMEDY}")
+        return found
 
     @staticmethod
     def _read(kind: type[T], path: Path, remedy: str) -> T:
